@@ -77,6 +77,8 @@ _VALUES_END: Final = NUMBERS + WORDS
 """In a row of all numbers of a target, the place behind its position, orientation and configuration."""
 _AXES_END: Final = _VALUES_END + _MAX_AXES
 """In such a row, the place behind the external axes; the numbers that all targets share follow."""
+_GROWTH: Final = 40
+"""Characters by which the numbers of a target may grow when they are corrected."""
 _MAX_COMMON: Final = 8
 """Largest count of numbers that all targets have to share, such as the number of the tool."""
 
@@ -375,12 +377,14 @@ class Columns:
 
         def gets_own_numbers(move: int, target: int) -> bool:
             """Return whether a move gets own numbers in place of a target, and note these numbers."""
-            own = self._make_own_numbers(target, int(self._sorted.line[move]), labels[target])
+            own = self._make_own_numbers(target, move, labels[target])
             found[move] += [own] if own else []
             return own is not None
 
         is_left = self._find_left_moves(gets_own_numbers)
-        return tuple(own for move, each in found.items() if not is_left[move] for own in each)
+        own = tuple(own for move, each in found.items() if not is_left[move] for own in each)
+        exceeds = len(self._filled) + len(own) > MAX_TARGETS or len(self._remarks) + len(own) > MAX_REMARKS
+        return () if exceeds else own
 
     def _find_left_moves(self, gets_own_numbers: Callable[[int, int], bool]) -> BoolArray:
         """Return a mask (k,) of the moves that are left because the numbers of a target have to stay.
@@ -406,14 +410,20 @@ class Columns:
                 to_visit += others
         return is_left
 
-    def _make_own_numbers(self, target: int, line: int, label: str) -> OwnNumbers | None:
-        """Return the own numbers of a move to a target, by index and line; None if they are not certain."""
+    def _make_own_numbers(self, target: int, move: int, label: str) -> OwnNumbers | None:
+        """Return the own numbers of a move to a target, by their indices; None if they are not certain."""
+        line = int(self._sorted.line[move])
         if not label or target in self._unfit:
             return None
         source = self._sources[self._filled.source[target]]
         numbers = copy_numbers(self._language, source, int(self._filled.spans[target, 0, 0]))
-        place = find_name(self._language, self._sources[0], line, _get_plain_name(label))
+        place = find_name(self._language, self._sources[0], line, _strip_name(label))
         if numbers is None or place is None:
+            return None
+        count = int(self._sorted.ends[move] - (self._sorted.ends[move - 1] if move else 0))
+        first = self._sources[0]
+        length = int(first.ends[line - 1] - first.starts[line - 1]) + count * (len(numbers) + _GROWTH)
+        if length > self._language.longest_line:
             return None
         shared = Cause(line, "a move that is not corrected uses the same target", "use a separate target")
         cause = self._target_causes.get(target, shared)
@@ -587,18 +597,19 @@ def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[
     visits = moves.visits[selected[moves.move_of_visit]]
     rows, places = np.unique(visits, return_inverse=True)
     counts = np.diff(moves.ends, prepend=0)[selected]
-    names = [targets.names[i] for i in rows.tolist()]
-    columns = (targets.source, targets.line, targets.literal)
-    source, line, literal = (each[rows] for each in columns)
-    return Moves(moves.line[selected], moves.motion[selected], np.cumsum(counts), places), Targets(
-        names, source, line, literal, targets.literals, targets.base[rows], targets.tool[rows],
-        targets.frames, targets.values[rows], targets.spans[rows],
-    )  # fmt: skip
+    return Moves(moves.line[selected], moves.motion[selected], np.cumsum(counts), places), targets.select(
+        rows
+    )
 
 
 def _get_plain_name(label: str) -> str:
+    """Return a name without its routine and its module, as users read it."""
+    return show_text(_strip_name(label))
+
+
+def _strip_name(label: str) -> str:
     """Return a name without its routine and its module."""
-    return show_text(label.partition(OF_ROUTINE)[0].partition(IN_MODULE)[0])
+    return label.partition(OF_ROUTINE)[0].partition(IN_MODULE)[0]
 
 
 def _get_frame_name(frame: FrameName | Cause) -> str:

@@ -103,7 +103,8 @@ _MAY_ACT: Final = re.compile(r"=|LBL|JMP|CALL(?! ?\w)|(?i:track|touch|soft|follo
 # Arguments of programs and macros are values, never positions.
 _ARGUMENTS: Final = r"(?:\((?:(?!\bP\[)[^()]|\([^()]*\))*\))?"
 _CHOICE: Final = (
-    r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM(?:\[(?=(?:GP\d,)*?GP1\b)GP\d(?:,GP\d)*+\])?|NUM\[\0\])"
+    r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)"
+    r"(?:_NUM(?:\[(?=(?:GP\d,)*?GP1\b)GP\d(?:,GP\d)*\])?|NUM\[\0\])"
 )
 _RECORD_AGAIN: Final = "record the position again"
 # Actions after a condition: jumps, calls, and what changes neither positions nor frames
@@ -203,7 +204,7 @@ def _translate_move(line: Line) -> list[Op]:
         reason = "Skip may end the move before its target"
     matched_frames = ("UFRAME_NUM", "UTOOL_NUM")
     move = ir.Move(_MOTIONS[letter], names, bases, tools, matched_frames, reason=reason, remedy=_REMEDY)
-    calls = [ir.Call(name, anytime=True, event=name) for name in re.findall(r"\bCALL ?(\w++)", tail)]
+    calls = [ir.Call(name, anytime=True, event=name) for name in re.findall(r"\bCALL ?(\w++)", tail.upper())]
     if skip is None:
         return [*calls, move]
     place = line.span("tail")[0]
@@ -235,13 +236,20 @@ def _translate_lasting(line: Line) -> list[Op]:
 
 
 def _translate_call(line: Line) -> list[Op]:
-    """Return the call of a program, whose name may be that in a string register."""
-    return [ir.Call(line["name"].replace("\0", "n"))]
+    """Return the call of a program, whose name may be that in a string register.
+
+    Manual: CALL waits for the end of the program. RUN and MONITOR do not: it runs beside this one.
+    """
+    name = line["name"].replace("\0", "n").upper()
+    if line["verb"] != "CALL":
+        return [ir.Call(name, anytime=True, event=name)]
+    return [ir.Call(name, prefix="" if name.startswith("SR[") else None)]
 
 
 def _translate_event(line: Line) -> list[Op]:
     """Return the attachment of a program that runs when an alarm occurs, or when this program resumes."""
-    return [ir.Call(line["name"], anytime=True, event=line["name"])]
+    name = line["name"].upper()
+    return [ir.Call(name, anytime=True, event=name)]
 
 
 def _translate_macro(line: Line) -> list[Op]:
@@ -421,16 +429,34 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
     Raises:
         ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
     """
-    machine.own_names = frozenset({"P"})  # each program has positions of its own
+    machine.own_names = dict.fromkeys(range(1, len(sources)), frozenset({"P"}))  # each has its own positions
     for index, source in enumerate(sources):
         section_ends, spans = _find_instructions(machine, index, source)
         if not index:
             end = section_ends["END"] - len("/END")
             positions = _find_positions(machine, source, section_ends["POS"], end)
             machine.add_statements(0, *positions, translate=_POSITION_LANGUAGE.translate)
-        machine.add_statements(index, *_spans_to_arrays(spans))
+        translate = (
+            _translate_other_groups if _OTHER_GROUPS.search(source.text, 0, section_ends["MN"]) else None
+        )
+        machine.add_statements(index, *_spans_to_arrays(spans), translate=translate if index else None)
         if not index:
             _note_conveyor(machine, source.text, section_ends["MN"])
+
+
+_OTHER_GROUPS: Final = re.compile(r"(?m)^DEFAULT_GROUP\s*+=\s*+\*")
+"""Head of a program whose group of axes is not the arm's."""
+
+
+def _translate_other_groups(masked: str) -> list[tuple[int, Op]]:
+    """Return the operations of an instruction that may act on other groups of axes than the arm's."""
+    reason, remedy = "a program for other groups of axes chooses a frame", _REMEDY
+    return [
+        (offset, ir.MakeUnknown(frozenset({op.name}), reason, remedy))
+        if isinstance(op, ir.Assign) and op.name in LANGUAGE.active
+        else (offset, op)
+        for offset, op in LANGUAGE.translate(masked)
+    ]
 
 
 def _find_instructions(machine: Machine, index: int, source: Source) -> tuple[dict[str, int], array[int]]:
@@ -555,7 +581,8 @@ LANGUAGE: Final = ir.Language(
     is_reached=lambda name: name in {"UFRAME_NUM", "UTOOL_NUM"},
     lasting="",  # offsets, tracking, soft float: what is not understood may last
     rules=(
-        (r"/PROG @{name}.*", "routine"),
+        (r"/PROG (?P<name>\w++)(?: .*)?", lambda line: [ir.Flow("routine", line["name"].upper())]),
+        (r"/PROG.*", lambda line: [ir.Flow("routine", line.text)]),
         (r"/POS.*", "end"),
         # Behind the end are positions that people use by hand: what follows may run, too.
         (r"END", lambda _: [ir.Flow("if"), ir.Flow("return"), ir.Flow("close")]),
@@ -579,7 +606,7 @@ LANGUAGE: Final = ir.Language(
             _translate_conditional_action,
         ),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),
-        (rf"(?:CALL|RUN|MONITOR) (?P<name>\w++|SR\[\0\]){_ARGUMENTS}", _translate_call),
+        (rf"(?P<verb>CALL|RUN|MONITOR) (?P<name>\w++|SR\[\0\]){_ARGUMENTS}", _translate_call),
         (r"(?:ERROR|MAINT|RESUME)_PROG(?:\[.+\])?=(?P<name>\w++)", _translate_event),
         (_HARMLESS, _translate_harmless_instruction),
         (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),

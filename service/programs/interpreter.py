@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from itertools import chain
 from sys import intern
-from typing import Final, NoReturn, TypeAlias
+from typing import Final, NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -68,8 +68,15 @@ Operations: TypeAlias = "list[tuple[int, Op]]"
 """Operations of a statement, each with its number of lines below the first line."""
 Held: TypeAlias = "tuple[Operations, int, int]"
 """Operations of a statement that acts behind the next move, its line, and the index of its first number."""
-State: TypeAlias = dict[str, tuple[Content, int]]
-"""Content of each name, and the line of the statement that set this content."""
+State: TypeAlias = "dict[str, tuple[Content, At]]"
+"""Content of each name, and where the statement is that set this content."""
+
+
+class At(NamedTuple):
+    """Line of a file."""
+
+    line: int = 0  # from 1; 0 if there is none
+    source: int = 0  # index of the file
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +101,11 @@ class Place:
     first: int  # index of the statement's first number among those of the file
     values: FloatArray  # all numbers of the file
     scope: Scope
+
+    @property
+    def at(self) -> At:
+        """Line of the statement in its file."""
+        return At(self.line, self.source)
 
     def make_cause(self, reason: str, remedy: str = WRITE_NUMBERS) -> Cause:
         """Return a cause at this place; in `reason`, numbers replace the ordinals (NUL, ordinal, NUL)."""
@@ -131,6 +143,11 @@ def _leave_moves(op: Op) -> list[Op]:
         names = frozenset(each for each in (*op.targets, *op.offset_from) if not isinstance(each, Literal))
         return [ir.Use(names)] if names else []
     return [] if isinstance(op, ir.MoveToStored | ir.Note) else [op]
+
+
+def _find_place(cause: Cause) -> At:
+    """Return the place of a cause."""
+    return At(cause.line, cause.source)
 
 
 class UnmatchedEnd(Misread):
@@ -381,8 +398,9 @@ class Machine:
         self._places: list[Place] = []  # place of each operation
         self._scopes = [Scope("")]  # scopes of the routines and blocks whose end was not reached yet
         self._last_scope = Scope("")  # scope of the routine or block that ended last
-        # names of the files' own data: in routines of further files, they are variables of unknown values
-        self.own_names: frozenset[str] = frozenset()
+        # names of data that each further file has of its own, by its index: variables of unknown values
+        self.own_names: dict[int, frozenset[str]] = {}
+        self.shared_names: frozenset[str] = frozenset()  # names of data that files declare for all programs
         self._initial: dict[str, Content] = {}  # values of names before the program runs
         # the same for frames that a position states: many positions share one tuple of endings and contents
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
@@ -545,7 +563,7 @@ class Machine:
         """
         for line_offset, op in ops:
             if isinstance(op, ir.Flow):
-                self._enter_scope(op, self.own_names if source else frozenset())
+                self._enter_scope(op, self.own_names.get(source, frozenset()))
             scope = self._scopes[-1]
             place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
             if isinstance(op, ir.Use):
@@ -590,7 +608,8 @@ class Machine:
     def _declare(self, place: Place, op: ir.Assign, kind: str) -> None:
         """Note the initial content of a declared name, and whether other programs may change this content."""
         name = place.qualify(op.name)
-        self._shared |= {name} if op.shared or kind == "shared" else set()
+        is_shared = op.shared or kind == "shared" or get_array_name(name) in self.shared_names
+        self._shared |= {name} if is_shared else set()
         self._stored |= {name} if kind == "shared" else set()
         if op.private and not self._language.is_own(name):
             self._private.add(_get_structure_name(name))
@@ -695,7 +714,9 @@ class Machine:
             f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
         )
         is_writer = re.fullmatch(self._language.writers, str(op.name)) is not None
-        changes = (unknown is not None or is_writer) and not is_own
+        # That a routine moves neither robot nor frames says nothing of points that it gets by reference.
+        is_foreign = not (op.harmless or self._trusts_routines)
+        changes = (unknown is not None or is_foreign or is_writer) and not is_own
         changes = changes or any(self._changes_parameters(each, passed) for each in own)
         for parameter in {parameter for each in own for parameter in self._list_parameters(each)}:
             self._origins[parameter].update((place.scope.qualify(name), place.line) for name in op.passed)
@@ -796,9 +817,9 @@ class Machine:
                 callers[each].add(routine)
             if not (called and isinstance(op, ir.Call) and op.name in called):
                 self._update_state(state, i)
-            for name, (content, line) in state.items():
+            for name, (content, at) in state.items():
                 reason = f"{name} changes while the program runs" if name not in self._lasting else ""
-                cause = Cause(line, reason, "give the value once, in numbers", self._places[i].source)
+                cause = Cause(at.line, reason, "give the value once, in numbers", at.source)
                 self._changed[routine][name] = content if isinstance(content, Cause) else cause
         self._summarise_faults_and_attachments()
         to_visit = [*self._changed]  # routines whose callers may change more names than noted
@@ -836,13 +857,13 @@ class Machine:
         if main and (self._language.callable_from_outside or main not in self._callers):
             self._anytime.update(self._changed[""])
         for name, begin in self._flow.begins.items():
-            is_called = name in self._callers
+            is_called = not self._callers.get(name, set()) <= {name}  # by others: it may call itself
             if self._language.callable_from_outside or (name == main and not is_called):
                 self._incoming[begin] = {}
             elif not is_called or name in self._flow.anytime_routines | self._flow.shared_routines:
                 reason = f"another program may call {quote_text(name)} while other frames are active"
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
-                self._incoming[begin] = {UNKNOWN: (cause, 0)}
+                self._incoming[begin] = {UNKNOWN: (cause, At())}
 
     def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
         """Propagate states through the operations `indices` of a routine once; record their moves.
@@ -899,14 +920,14 @@ class Machine:
         if op.kind in ir.ROUTINES | {"switch", "branch", "default"}:
             state = None
         elif state is not None and (op.kind in ir.JUMPS or i in self._flow.endless):
-            state = {**state, _NEVER: ("", 0)}
+            state = {**state, _NEVER: ("", At())}
         return self._add_fault(fault, self._join_states(self._incoming.get(i), state))
 
     def _add_fault(self, fault: int | None, state: State | None) -> State | None:
         """Return a state in which no move is certain because of a fault, if there is one."""
         if fault is None or state is None or isinstance(self._look_up(state, ir.MODE)[0], Cause):
             return state
-        return {**state, ir.MODE: (self._faults[fault], self._faults[fault].line)}
+        return {**state, ir.MODE: (self._faults[fault], _find_place(self._faults[fault]))}
 
     def _follow_calls(self, op: ir.Call, i: int, routines: list[str], state: State) -> State | None:
         """Return the state after operation i, which calls one of these routines of the program.
@@ -922,7 +943,7 @@ class Machine:
             returned, changed = self._exits.get(routine), self._changed[routine]
             if returned is not None:
                 self._count_work(len(changed))
-                never = {_NEVER: ("", 0)} if _NEVER in state or _NEVER in returned else {}
+                never = {_NEVER: ("", At())} if _NEVER in state or _NEVER in returned else {}
                 if UNKNOWN not in changed:  # else the routine may change any name
                     returned = {**state, **{name: self._look_up(returned, name) for name in changed}}
                 returned = {**returned, **never}
@@ -956,8 +977,8 @@ class Machine:
         joined = dict(first)
         self._count_work(len(second) + len(first))
         for name in {**first, **second}:
-            first_content, first_line = self._look_up(first, name)
-            second_content, second_line = self._look_up(second, name)
+            first_content, first_place = self._look_up(first, name)
+            second_content, second_place = self._look_up(second, name)
             if first_content == second_content or self._have_equal_frames(
                 name, first_content, second_content
             ):
@@ -965,9 +986,12 @@ class Machine:
             if not isinstance(first_content, Cause):
                 subject = "a value that an unknown routine may change" if name == UNKNOWN else name
                 reason = f"{subject} changes while the program runs, in a branch, a loop or a call"
-                line = max(first_line, second_line)
-                cause = Cause(line, reason, "set the value once, before branches, loops and calls")
-                joined[name] = second_content if isinstance(second_content, Cause) else cause, line
+                at, remedy = (
+                    max(first_place, second_place),
+                    "set the value once, before branches, loops and calls",
+                )
+                cause = Cause(at.line, reason, remedy, at.source)
+                joined[name] = second_content if isinstance(second_content, Cause) else cause, at
         return first if joined == first else joined
 
     def _have_equal_frames(self, name: str, first: Content, second: Content) -> bool:
@@ -1000,7 +1024,7 @@ class Machine:
             content = self._evaluate(place, name, op.value, state)
             # Of what lasts, only a cause against moves counts, not the name of what has none.
             is_over = name in self._lasting and not isinstance(content, Cause)
-            state[name] = "" if is_over else content, place.line
+            state[name] = "" if is_over else content, place.at
         elif isinstance(op, ir.MakeUnknown):
             self._make_unknown(state, op, place)
         elif isinstance(op, ir.Call) and (op.event or not op.anytime):
@@ -1009,7 +1033,7 @@ class Machine:
             if unknown := unknown or self._find_unknown_in_attached(place, op):
                 self._forget_names(state, unknown)
                 if op.may_last:
-                    state[ir.MODE] = unknown, unknown.line
+                    state[ir.MODE] = unknown, _find_place(unknown)
 
     def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
         """Make the values of names unknown in a state; without names, all that other routines may change."""
@@ -1017,13 +1041,13 @@ class Machine:
         if not op.names:
             self._forget_names(state, cause)
         for name in {*map(place.qualify, op.names)} - self._fixed:
-            state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
+            state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.at)))
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
         for name in [name for name in state if not self._is_protected(name)]:
             del state[name]
-        state[UNKNOWN] = cause, cause.line
+        state[UNKNOWN] = cause, _find_place(cause)
 
     def _is_protected(self, name: str) -> bool:
         """Return whether the content of a name is safe from changes by unknown routines.
@@ -1071,16 +1095,16 @@ class Machine:
             content, _line = self._look_up(state, content)
         return content
 
-    def _look_up(self, state: State, name: str) -> tuple[Content, int]:
-        """Return the content of a name in a state, and the line of the statement that set this content."""
+    def _look_up(self, state: State, name: str) -> tuple[Content, At]:
+        """Return the content of a name in a state, and where the statement is that set this content."""
         if name == UNKNOWN:  # without an unknown call, there is no cause
-            return state.get(name, ("", 0))
+            return state.get(name, ("", At()))
         if name in self._lasting:  # nothing lasts that may move targets, unless a statement says so
             lasting = self._anytime.get(name)
-            return (lasting, lasting.line) if lasting else state.get(name, ("", 0))
+            return (lasting, _find_place(lasting)) if lasting else state.get(name, ("", At()))
         fixed = self._find_fixed_content(name)
         if fixed is not None:
-            return fixed, fixed.line if isinstance(fixed, Cause) else 0
+            return fixed, _find_place(fixed) if isinstance(fixed, Cause) else At()
         protected = self._is_protected(name)
         # A change that may happen at any time comes first, then the state, then the value before the program.
         content: Content | None = self._anytime.get(name)
@@ -1093,7 +1117,7 @@ class Machine:
         content = content or self._initial_value(name)
         if isinstance(content, Cause) and self._language.is_frame(name):
             content = content._replace(shows=name)
-        return content, content.line if isinstance(content, Cause) else 0
+        return content, _find_place(content) if isinstance(content, Cause) else At()
 
     def _evaluate_element(self, place: Place, value: ir.Element, state: State) -> Content:
         """Return the content of an element of a table, whose number is the value of a variable in a state.
@@ -1300,7 +1324,7 @@ class Machine:
         """Let what lasts when a routine ends last at any time: the next one may be called from outside."""
         ended = [*self._lasting][1:] if self._language.callable_from_outside else []
         for name in ended:
-            ends = [state.get(name, ("", 0))[0] for state in self._exits.values() if state]
+            ends = [state.get(name, ("", At()))[0] for state in self._exits.values() if state]
             self._anytime.update((name, cause) for cause in ends if isinstance(cause, Cause))
 
     def _note_assumption(self) -> None:
@@ -1324,7 +1348,7 @@ class Machine:
             self.columns.add_remark(place.line, text, op.name)
             return
         if state is None:
-            state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), 0)}
+            state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), At())}
         if self._is_near_target(place, op) and op.near_target:
             op = op.near_target
         lines, numbers = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2).T

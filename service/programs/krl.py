@@ -513,6 +513,13 @@ def _find_private_names(text: str) -> Iterator[str]:
                 yield from re.findall(_NAME, part.partition("=")[0])
 
 
+def _find_shared_names(text: str) -> Iterator[str]:
+    """Yield the names that a .dat declares as GLOBAL, and words of types."""
+    for line in capitalise(text).splitlines():
+        if _GLOBAL.match(line):
+            yield from re.findall(_NAME, re.sub(r"\{[^{}]*\}|\"[^\"]*\"|;.*", "", line))
+
+
 def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
     """Add a .src to a machine, and the files sent with it: .dat, $config.dat, and .src with its routines.
 
@@ -521,9 +528,7 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
     """
     programs = [_DEFINED.search(each.text) for each in sources if not each.name.lower().endswith(".dat")]
     main, *others = [capitalise(match[1]) if match else "" for match in programs] or [""]
-    if others:
-        own = (each.text for each in sources[1:] if _DATA.search(each.text))
-        machine.own_names = frozenset(name for text in own for name in _find_private_names(text))
+    _note_names(machine, sources)
     for index, source in enumerate(sources):
         is_config = source.name.lower().endswith("config.dat")
         data = _DATA.search(source.text) if index else None
@@ -545,8 +550,30 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
         machine.add_statements(index, starts, ends, declares=kind if declares else "")
 
 
+def _note_names(machine: Machine, sources: tuple[Source, ...]) -> None:
+    """Note the names that all programs know, and the names of data that each further .src has of its own.
+
+    KSS: a .src knows the data of the .dat of its name, and of others those that are GLOBAL; the line of an
+    element does not repeat the word. All programs know the data of $config.dat.
+    """
+    data = {each.name: _DATA.search(each.text) for each in sources}
+    private = {
+        capitalise(match[1]): set(_find_private_names(each.text))
+        for each in sources
+        if (match := data[each.name]) and not each.name.lower().endswith("config.dat")
+    }
+    shared = {name for each in sources if data[each.name] for name in _find_shared_names(each.text)}
+    everywhere = set[str]().union(*private.values()) - shared
+    machine.shared_names = frozenset(shared)
+    for index, source in enumerate(sources[1:], 1):
+        if not data[source.name] and (match := _DEFINED.search(source.text)):
+            own = private.get(capitalise(match[1]), set()) - shared
+            machine.own_names[index] = frozenset(everywhere | own)
+
+
 LANGUAGE: Final = ir.Language(
     opening=r"\{[^{}]*",
+    longest_line=508,  # KSS
     suffixes=".src .dat",
     pose=POSE,
     remark=";",
@@ -647,7 +674,7 @@ LANGUAGE: Final = ir.Language(
             _translate_declaration,
         ),
         (
-            rf"(?:(?P<status>{_NAME})=)?(?:EKI_GET\w+|[CS]READ|CAST_(?:TO|FROM)|STRTO(?:INT|REAL))\((?P<arguments>.*)\)",
+            rf"(?:(?P<status>{_NAME})=)?(?:EKI_GET\w+|[CS]READ|KRL_(?:[FS]SCANF|FGETS|FREAD)|CAST_(?:TO|FROM)|STRTO(?:INT|REAL))\((?P<arguments>.*)\)",
             _translate_reading,
         ),
         (

@@ -28,9 +28,11 @@ def find_name(language: Language, source: Source, line: int, name: str) -> tuple
     text = source.text[first : first + _LONGEST]
     line_break = re.search(r"[\r\n]|\Z", text)
     end = line_break.start() if line_break else len(text)
-    if language.end_of_statement:
-        end = max(end, text.find(language.end_of_statement))
-    text = language.blank_comments(text[:end])
+    last = text.find(language.end_of_statement) if language.end_of_statement else end
+    has_more = last < end and language.blank_comments(text[last:end]).strip()  # further statements
+    if last < 0 or has_more:
+        return None
+    text = language.blank_comments(text[: max(last, end)])
     array, bracket, index = name.partition("[")
     words = rf"{re.escape(array)}\s*\[\s*{re.escape(index[:-1])}\s*\]" if bracket else re.escape(name)
     pattern = re.compile(rf"(?<![\w$.]){words}(?!\w)", re.IGNORECASE if language.ignores_case else 0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from itertools import compress
@@ -156,6 +156,12 @@ class Targets:
     def angle_unit(self) -> FloatArray:
         """Factors (t,) from the units of the targets' angles to rad."""
         return np.array([each.angle for each in self.notations])[self.notation]
+
+    def select(self, rows: IndexArray) -> Targets:
+        """Return the targets of these indices (n,), in their order."""
+        columns = ("source", "line", "literal", "base", "tool", "values", "spans")
+        selected = {name: getattr(self, name)[rows] for name in columns}
+        return replace(self, names=[self.names[i] for i in rows.tolist()], **selected)
 
     def __len__(self) -> int:
         return len(self.line)

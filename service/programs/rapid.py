@@ -46,7 +46,7 @@ _HARMLESS: Final = (
 )
 # Instructions that give values to their arguments
 _CHANGES_ARGUMENTS: Final = re.compile(
-    r"INCR|DECR|ADD|CLEAR|[MS]TOOL\w+CALIB|\w*LOADID\w*|GETDATAVAL|READ\w*BIN|(?:READ|UNPACK)RAWBYTES"
+    r"INCR|DECR|ADD|CLEAR|[MS]TOOL\w+CALIB|\w*LOADID\w*|GETDATAVAL|RMQ(?:GET|READ)\w+|READ\w*BIN|(?:READ|UNPACK)RAWBYTES"
 )
 # Moves of a process, and instructions that shift targets and frames: neither can be corrected
 _PROCESS_MOVE: Final = re.compile(

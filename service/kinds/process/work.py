@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final, Literal
 
@@ -455,6 +455,13 @@ class ProcessWork(ProgramWork):
             trust_routines=self._request.trust_routines,
             external_axes=self._external_axes,
         )
+        moves = self._program.moves
+        if not np.array_equal(program.moves.line, moves.line):
+            return "the written program has other moves that can be corrected"
+        # Where a name came back in place of numbers, moves share a target again.
+        indices = np.zeros(len(self._program.targets), dtype=np.intp)
+        indices[moves.visits] = program.moves.visits
+        program = replace(program, targets=program.targets.select(indices), moves=moves)
         with as_request_errors("program"):
             read = find_wanted_postures(
                 program,

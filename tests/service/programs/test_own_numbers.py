@@ -1,6 +1,7 @@
 """A move gets numbers of its own where the declaration of its target has to stay."""
 
 import numpy as np
+import pytest
 from support.programs import compensated, path, tool_poses
 from support.written_programs import rewritten, targets_of
 
@@ -167,3 +168,24 @@ def _zyx(rotation):
     """Angles about Z, Y', X'' of a rotation (3, 3) [rad]."""
     b = np.arcsin(-rotation[2, 0])
     return np.arctan2(rotation[1, 0], rotation[0, 0]), b, np.arctan2(rotation[2, 1], rotation[2, 2])
+
+
+def test_a_name_in_letters_of_any_country_gives_way_and_comes_back():
+    text = SCRIPT.replace("p1", "pñ").replace('textmsg("pñ") ', "")
+    program = read(text, name="a.script")
+    assert moved(program, 0.0) == [text]
+    (new,) = moved(program, 0.001)
+    assert new.count("movel(p[0.6010000,0,0.5,0,3.1,0]") == 2
+
+
+@pytest.mark.parametrize(("name", "most"), [("MAX_TARGETS", 3), ("MAX_REMARKS", 1)])
+def test_a_program_whose_own_numbers_exceed_a_limit_is_read_without_them(monkeypatch, name, most):
+    monkeypatch.setattr(f"jointstiff.service.programs.columns.{name}", most)
+    rows = list_moves([("a.src", KRL.encode()), ("a.dat", DAT.encode())])
+    assert [(each.line, each.corrected) for each in rows] == [(4, False), (6, False), (7, True)]
+
+
+def test_a_line_that_would_become_too_long_for_the_controller_keeps_the_name():
+    long = KRL.replace("$VEL.CP=0.1", f"$VEL.CP=0.1{', $VEL.CP=0.1' * 35}")
+    rows = list_moves([("a.src", long.encode()), ("a.dat", DAT.encode())])
+    assert [(each.line, each.reason) for each in rows] == [(4, ""), (6, REASON), (7, "")]

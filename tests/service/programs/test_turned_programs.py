@@ -18,6 +18,7 @@ from jointstiff.service.kinds.process.work import ProcessWork
 from jointstiff.service.kinds.program.work import compress_file, decompress_file, points_sheet
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
+from jointstiff.service.programs.krl import POSE as KRL_POSE
 from jointstiff.service.programs.program import NUMBERS
 from jointstiff.simulator import equilibrium, simulate_campaign
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
@@ -496,3 +497,25 @@ def test_a_table_of_positions_cannot_be_turned():
     )
     with pytest.raises(RequestError, match="no angle about the tool's axis"):
         processed("csv", text, tool_x=[1.0, 0.0, 0.0])
+
+
+def test_a_name_that_comes_back_in_a_turned_program_is_read_back_as_the_same_target():
+    """XP2 is turned in base 2 alone: there it gets numbers, in base 1 its name comes back."""
+    places = re.findall(r"LIN (\{.*?\})", program("krl", 8))
+    numbers = [[float(x) for x in re.findall(r"[XYZABC] (-?[\d.]+)", each)] for each in places]
+    poses = KRL_POSE.to_poses(np.array(numbers))
+    base = KRL_POSE.from_poses((poses[0] @ np.linalg.inv(poses[2]))[None], np.zeros((1, 6)))[0]
+    declared = "".join(f"DECL E6POS XP{i}\nXP{i}={each}\n" for i, each in enumerate(places))
+    moves = [
+        "$BASE=BASE_DATA[2]",
+        "LIN XP2",
+        "$BASE=BASE_DATA[1]",
+        *(f"LIN XP{i}" for i in (1, 2, 3, 4, 2, 5)),
+    ]
+    text = "\n".join(["DEF path()", declared + "$TOOL=TOOL_DATA[1]", *moves, "END\n"])
+    bases = [{"name": f"BASE_DATA[{i}]", "values": each} for i, each in ((1, [0.0] * 6), (2, base.tolist()))]
+    result = processed("krl", text, turn=[-10.0, 0.0], bases=bases, correct=False)
+    written = decompress_file(result.files[0]).decode().split("\n")
+    turned = [line for line in written if line.startswith("LIN")]
+    assert [line[:6] for line in turned] == ["LIN {X", *(f"LIN XP{i}"[:6] for i in (1, 2, 3, 4, 2, 5))]
+    assert turned[1:] == [f"LIN XP{i}" for i in (1, 2, 3, 4, 2, 5)]
