@@ -204,6 +204,7 @@ class ControlFlow:
         # indices of labels, by routine and name: a name may occur twice
         self._labels: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
         self._jumps: list[int] = []
+        self._last = len(ops) - 1  # index of the last operation of the text
         for i, op in enumerate(ops):
             if isinstance(op, ir.Flow):
                 self._add_operation(i, op)
@@ -313,11 +314,16 @@ class ControlFlow:
             self._end_open_block(i, kind, block)
 
     def _note_missing_begin(self, i: int, kind: str) -> None:
-        """Note that the end with index i has no beginning, so that no move of the routine is certain."""
+        """Note that the end with index i has no beginning, so that no move of the routine is certain.
+
+        An end behind all statements changes nothing, if no routine begins: the text lacks its first line.
+        """
         reason = "this line ends a branch, a loop or a routine that does not begin before it"
-        self._note_fault(
-            i, self._open_routines[-1], reason, "write both ends of branches, loops and routines"
-        )
+        remedy = "write both ends of branches, loops and routines"
+        if kind == "close_or_end" and not self.begins and i == self._last:
+            self.faults[i] = reason, remedy
+            return
+        self._note_fault(i, self._open_routines[-1], reason, remedy)
         if kind == "close_or_end":  # an end before it may have ended a routine too early
             for routine in self.begins:
                 self.faulty_routines.setdefault(routine, i)
@@ -1078,6 +1084,8 @@ class Machine:
             return WrittenNumbers(name, place.source, place.line, place.first, value)
         if isinstance(value, ir.Unknown):
             return place.make_cause(value.reason, value.remedy)
+        if isinstance(value, ir.Stated):
+            return f"{value.name} of line {place.line}"
         if isinstance(value, ir.Element):
             return self._evaluate_element(place, value, state)
         content: Content = place.qualify(value.name)

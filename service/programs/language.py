@@ -52,6 +52,12 @@ class Named(NamedTuple):
     name: Name
 
 
+class Stated(NamedTuple):
+    """Value that never changes, calculated of numbers: it is known by the place of its statement."""
+
+    name: str  # beginning of its name; the line follows
+
+
 class Unknown(NamedTuple):
     """Value that is not known, for a reason."""
 
@@ -65,7 +71,7 @@ class Product(NamedTuple):
     names: tuple[str, ...]  # names of the frames
 
 
-Value: TypeAlias = Literal | Copy | Element | Named | Unknown
+Value: TypeAlias = Literal | Copy | Element | Named | Stated | Unknown
 
 
 class Assign(NamedTuple):

@@ -15,6 +15,8 @@ from jointstiff.service.programs.program import Literal, Motion
 
 POSE: Final = Notation(Orientation.ROTATION_VECTOR, length=1, angle=1, length_decimals=7, angle_decimals=7)
 JOINTS: Final = Notation(Orientation.JOINTS, length=1, angle=1, length_decimals=7, angle_decimals=7)
+JOINTS_IN_DEGREES: Final = Notation(Orientation.JOINTS, length=1)
+POSE_IN_DEGREES: Final = Notation(Orientation.ROTATION_VECTOR, length=1, length_decimals=7)
 _ROBOT_BASE: Final = ir.Copy("robot base")
 _ACTIVE: Final = "active TCP"
 """The controller's tool, by a name that no variable of a program can have."""
@@ -61,7 +63,13 @@ _OFFSET: Final = re.compile(
     rf"pose_(?:trans|add)\((?P<target>{_WORD}),(?P<offset>[^()]++(?:\([^()]*+\)[^()]*+)*)\)"
 )
 """A pose at an offset from a target."""
-_LITERALS: Final = ((POSE, re.compile(rf"p{_SIX}")), (JOINTS, re.compile(_SIX)))
+_DEGREES: Final = r"d2r\(\0\)(?:,d2r\(\0\))"
+_LITERALS: Final = (
+    (POSE, re.compile(rf"p{_SIX}")),
+    (JOINTS, re.compile(_SIX)),
+    (JOINTS_IN_DEGREES, re.compile(rf"\[{_DEGREES}{{5}}\]")),
+    (POSE_IN_DEGREES, re.compile(rf"p\[\0,\0,\0,{_DEGREES}{{2}}\]")),
+)
 
 
 def _translate_routine(line: Line) -> list[Op]:
@@ -214,7 +222,7 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
 
 
 LANGUAGE: Final = ir.Language(
-    opening=r"(?<!\w)p?\s*\[\s*",
+    opening=r"(?<!\w)p?\s*\[\s*(?:d2r\s*\(\s*)?",
     suffixes=".script .urscript",
     pose=POSE,
     comment=r"#[^\r\n]*+",
@@ -255,6 +263,11 @@ LANGUAGE: Final = ir.Language(
         (
             rf"set_tcp\((?:pose=)?(?P<frame>{_WORD})(?:,.*)?\)",
             lambda line: [ir.Use(frozenset({line["frame"]})), ir.Assign(_ACTIVE, ir.Copy(line["frame"]))],
+        ),
+        # calculated of numbers alone: the tool never changes, but the user has to state its numbers
+        (
+            r"set_tcp\((?:pose=)?p\[(?:\0|pi|d2r|[(),*/+-])+\](?:,.*)?\)",
+            lambda _: [ir.Assign(_ACTIVE, ir.Stated(_ACTIVE))],
         ),
         (r"set_tcp\(.*", _refuse_unknown_tool),
         (r"(?P<motion>move[jlpc])\((?P<arguments>.*)\)", _translate_move),
