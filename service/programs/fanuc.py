@@ -238,7 +238,7 @@ def _translate_lasting(line: Line) -> list[Op]:
 def _translate_call(line: Line) -> list[Op]:
     """Return the call of a program, whose name may be that in a string register.
 
-    Manual: CALL waits for the end of the program. RUN and MONITOR do not: it runs beside this one.
+    Manual: CALL waits for the end of the called program, RUN and MONITOR do not wait.
     """
     name = line["name"].replace("\0", "n").upper()
     if line["verb"] != "CALL":

@@ -11,11 +11,10 @@ import re
 from array import array
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial, reduce
-from itertools import chain
 from sys import intern
-from typing import Final, NamedTuple, NoReturn, TypeAlias
+from typing import Final, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -31,8 +30,8 @@ from jointstiff.service.programs.columns import (
     get_array_name,
     is_without_axes,
 )
+from jointstiff.service.programs.control_flow import ControlFlow, UnmatchedEnd
 from jointstiff.service.programs.errors import (
-    WRITE_NUMBERS,
     Fault,
     ProgramError,
     capitalise,
@@ -41,6 +40,7 @@ from jointstiff.service.programs.errors import (
 )
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals, Orientation, iterate_integers
+from jointstiff.service.programs.places import At, Place, Scope, find_place, get_structure_name
 from jointstiff.service.programs.program import FrameName, Literal, OwnNumbers, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
@@ -50,8 +50,6 @@ _MAX_STATEMENT: Final = 16_384
 """Largest number of characters of a statement."""
 _MAX_WORK: Final = 10_000_000
 """Largest number of steps, and of names in states that are joined; programs of people need far fewer."""
-_MAX_DEPTH: Final = 100
-"""Largest depth of branches, loops and routines within one another."""
 _MAX_LISTED: Final = 10
 """Largest number of routines that a remark names."""
 _MAX_CALLS: Final = 200
@@ -72,299 +70,12 @@ State: TypeAlias = "dict[str, tuple[Content, At]]"
 """Content of each name, and where the statement is that set this content."""
 
 
-class At(NamedTuple):
-    """Line of a file."""
-
-    line: int = 0  # from 1; 0 if there is none
-    source: int = 0  # index of the file
-
-
-@dataclass(frozen=True, slots=True)
-class Scope:
-    """Routine, and the names of its local variables."""
-
-    routine: str
-    names: set[str] = field(default_factory=set)
-
-    def qualify(self, name: str) -> str:
-        """Return a name, with the routine's name appended if the name is a local variable of the routine."""
-        is_local = get_array_name(_get_structure_name(name)) in self.names
-        return f"{name}{OF_ROUTINE}{self.routine}" if is_local else name
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Place of a statement, and the numbers of its file."""
-
-    source: int  # index of the file
-    line: int  # line of the statement, from 1
-    first: int  # index of the statement's first number among those of the file
-    values: FloatArray  # all numbers of the file
-    scope: Scope
-
-    @property
-    def at(self) -> At:
-        """Line of the statement in its file."""
-        return At(self.line, self.source)
-
-    def make_cause(self, reason: str, remedy: str = WRITE_NUMBERS) -> Cause:
-        """Return a cause at this place; in `reason`, numbers replace the ordinals (NUL, ordinal, NUL)."""
-        reason_with_numbers = re.sub(
-            "\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason
-        )
-        return Cause(self.line, reason_with_numbers, remedy, self.source)
-
-    def qualify(self, name: Name) -> str:
-        """Return the full name of a variable.
-
-        A number is inserted in a name that is a template, or NUL if the number is not whole. The name of the
-        routine is appended to the name of a local variable.
-        """
-        if isinstance(name, str):
-            return self.scope.qualify(name)
-        value = float(self.values[self.first + name[1]])
-        template, _ = name
-        name_with_number = self.scope.qualify(template % (f"{value:g}" if value.is_integer() else "\0"))
-        # One copy of each name; names of fields are used once or twice, and are not stored.
-        return name_with_number if "." in template else intern(name_with_number)
-
-
-def _get_structure_name(name: str) -> str:
-    """Return the name of the structure to which a field belongs: `FP1` for `FP1.TOOL`; else the name."""
-    if "." not in name:
-        return name
-    variable, separator, routine = name.partition(OF_ROUTINE)
-    return variable.partition(".")[0] + separator + routine
-
-
 def _leave_moves(op: Op) -> list[Op]:
     """Return an operation of a further file: its moves are not corrected, so that their targets must stay."""
     if isinstance(op, ir.Move):
         names = frozenset(each for each in (*op.targets, *op.offset_from) if not isinstance(each, Literal))
         return [ir.Use(names)] if names else []
     return [] if isinstance(op, ir.MoveToStored | ir.Note) else [op]
-
-
-def _find_place(cause: Cause) -> At:
-    """Return the place of a cause."""
-    return At(cause.line, cause.source)
-
-
-class UnmatchedEnd(Misread):
-    """Error that a branch, loop, routine or jump lacks an end; `place` is the index of the existing end."""
-
-    def __init__(self, place: int, reason: str, remedy: str) -> None:
-        super().__init__(reason, remedy)
-        self.place = place
-
-
-@dataclass(slots=True)
-class _OpenBlock:
-    """Branch, loop or routine whose end was not reached yet."""
-
-    kind: str
-    begin: int  # index of the operation that begins the block
-    other_branches: list[int] = field(default_factory=list)  # indices at which further branches begin
-    exits: list[int] = field(default_factory=list)  # indices of jumps to the end of the block
-    repetitions: list[int] = field(default_factory=list)  # indices of jumps to its next round
-    has_default: bool = False  # whether the block has a default branch, so that one branch is always taken
-
-
-class ControlFlow:
-    """Control flow of a program: the operations that may follow each operation, besides the next one.
-
-    A successor that is never reached does no harm, but a missing successor would: any branch may be skipped.
-    Behind a beginning without an end, and in a routine with an end that has no beginning, no move is certain.
-    """
-
-    def __init__(self, ops: list[Op], names: list[str]) -> None:
-        """Find beginning and end of all branches, loops and routines, and the labels of all jumps.
-
-        Args:
-            ops: operations in the order of the text; missing ends are appended to them.
-            names: name of each operation that is a `Flow`; empty for other operations.
-
-        Raises:
-            UnmatchedEnd: branches, loops or routines are nested too deep.
-        """
-        self.faults: dict[int, tuple[str, str]] = {}  # reason and remedy of each operation that does not fit
-        # index of the fault that makes moves uncertain, by the index of the operation where this begins
-        self.uncertain: dict[int, int] = {}
-        self.faulty_routines: dict[str, int] = {}  # index of the fault of each routine that has one
-        self.successors: defaultdict[int, list[int]] = defaultdict(list)  # successors besides the next one
-        self.begins: dict[str, int] = {}  # index of the beginning of each routine
-        self.ends: dict[int, str] = {}  # routine that ends at each index
-        self.routine_of: list[str] = []  # routine of each operation
-        self.anytime_routines: set[str] = set()  # routines that may run at any time
-        self.shared_routines: set[str] = set()  # routines that other programs may call
-        self.endless: set[int] = set()  # indices of the ends of loops that only a jump leaves
-        self._names = names
-        self._open_blocks: list[_OpenBlock] = []  # blocks whose end was not reached yet
-        self._open_routines = [""]  # routines whose end was not reached yet; "" for text outside of routines
-        # indices of labels, by routine and name: a name may occur twice
-        self._labels: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
-        self._jumps: list[int] = []
-        self._last = len(ops) - 1  # index of the last operation of the text
-        for i, op in enumerate(ops):
-            if isinstance(op, ir.Flow):
-                self._add_operation(i, op)
-            self.routine_of.append(self.ends.get(i, self._open_routines[-1]))
-        self._append_missing_ends(ops)
-        self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # indices of each routine's operations
-        for i, name in enumerate(self.routine_of):
-            self.bodies[name].append(i)
-        self._link_jumps(names)
-        self.uncertain |= {
-            self.begins[routine]: fault
-            for routine, fault in self.faulty_routines.items()
-            if routine in self.begins
-        }
-        # A handler without a name handles errors; a handler that resumes ends the routines it interrupted.
-        handlers = (ops[self.begins[name]] for name in self.anytime_routines if not names[self.begins[name]])
-        handles_errors = any(isinstance(op, ir.Flow) and op.kind == "handler" for op in handlers)
-        if handles_errors or any(isinstance(op, ir.Flow) and op.kind == "resume" for op in ops):
-            self._add_error_exits()
-
-    def _append_missing_ends(self, ops: list[Op]) -> None:
-        """Append the ends of routines and blocks that are open at the end of the text, which may be cut."""
-        while self._open_blocks:
-            block = self._open_blocks[-1]
-            kind = "end" if block.kind == "routine" else "close"
-            if kind == "close":
-                self._note_missing_end(block)
-                for label in chain(*self._labels[self._open_routines[-1]].values()):
-                    self.uncertain.setdefault(label, block.begin)  # what is cut may jump there
-            ops.append(ir.Flow(kind))
-            self._end_block(len(ops) - 1, kind)
-            self.routine_of.append(self.ends.get(len(ops) - 1, self._open_routines[-1]))
-
-    def _link_jumps(self, names: list[str]) -> None:
-        """Add the label of each jump to its successors; for a computed jump, all labels of its routine."""
-        for i in self._jumps:
-            labels = self._labels[self.routine_of[i]]
-            places = labels[names[i]] if names[i] in labels else [*chain(*labels.values())]
-            if not places:
-                self._note_fault(
-                    i, self.routine_of[i], "the label of a jump does not exist", "write the label"
-                )
-            self.successors[i] += places
-
-    def _add_error_exits(self) -> None:
-        """Add the end of the routine to the successors of each operation of the routine.
-
-        An error or an interrupt may occur anywhere; the caller may then continue behind the call.
-        """
-        for end, name in self.ends.items():
-            for i in self.bodies[name][:-1]:
-                self.successors[i].append(end)
-
-    def _add_operation(self, i: int, op: ir.Flow) -> None:
-        """Add the operation with index i to the control flow.
-
-        Raises:
-            UnmatchedEnd: the operation is nested too deep.
-        """
-        if op.kind in ir.ROUTINES | ir.BLOCKS:
-            if len(self._open_blocks) >= _MAX_DEPTH:
-                reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
-                raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
-            self._open_blocks.append(
-                _OpenBlock(op.kind, i) if op.kind in ir.BLOCKS else self._begin_routine(i, op)
-            )
-        elif op.kind == "label":
-            self._labels[self._open_routines[-1]][self._names[i]].append(i)
-        elif op.kind == "jump":
-            self._jumps.append(i)
-        elif op.kind in ir.JUMPS and op.kind != "stop":  # nothing follows a stop
-            kinds = ir.LOOPS | {"routine"} if op.kind in {"leave", "again"} else {"routine"}
-            enclosing = [block for block in self._open_blocks if block.kind in kinds]
-            for block in enclosing[-1:]:  # the innermost block of these kinds, if any
-                is_repetition = op.kind == "again" and block.kind != "routine"
-                (block.repetitions if is_repetition else block.exits).append(i)
-        elif op.kind != "stop":
-            self._end_block(i, op.kind)
-
-    def _begin_routine(self, i: int, op: ir.Flow) -> _OpenBlock:
-        """Begin a routine at index i; name a handler that has no name; return the open block."""
-        name = self._names[i] or f"handler {i}"
-        if name in self.begins:
-            reason, remedy = "a routine is defined twice", "define each routine once; send one program"
-            self._note_fault(i, name, reason, remedy)
-            name = f"{name} again {i}"
-            self.faulty_routines[name] = i
-        self.begins[name] = i
-        self.anytime_routines |= {name} if op.kind != "routine" else set()
-        self.shared_routines |= {name} if op.shared else set()
-        self._open_routines.append(name)
-        return _OpenBlock("routine", i)
-
-    def _end_block(self, i: int, kind: str) -> None:
-        """End a branch, a loop or a routine at index i, or begin another branch there.
-
-        The end of a routine ends its branches and loops, too. An end without a beginning does nothing.
-        """
-        is_in_routine = any(block.kind == "routine" for block in self._open_blocks)
-        while kind == "end" and is_in_routine and self._open_blocks[-1].kind != "routine":
-            self._note_missing_end(self._open_blocks[-1])
-            self._end_block(i, "close")
-        block = self._open_blocks[-1] if self._open_blocks else None
-        if block is None or (kind != "close_or_end" and (kind == "end") != (block.kind == "routine")):
-            self._note_missing_begin(i, kind)
-        else:
-            self._end_open_block(i, kind, block)
-
-    def _note_missing_begin(self, i: int, kind: str) -> None:
-        """Note that the end with index i has no beginning, so that no move of the routine is certain.
-
-        An end behind all statements changes nothing, if no routine begins: the text lacks its first line.
-        """
-        reason = "this line ends a branch, a loop or a routine that does not begin before it"
-        remedy = "write both ends of branches, loops and routines"
-        if kind == "close_or_end" and not self.begins and i == self._last:
-            self.faults[i] = reason, remedy
-            return
-        self._note_fault(i, self._open_routines[-1], reason, remedy)
-        if kind == "close_or_end":  # an end before it may have ended a routine too early
-            for routine in self.begins:
-                self.faulty_routines.setdefault(routine, i)
-
-    def _end_open_block(self, i: int, kind: str, block: _OpenBlock) -> None:
-        """End the innermost block at index i, or begin its next branch there."""
-        if kind in {"branch", "default"}:
-            block.other_branches.append(i)
-            block.has_default |= kind == "default"
-            return
-        self._open_blocks.pop()
-        if block.kind == "routine":
-            self.ends[i] = self._open_routines.pop()
-        # Where a further branch begins, the branch before it ends, and continues at the end of the block.
-        for place in (*block.other_branches, *block.exits):
-            self.successors[place].append(i)
-        self.successors[block.begin] += block.other_branches
-        if block.kind in {"if", "switch", "loop"} and not block.has_default:  # the block may be skipped
-            self.successors[block.begin].append(i)
-        if block.kind in ir.LOOPS:
-            self._link_rounds(i, block)
-
-    def _link_rounds(self, end: int, loop: _OpenBlock) -> None:
-        """Add the successors of the operations that end a round of a loop, whose end has an index."""
-        for place in (end, *loop.repetitions):
-            self.successors[place].append(loop.begin)
-        if loop.kind == "repeat":  # its condition is at the end
-            for place in loop.repetitions:
-                self.successors[place].append(end)
-        if loop.kind == "forever":
-            self.endless.add(end)
-
-    def _note_fault(self, i: int, routine: str, reason: str, remedy: str) -> None:
-        """Note that operation i does not fit, so that no move of the routine is certain."""
-        self.faults.setdefault(i, (reason, remedy))
-        self.faulty_routines.setdefault(routine, i)
-
-    def _note_missing_end(self, block: _OpenBlock) -> None:
-        """Note that a branch or a loop has no end, so that no move behind its beginning is certain."""
-        self.faults.setdefault(block.begin, ("a branch or a loop has no end", "write its end"))
-        self.uncertain.setdefault(block.begin, block.begin)
 
 
 class Machine:
@@ -618,14 +329,14 @@ class Machine:
         self._shared |= {name} if is_shared else set()
         self._stored |= {name} if kind == "shared" else set()
         if op.private and not self._language.is_own(name):
-            self._private.add(_get_structure_name(name))
+            self._private.add(get_structure_name(name))
         content = self._evaluate(place, name, op.value, {})
         structure, _, ending = name.partition(".")
         if ending and self._language.is_own(name):
             fields = self._initial_fields.get(structure, ())
             if all(known != (ending, content) for known in fields):
                 fields = (*fields, (ending, content))
-                # the name of the position itself, of which there is one copy
+                # the name of the position itself is stored once
                 self._initial_fields[intern(structure)] = self._shared_fields.setdefault(fields, fields)
             return
         self._fixed |= {name} if op.declares == "constant" else set()
@@ -664,7 +375,7 @@ class Machine:
             for name in frame.names
         }
         self._changed_arrays = {
-            get_array_name(_get_structure_name(each)) for each in self._changes if "[" in each
+            get_array_name(get_structure_name(each)) for each in self._changes if "[" in each
         }
         for place, op in calls:
             self._collect_call(place, op, passed)
@@ -933,7 +644,7 @@ class Machine:
         """Return a state in which no move is certain because of a fault, if there is one."""
         if fault is None or state is None or isinstance(self._look_up(state, ir.MODE)[0], Cause):
             return state
-        return {**state, ir.MODE: (self._faults[fault], _find_place(self._faults[fault]))}
+        return {**state, ir.MODE: (self._faults[fault], find_place(self._faults[fault]))}
 
     def _follow_calls(self, op: ir.Call, i: int, routines: list[str], state: State) -> State | None:
         """Return the state after operation i, which calls one of these routines of the program.
@@ -1039,7 +750,7 @@ class Machine:
             if unknown := unknown or self._find_unknown_in_attached(place, op):
                 self._forget_names(state, unknown)
                 if op.may_last:
-                    state[ir.MODE] = unknown, _find_place(unknown)
+                    state[ir.MODE] = unknown, find_place(unknown)
 
     def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
         """Make the values of names unknown in a state; without names, all that other routines may change."""
@@ -1053,7 +764,7 @@ class Machine:
         """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
         for name in [name for name in state if not self._is_protected(name)]:
             del state[name]
-        state[UNKNOWN] = cause, _find_place(cause)
+        state[UNKNOWN] = cause, find_place(cause)
 
     def _is_protected(self, name: str) -> bool:
         """Return whether the content of a name is safe from changes by unknown routines.
@@ -1065,7 +776,7 @@ class Machine:
             return True
         if self._language.is_own(name) and "." in name:  # frames that a position states
             return True
-        if self._language.is_own(name) or _get_structure_name(name) in self._private:
+        if self._language.is_own(name) or get_structure_name(name) in self._private:
             return not self._find_changes(name)
         is_reached = self._language.is_reached
         if is_reached is None or is_reached(name):
@@ -1075,7 +786,7 @@ class Machine:
 
     def _find_changes(self, name: str) -> list[Cause]:
         """Return the changes of a name; if there are none, those of its structure, else of its array."""
-        names = name, _get_structure_name(name), get_array_name(name)
+        names = name, get_structure_name(name), get_array_name(name)
         return next((changes for each in names if (changes := self._changes.get(each))), [])
 
     def _evaluate(self, place: Place, name: str, value: Value, state: State) -> Content:
@@ -1109,10 +820,10 @@ class Machine:
             return state.get(name, ("", At()))
         if name in self._lasting:  # nothing lasts that may move targets, unless a statement says so
             lasting = self._anytime.get(name)
-            return (lasting, _find_place(lasting)) if lasting else state.get(name, ("", At()))
+            return (lasting, find_place(lasting)) if lasting else state.get(name, ("", At()))
         fixed = self._find_fixed_content(name)
         if fixed is not None:
-            return fixed, _find_place(fixed) if isinstance(fixed, Cause) else At()
+            return fixed, find_place(fixed) if isinstance(fixed, Cause) else At()
         protected = self._is_protected(name)
         # A change that may happen at any time comes first, then the state, then the value before the program.
         content: Content | None = self._anytime.get(name)
@@ -1125,7 +836,7 @@ class Machine:
         content = content or self._initial_value(name)
         if isinstance(content, Cause) and self._language.is_frame(name):
             content = content._replace(shows=name)
-        return content, _find_place(content) if isinstance(content, Cause) else At()
+        return content, find_place(content) if isinstance(content, Cause) else At()
 
     def _evaluate_element(self, place: Place, value: ir.Element, state: State) -> Content:
         """Return the content of an element of a table, whose number is the value of a variable in a state.
@@ -1149,7 +860,7 @@ class Machine:
 
         Where a statement changes an array, whichever element that is, no element is known.
         """
-        if _get_structure_name(name) in self._language.constants:
+        if get_structure_name(name) in self._language.constants:
             return name
         array = get_array_name(name)
         return self._initial_value(name) if array != name and array in self._changes else None
@@ -1517,7 +1228,7 @@ class Machine:
                 return each
         numbers = tuple(each for each in contents if isinstance(each, WrittenNumbers))
         if len(numbers) < len(contents):
-            names = {_get_structure_name(each) for each in contents if isinstance(each, str)}
+            names = {get_structure_name(each) for each in contents if isinstance(each, str)}
             if numbers or len(names) > 1:
                 reason = "the frame is only partly in numbers"
                 return place.make_cause(reason, "give the whole frame in numbers")

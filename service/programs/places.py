@@ -1,0 +1,83 @@
+"""Places of statements in a program, and the full names of variables there."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from sys import intern
+from typing import NamedTuple
+
+from jointstiff.service.programs.columns import OF_ROUTINE, Cause, get_array_name
+from jointstiff.service.programs.errors import WRITE_NUMBERS
+from jointstiff.service.programs.language import Name
+from jointstiff.solver.arrays import FloatArray
+
+
+class At(NamedTuple):
+    """Line of a file."""
+
+    line: int = 0  # from 1; 0 if there is none
+    source: int = 0  # index of the file
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """Routine, and the names of its local variables."""
+
+    routine: str
+    names: set[str] = field(default_factory=set)
+
+    def qualify(self, name: str) -> str:
+        """Return a name, with the routine's name appended if the name is a local variable of the routine."""
+        is_local = get_array_name(get_structure_name(name)) in self.names
+        return f"{name}{OF_ROUTINE}{self.routine}" if is_local else name
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Place of a statement, and the numbers of its file."""
+
+    source: int  # index of the file
+    line: int  # line of the statement, from 1
+    first: int  # index of the statement's first number among those of the file
+    values: FloatArray  # all numbers of the file
+    scope: Scope
+
+    @property
+    def at(self) -> At:
+        """Line of the statement in its file."""
+        return At(self.line, self.source)
+
+    def make_cause(self, reason: str, remedy: str = WRITE_NUMBERS) -> Cause:
+        """Return a cause at this place; in `reason`, numbers replace the ordinals (NUL, ordinal, NUL)."""
+        reason_with_numbers = re.sub(
+            "\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason
+        )
+        return Cause(self.line, reason_with_numbers, remedy, self.source)
+
+    def qualify(self, name: Name) -> str:
+        """Return the full name of a variable.
+
+        A number is inserted in a name that is a template, or NUL if the number is not whole. The name of the
+        routine is appended to the name of a local variable.
+        """
+        if isinstance(name, str):
+            return self.scope.qualify(name)
+        value = float(self.values[self.first + name[1]])
+        template, _ = name
+        name_with_number = self.scope.qualify(template % (f"{value:g}" if value.is_integer() else "\0"))
+        # One copy of each name; names of fields are used once or twice, and are not stored.
+        return name_with_number if "." in template else intern(name_with_number)
+
+
+def get_structure_name(name: str) -> str:
+    """Return the name of the structure to which a field belongs: `FP1` for `FP1.TOOL`; else the name."""
+    if "." not in name:
+        return name
+    variable, separator, routine = name.partition(OF_ROUTINE)
+    return variable.partition(".")[0] + separator + routine
+
+
+def find_place(cause: Cause) -> At:
+    """Return the place of a cause."""
+    return At(cause.line, cause.source)
