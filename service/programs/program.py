@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -218,6 +219,18 @@ class Program:
     left_moves: tuple[ReadMove, ...] = ()  # moves that cannot be corrected
     faults: tuple[Fault, ...] = ()  # why these moves cannot be corrected
     own_numbers: tuple[OwnNumbers, ...] = ()  # numbers in the first file that take the place of names
+
+    @property
+    def common_names(self) -> frozenset[str]:
+        """Names in capitals that several targets have because they are own numbers of one declared target."""
+        labels: dict[str, set[str]] = {}
+        for own in self.own_numbers:
+            labels.setdefault(own.name.upper(), set()).add(own.label)
+        counts = Counter(each.name.upper() for each in self.own_numbers)
+        found = Counter(name.upper() for name in self.targets.names if name.upper() in labels)
+        return frozenset(
+            name for name, own in labels.items() if len(own) == 1 and found[name] <= counts[name]
+        )
 
     @property
     def files(self) -> tuple[bytes, ...]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -51,6 +52,7 @@ def collect_loads(
     points: IndexArray,
     names: Sequence[str],
     measure_lengths: Callable[[], FloatArray],
+    common: Collection[str] = (),
 ) -> Loads:
     """Return the load at each visit of a target, from the table of loads or else from the options.
 
@@ -62,13 +64,14 @@ def collect_loads(
         names: names of the points in the program, for a table of labels; empty where a point has none.
         measure_lengths: function that returns the length (v,) of the path up to each visit [m], for a table
             by length.
+        common: names in capitals that several points have because they are one declared target.
 
     Raises:
         RequestError: segments overlap, or the unit of a moment is missing.
         FilesError: the table has a mistake.
     """
     if table is not None:
-        return read_load_table(table, points, names, measure_lengths)
+        return read_load_table(table, points, names, measure_lengths, common)
     if options.cut is not None:
         force = convert_cut(options.cut).mean_force()
         return Loads(
@@ -118,12 +121,16 @@ def _find_segments(segments: Sequence[ProcessLoad | schemas.Cut], lines: IndexAr
 
 
 def read_load_table(
-    content: bytes, points: IndexArray, names: Sequence[str], measure_lengths: Callable[[], FloatArray]
+    content: bytes,
+    points: IndexArray,
+    names: Sequence[str],
+    measure_lengths: Callable[[], FloatArray],
+    common: Collection[str] = (),
 ) -> Loads:
     """Read the CSV file of loads, and return the loads; a point without a row has no load.
 
     The first column has numbers of points, or labels: names of targets in the program; or lengths along the
-    path, between whose rows the loads are interpolated.
+    path, between whose rows the loads are interpolated. A name in `common` means all of its points.
 
     Raises:
         FilesError: a line of the file has a mistake; the error has the line.
@@ -136,16 +143,17 @@ def read_load_table(
     if key == "length":
         return _interpolate_loads(rows, columns, measure_lengths())
     values, load_of_point = [np.zeros(6)], np.zeros(point_count + 1, dtype=np.intp)
-    point_of_label: dict[str, int] | None = _number_labels(names) if key == "label" else None
+    points_of_label = _number_labels(names, common) if key == "label" else None
     for line, row in enumerate(rows[1:], 2):
         if any(row):
-            row = row if point_of_label is None else [_find_label(line, row[0], point_of_label), *row[1:]]
-            number, load = _parse_load_row(line, row, columns)
-            point = int(number) if number == int(number) else 0
-            if not 1 <= point <= point_count or load_of_point[point]:
-                reason = f"point {row[0]} occurs twice, or is not in the program"
-                raise _table_fault(line, reason, number_points)
-            load_of_point[point] = len(values)
+            cells = [row[0]] if points_of_label is None else _find_label(line, row[0], points_of_label)
+            for cell in cells:
+                number, load = _parse_load_row(line, [cell, *row[1:]], columns)
+                point = int(number) if number == int(number) else 0
+                if not 1 <= point <= point_count or load_of_point[point]:
+                    reason = f"point {cell} occurs twice, or is not in the program"
+                    raise _table_fault(line, reason, number_points)
+                load_of_point[point] = len(values)
             values.append(load)
     return Loads(np.array(values), load_of_point[points])
 
@@ -261,25 +269,25 @@ def _length_factor(header: str) -> float:
     return factor
 
 
-def _number_labels(names: Sequence[str]) -> dict[str, int]:
-    """Return the number of the point of each name in capitals; 0 for a name that several points have."""
-    numbers = dict[str, int]()
+def _number_labels(names: Sequence[str], common: Collection[str]) -> dict[str, list[str]]:
+    """Return the numbers of the points of each name in capitals, as texts; [] if they are several targets."""
+    numbers = defaultdict[str, list[str]](list)
     for number, name in enumerate(names, 1):
-        numbers[name.upper()] = 0 if name.upper() in numbers else number
-    return numbers
+        numbers[name.upper()].append(str(number))
+    return {name: each if len(each) == 1 or name in common else [] for name, each in numbers.items()}
 
 
-def _find_label(line: int, label: str, point_of_label: Mapping[str, int]) -> str:
-    """Return the number of the point with a name in the program, as text.
+def _find_label(line: int, label: str, points_of_label: Mapping[str, list[str]]) -> list[str]:
+    """Return the numbers of the points with a name in the program, as texts.
 
     Raises:
         FilesError: no point, or several points, have the name.
     """
-    number = point_of_label.get(label.upper(), 0) if label else 0
-    if not number:
+    numbers = points_of_label.get(label.upper(), []) if label else []
+    if not numbers:
         reason = f"the label {quote_text(label)} is not the name of one target of the program"
         raise _table_fault(line, reason, "write names of targets as in the program, or number the points")
-    return str(number)
+    return numbers
 
 
 def _parse_load_row(

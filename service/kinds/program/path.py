@@ -522,7 +522,8 @@ class Visits:
             else ()
         )
         lines = program.moves.line[program.moves.move_of_visit]
-        loads = collect_loads(options, table, lines, target_numbers + 1, names, measure_lengths)
+        common = program.common_names
+        loads = collect_loads(options, table, lines, target_numbers + 1, names, measure_lengths, common)
         if not (loads.of_visit.any() or options.absolute):
             raise RequestError(
                 "no move is under load",

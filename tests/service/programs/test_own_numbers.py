@@ -5,7 +5,9 @@ import pytest
 from support.programs import compensated, path, tool_poses
 from support.written_programs import rewritten, targets_of
 
+from jointstiff.service.kinds.program.loads import read_load_table
 from jointstiff.service.kinds.program.work import decompress_file
+from jointstiff.service.problems import FilesError
 from jointstiff.service.programs.formats import list_moves, read_program
 
 KRL = """DEF a()
@@ -162,6 +164,17 @@ def test_the_loaded_tool_reaches_a_point_of_two_bases_in_both():
     first, second = (line for line in source.split("\n") if line.lower().startswith("lin {"))
     assert first.split("}")[0].upper() != second.split("}")[0].upper()
     assert result.residual.greatest < 1e-8
+
+
+def test_a_label_of_loads_means_all_points_of_a_declared_target():
+    program = read(KRL, ("a.dat", DAT))
+    assert program.common_names == {"XP1"}
+    assert read(KRL.replace("$BASE=BASE_DATA[2]\n", ""), ("a.dat", DAT)).common_names == frozenset()
+    table = b"label,Fx [N],Fy [N],Fz [N]\nxp1,10,0,0\nXP2,0,20,0\n"
+    loads = read_load_table(table, np.array([1, 2, 3]), ["XP1", "xp1", "XP2"], np.zeros, {"XP1"})
+    assert loads.values[loads.of_visit, :3].tolist() == [[10, 0, 0], [10, 0, 0], [0, 20, 0]]
+    with pytest.raises(FilesError, match="label 'xp1' is not the name of one target"):
+        read_load_table(table, np.array([1, 2, 3]), ["XP1", "xp1", "XP2"], np.zeros)
 
 
 def _zyx(rotation):
