@@ -725,7 +725,10 @@ def _choose_program_paths(values: _Values, sources: Sequence[Any]) -> dict[str, 
     The path is that of --output; if the program has several files, it gets the ending of each file, and its
     name, too, if an earlier file has the same ending.
     """
-    output, program_files = values["output"], sources[1]
+    output, program_files = (
+        values["output"],
+        [each for each in sources[1] if each.name != values.get("loads")],
+    )
     if len(program_files) == 1:
         return {program_files[0].name: output}
     paths = dict[str, Path]()

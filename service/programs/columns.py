@@ -368,7 +368,9 @@ class Columns:
             own = names.get(first - len(opening[0])) if opening else None
             if own is not None:
                 self._names[index] = own.name
-                text = f"numbers take the place of {quote_text(own.name)} at this move, because {own.reason}"
+                text = f"where the move is corrected, numbers replace {quote_text(own.name)}: {own.reason}"
+                if own.other_line and text.endswith(f" on line {own.line}"):  # the first of two uses
+                    text = f"{text.removesuffix(str(own.line))}{own.other_line}"
                 self.add_remark(own.line, text)
 
     def _find_own_numbers(self, labels: Sequence[str]) -> tuple[OwnNumbers, ...]:
@@ -429,7 +431,7 @@ class Columns:
         cause = self._target_causes.get(target, shared)
         reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
         name = show_text(self._sources[0].text[slice(*place)])
-        return OwnNumbers(*place, name, numbers, line, label, reason, cause.remedy)
+        return OwnNumbers(*place, name, numbers, line, label, reason, cause.remedy, cause.line)
 
     def build_program(self, causes: Sequence[Cause]) -> Program:
         """Return the program of the targets and moves, behind `list_own_numbers`.

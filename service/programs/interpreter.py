@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial, reduce
@@ -39,7 +39,7 @@ from jointstiff.service.programs.errors import (
     quote_text,
 )
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
-from jointstiff.service.programs.notation import Numerals, Orientation, iterate_integers
+from jointstiff.service.programs.notation import Numerals, Orientation, calculate, iterate_integers
 from jointstiff.service.programs.places import At, Place, Scope, find_place, get_structure_name
 from jointstiff.service.programs.program import FrameName, Literal, OwnNumbers, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
@@ -70,11 +70,15 @@ State: TypeAlias = "dict[str, tuple[Content, At]]"
 """Content of each name, and where the statement is that set this content."""
 
 
+_LEFT: Final = ir.Note("")
+"""In place of a move of a further file, which is not corrected."""
+
+
 def _leave_moves(op: Op) -> list[Op]:
     """Return an operation of a further file: its moves are not corrected, so that their targets must stay."""
     if isinstance(op, ir.Move):
         names = frozenset(each for each in (*op.targets, *op.offset_from) if not isinstance(each, Literal))
-        return [ir.Use(names)] if names else []
+        return [ir.Use(names), _LEFT] if names else [_LEFT]
     return [] if isinstance(op, ir.MoveToStored | ir.Note) else [op]
 
 
@@ -121,6 +125,7 @@ class Machine:
         self._initial: dict[str, Content] = {}  # values of names before the program runs
         # the same for frames that a position states: many positions share one tuple of endings and contents
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
+        self._left_in_file: Counter[int] = Counter()  # moves of each further file, by its index
         self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
         self._changed_arrays: set[str] = set()  # arrays whose elements statements may change
         self._fixed: set[str] = set()  # names that the program declares as constants
@@ -283,7 +288,9 @@ class Machine:
                 self._enter_scope(op, self.own_names.get(source, frozenset()))
             scope = self._scopes[-1]
             place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
-            if isinstance(op, ir.Use):
+            if op is _LEFT:
+                self._left_in_file[source] += 1
+            elif isinstance(op, ir.Use):
                 into = scope.routine if op.into == ir.RESULT else place.qualify(op.into)
                 noted = self._origins[into] if into else self._used
                 noted.update((place.qualify(name), place.line) for name in op.names)
@@ -796,13 +803,22 @@ class Machine:
         if isinstance(value, ir.Unknown):
             return place.make_cause(value.reason, value.remedy)
         if isinstance(value, ir.Stated):
-            return f"{value.name} of line {place.line}"
+            return self._evaluate_stated(place, value)
         if isinstance(value, ir.Element):
             return self._evaluate_element(place, value, state)
         content: Content = place.qualify(value.name)
         if "\0" in content:
             return place.make_cause("the number of a frame is not a whole number")
         return self._follow_copy(value, content, state) if isinstance(value, ir.Copy) else content
+
+    def _evaluate_stated(self, place: Place, value: ir.Stated) -> str:
+        """Return the name of a frame that is calculated of numbers; note its pose, if it has one."""
+        name = f"{value.name} of line {place.line}"
+        numbers = (float(place.values[place.first + ordinal]) for ordinal in value.ordinals)
+        values = [calculate(re.sub("\0", lambda _: repr(next(numbers)), each)) for each in value.expressions]
+        if None not in values:
+            self._named[name] = FrameName(name, value.notation.to_pose([each or 0.0 for each in values]))
+        return name
 
     def _follow_copy(self, value: ir.Copy, content: Content, state: State) -> Content:
         """Return the content of a copied name in a state; with `through`, of the name that it holds."""
@@ -883,7 +899,7 @@ class Machine:
             return Cause(changes[0].line, reason, "give the value once, in numbers")
         if self._language.is_frame(name):
             return name
-        return Cause(0, f"{quote_text(name)} is not given by constant numbers")
+        return Cause(0, f"{quote_text(name)} is not given by constant numbers", self._language.undeclared)
 
     # moves
 
@@ -948,6 +964,7 @@ class Machine:
         self._trace_uses()
         self._remark_conditions()
         self._note_assumption()
+        self._note_left_files()
         return self.columns, self._used, self._causes
 
     def _trace_uses(self) -> None:
@@ -1058,6 +1075,13 @@ class Machine:
             )
             text = f"{text} {names}{others}"
             self.columns.add_remark(self._first_unknown, text)
+
+    def _note_left_files(self) -> None:
+        """Add a remark on the moves of each further file, which are not corrected."""
+        for source, count in sorted(self._left_in_file.items()):
+            file, moves = quote_text(self.sources[source].name), "1 move" if count == 1 else f"{count} moves"
+            text = f"{moves} of {file} are left as they are: to correct them, send that file as the first one"
+            self.columns.add_remark(1, text)
 
     def _record_move(self, op: ir.Move | ir.MoveToStored, i: int, state: State | None) -> None:
         """Add the moves of operation i to the columns, or the cause why they cannot be corrected."""

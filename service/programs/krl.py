@@ -595,6 +595,7 @@ LANGUAGE: Final = ir.Language(
     r"|EKI_(?:INIT|OPEN|CLOSE|CLEAR\w*|CHECK\w*|LOCK|UNLOCK|SEND|SET\w+)|ARC(?:MAINNG|GET\w+)|LSR\w+|GASDELAY",
     motion=r"\b(?:S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?)(?!\w)",
     remedy=_REMEDY,
+    undeclared="send the .dat that declares the name, and $config.dat; or write the numbers",
     active={"$BASE": "active $BASE", "$TOOL": "active $TOOL", "FDAT_ACT.IPO": ""},
     constants={name: np.eye(4) for name in ("$NULLFRAME", "$WORLD", "BASE_DATA[0]", "TOOL_DATA[0]")},
     field_endings=(".BASE", ".TOOL", ".IPO"),

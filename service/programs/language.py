@@ -53,9 +53,12 @@ class Named(NamedTuple):
 
 
 class Stated(NamedTuple):
-    """Value that never changes, calculated of numbers: it is known by the place of its statement."""
+    """Frame that never changes, calculated of numbers: it is known by the place of its statement."""
 
     name: str  # beginning of its name; the line follows
+    notation: Notation
+    expressions: tuple[str, ...]  # of its numbers, with NUL in place of each number
+    ordinals: tuple[int, ...]  # of the numbers in these expressions
 
 
 class Unknown(NamedTuple):
@@ -293,6 +296,7 @@ class Language:
     rules: tuple[tuple[str, Rule], ...] = ()
     motion: str = r"(?!)"  # pattern of the words of moves
     remedy: str = WRITE_NUMBERS  # what to do where a target is not understood
+    undeclared: str = WRITE_NUMBERS  # what to do where no file gives a value to a name
     text: str = r'"[^"\r\n]*+"'  # pattern of texts and of constants that are no number
     word: str = r"[^\W\d]\w*+"
     number: str = NUMBER

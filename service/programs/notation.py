@@ -5,9 +5,12 @@ Source: docs/method.md section 12.
 
 from __future__ import annotations
 
+import ast
+import math
+import operator
 import re
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final, TypeAlias
@@ -195,6 +198,38 @@ def _find_nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
     return nearest
 
 
+def calculate(expression: str) -> float | None:
+    """Return the value of an expression of numbers, pi and d2r(); None if there is none."""
+    try:
+        value = _calculate(ast.parse(expression.strip(), mode="eval").body)
+    except (SyntaxError, ValueError, ZeroDivisionError, OverflowError, RecursionError, MemoryError):
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _calculate(node: ast.expr) -> float:
+    """Return the value of a part of an expression.
+
+    Raises:
+        ValueError: the part is none of numbers, pi, d2r() and their sums, products and quotients.
+    """
+    match node:
+        case ast.Constant(value=int() | float() as number):
+            return float(number)
+        case ast.Name(id="pi"):
+            return math.pi
+        case ast.Call(func=ast.Name(id="d2r"), args=[angle], keywords=[]):
+            return math.radians(_calculate(angle))
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=operand):
+            return -_calculate(operand) if isinstance(sign, ast.USub) else _calculate(operand)
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() as sign, right=right):
+            return _OPERATIONS[type(sign)](_calculate(left), _calculate(right))
+    raise ValueError(ast.dump(node))
+
+
+_OPERATIONS: Final[dict[type[ast.operator], Callable[[float, float], float]]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv
+}  # fmt: skip
 _MOST_BLANKS: Final = 32
 """Most blanks before a number that are used to keep columns aligned."""
 _BLOCK_LENGTH: Final = 1 << 16

@@ -113,6 +113,7 @@ class OwnNumbers:
     label: str  # name of the target in the intermediate language
     reason: str  # why the declaration has to stay
     remedy: str
+    other_line: int  # line of another use of the numbers; 0 if it is not known
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,6 +58,7 @@ _REMEDY: Final = (
     "exactly once"
 )
 _WORD: Final = r"[^\W\d]\w*+"
+_COUNT: Final = 6  # numbers of a pose
 _SIX: Final = r"\[\0(?:,\0){5}\]"
 _OFFSET: Final = re.compile(
     rf"pose_(?:trans|add)\((?P<target>{_WORD}),(?P<offset>[^()]++(?:\([^()]*+\)[^()]*+)*)\)"
@@ -81,6 +82,19 @@ def _translate_routine(line: Line) -> list[Op]:
         *ir.mark_anytime(used),
         *ir.begin_routine(line["name"], parameters, _REMEDY, handler=line["kind"] != "def"),
     ]
+
+
+def _translate_calculated_tool(line: Line) -> list[Op]:
+    """Return the operation that activates a tool whose numbers are calculated of numbers and pi.
+
+    Raises:
+        Misread: the pose has not six numbers.
+    """
+    begin, end = line.span("pose")
+    expressions = tuple(line.text[slice(*each)] for each in split_outside_brackets(line.text[:end], begin))
+    if len(expressions) != _COUNT:
+        return _refuse_unknown_tool(line)
+    return [ir.Assign(_ACTIVE, ir.Stated(_ACTIVE, POSE, expressions, line.ordinals_in(begin, end)))]
 
 
 def _refuse_unknown_tool(_line: Line) -> list[Op]:
@@ -264,10 +278,9 @@ LANGUAGE: Final = ir.Language(
             rf"set_tcp\((?:pose=)?(?P<frame>{_WORD})(?:,.*)?\)",
             lambda line: [ir.Use(frozenset({line["frame"]})), ir.Assign(_ACTIVE, ir.Copy(line["frame"]))],
         ),
-        # calculated of numbers alone: the tool never changes, but the user has to state its numbers
         (
-            r"set_tcp\((?:pose=)?p\[(?:\0|pi|d2r|[(),*/+-])+\](?:,.*)?\)",
-            lambda _: [ir.Assign(_ACTIVE, ir.Stated(_ACTIVE))],
+            r"set_tcp\((?:pose=)?p\[(?P<pose>(?:\0|pi|d2r|[(),*/+-])+)\](?:,.*)?\)",
+            _translate_calculated_tool,
         ),
         (r"set_tcp\(.*", _refuse_unknown_tool),
         (r"(?P<motion>move[jlpc])\((?P<arguments>.*)\)", _translate_move),

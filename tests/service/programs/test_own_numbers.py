@@ -70,8 +70,9 @@ def test_a_name_comes_back_where_none_of_its_numbers_changes():
 
 def test_a_remark_says_why_a_move_has_numbers_of_its_own():
     remarks = {each.line: each.text for each in read(KRL, ("a.dat", DAT)).left_alone}
-    assert remarks[4] == f"numbers take the place of 'XP1' at this move, because {REASON}"
-    assert remarks[6] == f"numbers take the place of 'xp1' at this move, because {REASON}"
+    reason = "target 'XP1' is used with another base or tool on line"
+    assert remarks[4] == f"where the move is corrected, numbers replace 'XP1': {reason} 6"
+    assert remarks[6] == f"where the move is corrected, numbers replace 'xp1': {reason} 4"
 
 
 def test_a_point_of_all_programs_stays_and_the_move_gets_its_numbers():
