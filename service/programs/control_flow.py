@@ -68,7 +68,7 @@ class ControlFlow:
         # indices of labels, by routine and name: a name may occur twice
         self._labels: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
         self._jumps: list[int] = []
-        self._last = len(ops) - 1  # index of the last operation of the text
+        self._ops, self._last = ops, len(ops) - 1  # operations of the text, and the index of the last one
         for i, op in enumerate(ops):
             if isinstance(op, ir.Flow):
                 self._add_operation(i, op)
@@ -181,10 +181,16 @@ class ControlFlow:
         """Note that the end with index i has no beginning, so that no move of the routine is certain.
 
         An end behind all statements changes nothing, if no routine begins: the text lacks its first line.
+        That line may have begun a loop; so nothing may change behind the first move.
         """
         reason = "this line ends a branch, a loop or a routine that does not begin before it"
         remedy = "write both ends of branches, loops and routines"
-        if kind == "close_or_end" and not self.begins and i == self._last:
+        moves = (k for k, op in enumerate(self._ops) if isinstance(op, ir.Move))
+        changes = (
+            isinstance(op, ir.Assign | ir.MakeUnknown) or (isinstance(op, ir.Call) and not op.harmless)
+            for op in self._ops[next(moves, 0) : i]
+        )
+        if kind == "close_or_end" and not self.begins and i == self._last and not any(changes):
             self.faults[i] = reason, remedy
             return
         self._note_fault(i, self._open_routines[-1], reason, remedy)

@@ -20,14 +20,22 @@ _MAX_QUOTED = 60
 _LETTERS: Final = {
     byte: chr(0x4E00 + byte) for byte in (*range(0x80, 0xC0), 0xD7, 0xF7) if not chr(byte).isspace()
 }
-_BYTES: Final = {ord(letter): chr(byte) for byte, letter in _LETTERS.items()}
+_BYTES: Final = {0x4E00 + byte: chr(byte) for byte in (*_LETTERS, 0x85, 0xA0)}
 _SMALL: Final = re.compile("(?<=\xc3)[\u4ea0-\u4ebe]")  # second bytes of small letters in UTF-8
+
+
+_BLANKS: Final = re.compile("(?<=[\xc3-\xdf])[\x85\xa0]")  # blanks of Latin-1 that end letters in UTF-8
+_CAPITALS: Final = {
+    code: code - 0x20 for code in (*range(ord("a"), ord("z") + 1), *range(0xE0, 0xFF)) if code != 0xF7
+}
 
 
 def decode_text(content: bytes) -> str:
     """Return the text of a program: one character for each byte, a letter for each one beyond ASCII."""
     text = content.decode("latin-1")
-    return text if text.isascii() else text.translate(_LETTERS)
+    if text.isascii():
+        return text
+    return _BLANKS.sub(lambda match: chr(0x4E00 + ord(match[0])), text.translate(_LETTERS))
 
 
 def encode_text(text: str) -> bytes:
@@ -42,8 +50,9 @@ def show_text(text: str) -> str:
 
 def capitalise(text: str) -> str:
     """Return a text of a program in capitals, also those of its letters in UTF-8."""
-    capitals = text.upper()
-    return capitals if text.isascii() else _SMALL.sub(lambda match: chr(ord(match[0]) - 0x20), capitals)
+    if text.isascii():
+        return text.upper()
+    return _SMALL.sub(lambda match: chr(ord(match[0]) - 0x20), text.translate(_CAPITALS))
 
 
 def quote_text(text: str) -> str:

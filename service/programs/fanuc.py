@@ -241,9 +241,10 @@ def _translate_call(line: Line) -> list[Op]:
     Manual: CALL waits for the end of the called program, RUN and MONITOR do not wait.
     """
     name = line["name"].replace("\0", "n").upper()
+    prefix = "" if name.startswith("SR[") else None
     if line["verb"] != "CALL":
-        return [ir.Call(name, anytime=True, event=name)]
-    return [ir.Call(name, prefix="" if name.startswith("SR[") else None)]
+        return [ir.Call(name, anytime=True, event=name, prefix=prefix)]
+    return [ir.Call(name, prefix=prefix)]
 
 
 def _translate_event(line: Line) -> list[Op]:
@@ -260,7 +261,8 @@ def _translate_macro(line: Line) -> list[Op]:
     """
     name = line["name"].replace("\0", "n")
     is_macro = line.text.endswith(")") or _OF_HAND.search(name) is not None
-    return [ir.Call(name, may_last=not is_macro or _MAY_LAST.search(name) is not None)]
+    own = ir.Call(name.upper(), harmless=True)  # names have no case
+    return [own, ir.Call(name, may_last=not is_macro or _MAY_LAST.search(name) is not None)]
 
 
 def _translate_register_move(line: Line) -> list[Op]:

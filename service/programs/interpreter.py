@@ -140,7 +140,7 @@ class Machine:
         # names of targets near which moves with these frames go
         self._noted_offsets: dict[tuple[object, ...], set[str]] = defaultdict(set)
         self._targets: set[str] = set()  # names of the targets of moves
-        self._frame_names: set[str] = set()  # names of the frames of moves
+        self._tool_names: set[str] = set()  # names of the tools of moves
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
         # names from which each name was calculated, with the lines; names of data that the program declares
         self._origins: dict[str, dict[str, int]] = defaultdict(dict)
@@ -373,11 +373,11 @@ class Machine:
             if isinstance(op, ir.Call) and not (op.harmless and op.name not in self._flow.begins)
         ]
         passed = {place.qualify(name) for place, op in calls for name in op.passed}
-        self._frame_names = {
+        self._tool_names = {
             place.qualify(name)
             for place, op in zip(self._places, self._ops, strict=True)
             if isinstance(op, ir.Move)
-            for frame in (*op.bases, *op.tools)
+            for frame in op.tools
             if isinstance(frame, ir.Product)
             for name in frame.names
         }
@@ -387,7 +387,7 @@ class Machine:
         for place, op in calls:
             self._collect_call(place, op, passed)
         self._summarise_routines()
-        for name in self._flow.anytime_routines:
+        for name in sorted(self._flow.anytime_routines):
             # An unknown routine that an attached routine calls counts as called where this one is attached.
             is_attached = name in self._attached_routines
             changed = self._changed[name].items()
@@ -396,6 +396,19 @@ class Machine:
                 for each, cause in changed
                 if cause.reason and not (is_attached and each == UNKNOWN)
             }
+
+    def _find_new_meanings(self) -> None:
+        """Let no move be certain if the program gives constants of the controller a new meaning."""
+        given = {*self._flow.begins, *self._declared}
+        given |= {name for place in self._places for name in place.scope.names}
+        for op in self._ops:
+            if isinstance(op, ir.Assign):
+                given.add(str(op.name))
+            elif isinstance(op, ir.MakeUnknown) and len(op.names) == 1:  # of an assignment
+                given |= {str(each) for each in op.names}
+        for name in sorted(self._language.fixed_words & given):
+            reason = f"the program gives {quote_text(name)} a meaning of its own"
+            self._anytime[ir.MODE] = Cause(0, reason, "choose another name")
 
     def _note_names_of_several_routines(self) -> None:
         """Let names be unknown that several routines assign to, if each of them may have its own variable."""
@@ -462,8 +475,8 @@ class Machine:
             self.columns.add_remark(place.line, f"{op.name} is called; {permission}")
 
     def _assume_frames_stay(self, place: Place, op: ir.Call, given: Collection[str]) -> set[str]:
-        """Return the bases and tools that a function of another file gets, and note that they are to stay."""
-        frames = {name for name in given if self._frame_names.intersection(self._list_name_and_fields(name))}
+        """Return the tools that a function of another file gets, and note that they are assumed to stay."""
+        frames = {name for name in given if self._tool_names.intersection(self._list_name_and_fields(name))}
         if frames:
             names = ", ".join(map(quote_text, sorted(frames)))
             text = f"it is assumed that the function {quote_text(str(op.name))} only uses {names}"
@@ -944,6 +957,7 @@ class Machine:
             self._causes.append(cause)
             self.columns.add_remark(cause.line, cause.reason)
         self._collect_changes()
+        self._find_new_meanings()
         self._note_names_of_several_routines()
         self._collect_targets()
         self._enter_routines()

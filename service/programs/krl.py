@@ -489,6 +489,12 @@ def _translate_reading(line: Line) -> list[Op]:
     return [ir.MakeUnknown(names, "the value is read from outside while the program runs", _REMEDY)]
 
 
+def _find_names(found: list[Op]) -> frozenset[str]:
+    """Return the names that operations of expressions use."""
+    used = (each for op in found if isinstance(op, ir.Use) for each in op.names)
+    return frozenset(each for each in used if isinstance(each, str))
+
+
 def _translate_kinematics(line: Line) -> list[Op]:
     """Return the operations of a calculation of joint angles or of a pose, whose last argument gets an error.
 
@@ -496,28 +502,40 @@ def _translate_kinematics(line: Line) -> list[Op]:
     """
     found = ir.pass_uses(line.read_expression(line["arguments"]), line["name"])
     names = frozenset({line["name"], line["status"]})
-    return [*found, ir.MakeUnknown(names, "the value is calculated while the program runs", _REMEDY)]
+    own = ir.Call(line["function"], _find_names(found) | names, harmless=True)  # of the program itself
+    return [*found, own, ir.MakeUnknown(names, "the value is calculated while the program runs", _REMEDY)]
 
 
 _DEFINED: Final = re.compile(rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})")
 _DATA: Final = re.compile(rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?")
 _GLOBAL: Final = re.compile(r"(?i)[^;\r\n]*\bGLOBAL\b")
-_NO_DATA: Final = re.compile(r"(?i)\s*+(?:&|DEFDAT\b|EXT)|[^;\r\n]*\bGLOBAL\b")
+_IMPORT: Final = re.compile(r"(?im)^[ \t]*+(?:DECL[ \t]++)?IMPORT\b[^;\r\n]*\.\.[ \t]*+(\$?\w+)")
+_LINE_END: Final = re.compile(r"\r\n?|\n")
+_NO_NAME: Final = re.compile(r"\{[^{}]*\}|\"[^\"]*\"|;.*|\[[^\]]*\]")
+"""Parts of a line that have no name which the line declares."""
+_NO_DATA: Final = re.compile(
+    r"(?i)\s*+(?:&|DEFDAT\b|EXT|(?:DECL[ \t]++)?(?:ENUM|STRUC|SIGNAL|IMPORT)\b)|[^;\r\n]*\bGLOBAL\b"
+)
 
 
 def _find_private_names(text: str) -> Iterator[str]:
-    """Yield the names that a .dat declares without GLOBAL, and words of types."""
-    for line in capitalise(text).splitlines():
+    """Yield the names that a .dat declares without GLOBAL."""
+    for line in _LINE_END.split(capitalise(text)):
         if not _NO_DATA.match(line):
-            for part in re.sub(r"\{[^{}]*\}|\"[^\"]*\"|;.*", "", line).split(","):
-                yield from re.findall(_NAME, part.partition("=")[0])
+            yield from _list_declared(line)
+
+
+def _list_declared(line: str) -> Iterator[str]:
+    """Yield the names that a line declares, or of whose elements it has one: the last word of each part."""
+    for part in _NO_NAME.sub("", line).split(","):
+        yield from re.findall(_NAME, part.partition("=")[0])[-1:]
 
 
 def _find_shared_names(text: str) -> Iterator[str]:
-    """Yield the names that a .dat declares as GLOBAL, and words of types."""
-    for line in capitalise(text).splitlines():
+    """Yield the names that a .dat declares as GLOBAL."""
+    for line in _LINE_END.split(capitalise(text)):
         if _GLOBAL.match(line):
-            yield from re.findall(_NAME, re.sub(r"\{[^{}]*\}|\"[^\"]*\"|;.*", "", line))
+            yield from _list_declared(line)
 
 
 def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
@@ -548,27 +566,31 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
         # Only a .dat that is public, and $config.dat, can be changed by other programs.
         kind = "shared" if is_config else "variable" if data and data[2] else "constant"
         machine.add_statements(index, starts, ends, declares=kind if declares else "")
+    imported = frozenset(capitalise(name) for each in sources for name in _IMPORT.findall(each.text))
+    machine.forget_anytime(imported, "another program imports the name, and may change it", _REMEDY)
 
 
 def _note_names(machine: Machine, sources: tuple[Source, ...]) -> None:
     """Note the names that all programs know, and the names of data that each further .src has of its own.
 
     KSS: a .src knows the data of the .dat of its name, and of others those that are GLOBAL; the line of an
-    element does not repeat the word. All programs know the data of $config.dat.
+    element does not repeat the word. All programs know the data of $config.dat. In a further .src, a name
+    that is private in the .dat of the first one means something else, too.
     """
     data = {each.name: _DATA.search(each.text) for each in sources}
+    shared = {each.name: set(_find_shared_names(each.text)) for each in sources if data[each.name]}
     private = {
-        capitalise(match[1]): set(_find_private_names(each.text))
+        capitalise(match[1]): set(_find_private_names(each.text)) - shared[each.name]
         for each in sources
         if (match := data[each.name]) and not each.name.lower().endswith("config.dat")
     }
-    shared = {name for each in sources if data[each.name] for name in _find_shared_names(each.text)}
-    everywhere = set[str]().union(*private.values()) - shared
-    machine.shared_names = frozenset(shared)
+    machine.shared_names = frozenset().union(*shared.values())
+    programs = [_DEFINED.search(each.text) for each in sources]
+    of_main = private.get(capitalise(programs[0][1]), set()) if programs[0] else set()
     for index, source in enumerate(sources[1:], 1):
-        if not data[source.name] and (match := _DEFINED.search(source.text)):
-            own = private.get(capitalise(match[1]), set()) - shared
-            machine.own_names[index] = frozenset(everywhere | own)
+        if not data[source.name] and (match := programs[index]):
+            own = private.get(capitalise(match[1]), set())
+            machine.own_names[index] = frozenset(of_main | own)
 
 
 LANGUAGE: Final = ir.Language(
@@ -679,7 +701,7 @@ LANGUAGE: Final = ir.Language(
             _translate_reading,
         ),
         (
-            rf"(?P<name>{_NAME})=(?:INVERSE|FORWARD)\((?P<arguments>[^()]*),(?P<status>{_NAME})\)",
+            rf"(?P<name>{_NAME})=(?P<function>INVERSE|FORWARD)\((?P<arguments>[^()]*),(?P<status>{_NAME})\)",
             _translate_kinematics,
         ),
         (r"@{name}\(.*\)", lambda line: line.read_expression(line.text)),

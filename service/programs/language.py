@@ -130,7 +130,7 @@ class Call(NamedTuple):
     # whether an unknown routine may also leave something that lasts (`MODE`)
     may_last: bool = False
     behind_next: bool = False  # whether the routine runs only behind a move that is the next statement
-    # whether a function of another file is assumed to change no base and no tool that it gets as an argument
+    # whether a function of another file is assumed to change no tool that it gets as an argument
     reads_frames: bool = False
     # with this text begin the names of the program's routines that may be meant; None if the name is fixed
     prefix: str | None = None
@@ -306,7 +306,7 @@ class Language:
     reserved: str = r"(?!)"  # pattern of words that begin statements: none of them is a variable
     functions: str = ""  # pattern of the controller's functions, which return a value and change nothing
     writers: str = r"(?!)"  # pattern of the controller's functions that write to the last of their arguments
-    # pattern of names of functions of other files that are assumed to change no frame they get as an argument
+    # pattern of names of functions of other files that are assumed to change no tool they get as an argument
     readers: str = r"(?!)"
     # whether a name means another variable in each routine that assigns to it, unless it is global
     scopes_by_routine: bool = False
@@ -335,6 +335,9 @@ class Language:
     # pattern of the text before the first number of a target in numbers; empty if no move can state numbers
     opening: str = ""
     end_of_statement: str = ""  # sign at the end of each statement; empty if statements end with their line
+    fixed_words: frozenset[str] = (
+        frozenset()
+    )  # constants and functions that no program may give a new meaning
     longest_line: int = 4096  # characters of a line that the controller reads
     suffixes: str = ""  # suffixes of the names of its files, separated by blanks
     pose: Notation | None = None  # notation in which users write frames; None for the notation of the program
@@ -561,11 +564,13 @@ class Language:
         ops: list[Op] = [Use(names)] if names else []
         for name in dict.fromkeys(match[1] for match in _CALLED.finditer(plain)):
             harmless = functions.fullmatch(name) is not None
-            passed = frozenset() if harmless else names - {name}
-            if re.fullmatch(self.writers, name):
+            passed = names - {name}
+            call = Call(name, passed, harmless=harmless)
+            if re.fullmatch(self.writers, name):  # a routine of the program with this name may write others
+                ops.append(call._replace(harmless=True))
                 passed &= frozenset(_NAME.findall(_find_last_argument(plain, name)))
             reads_frames = re.fullmatch(self.readers, name) is not None
-            call = Call(name, passed, harmless=harmless, reads_frames=reads_frames)
+            call = call._replace(passed=passed, reads_frames=reads_frames)
             is_whole_text = plain.startswith(f"{name}(") and plain.count("(") == 1
             # A call in a larger expression may be skipped, and several calls may run in any order.
             ops += [call] if harmless or is_whole_text else [Flow("if"), call, Flow("close")]
@@ -680,9 +685,13 @@ def _is_balanced(text: str) -> bool:
 
 def _find_last_argument(text: str, name: str) -> str:
     """Return the last argument of a function that is called once in a text; else the whole text."""
-    begin = text.index(f"{name}(") + len(name) + 1 if text.count(f"{name}(") == 1 else len(text)
-    for first, last in split_outside_brackets(text, begin):
-        if text[first:last].count(")") > text[first:last].count("("):
+    if text.count(f"{name}(") != 1:
+        return text
+    begin, depth = text.index(f"{name}(") + len(name) + 1, 1
+    for match in re.finditer(r"[()]", text[begin:]):
+        depth += 1 if match[0] == "(" else -1
+        if depth == 0:
+            *_, (first, last) = split_outside_brackets(text[: begin + match.start()], begin)
             return text[first:last]
     return text
 

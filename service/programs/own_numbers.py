@@ -19,6 +19,8 @@ from jointstiff.service.programs.program import OwnNumbers, Source
 
 _LONGEST: Final = 1000
 """Largest count of characters in which a name is looked for, and of numbers that are copied."""
+_VARIABLE: Final = re.compile(r"(?<![\w.#'\"])[^\W\d]\w*\s*[,\]}]")
+"""A value that is not a number: at another place, the same word may mean another variable."""
 _DEPTH: Final = {"[": 1, "{": 1, "]": -1, "}": -1}
 
 
@@ -41,7 +43,10 @@ def find_name(language: Language, source: Source, line: int, name: str) -> tuple
 
 
 def copy_numbers(language: Language, source: Source, first: int) -> str | None:
-    """Return the text in brackets of a target whose first number is at an index; None if it has comments."""
+    """Return the text in brackets of a target whose first number is at an index.
+
+    Return None if the text has comments or variables.
+    """
     before = re.search(rf"{language.opening}\Z", source.text[max(first - _LONGEST, 0) : first])
     if before is None:
         return None
@@ -49,7 +54,7 @@ def copy_numbers(language: Language, source: Source, first: int) -> str | None:
     text = source.text[begin : begin + _LONGEST]
     depths = accumulate(_DEPTH.get(character, 0) for character in text)
     end = next((i + 1 for i, depth in enumerate(depths) if depth == 0 and text[i] in "]}"), None)
-    if end is None or language.blank_comments(text[:end]) != text[:end]:
+    if end is None or _VARIABLE.search(text[:end]) or language.blank_comments(text[:end]) != text[:end]:
         return None
     return " ".join(text[:end].split()) if re.search(r"[\r\n]", text[:end]) else text[:end]
 

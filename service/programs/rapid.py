@@ -354,7 +354,8 @@ def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> li
     if the text is not data in numbers.
     """
     target = _read_target(line, start, end)
-    if target is not None and {"ROBTARGET", "JOINTTARGET"} & set(kinds):
+    # A variable with external axes may change, or mean another one, before the target is used.
+    if target is not None and not target.axes_name and {"ROBTARGET", "JOINTTARGET"} & set(kinds):
         return [ir.Assign(name, target)]
     if "EXTJOINT" in kinds and _LITERALS["EXTJOINT"].fullmatch(line.text, start, end):
         return [ir.Assign(name, Literal(_AXES, line.ordinals_in(start, end)))]

@@ -237,6 +237,7 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
 
 LANGUAGE: Final = ir.Language(
     opening=r"(?<!\w)p?\s*\[\s*(?:d2r\s*\(\s*)?",
+    fixed_words=frozenset({"pi", "d2r"}),
     suffixes=".script .urscript",
     pose=POSE,
     comment=r"#[^\r\n]*+",

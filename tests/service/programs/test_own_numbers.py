@@ -192,6 +192,21 @@ def test_a_name_in_letters_of_any_country_gives_way_and_comes_back():
     assert new.count("movel(p[0.6010000,0,0.5,0,3.1,0]") == 2
 
 
+@pytest.mark.parametrize("code", ["utf-8", "latin-1"])
+@pytest.mark.parametrize(("small", "large"), [("å", "Å"), ("à", "À"), ("ñ", "Ñ")])
+def test_capitals_and_small_letters_of_any_country_are_the_same_in_a_name(small, large, code):
+    text = MODULE.replace("p1", f"p{small}").replace("height:=", f"p{large}.trans.x:=5; x:=")
+    files = [("m.mod", text.encode(code))]
+    assert [each.corrected for each in list_moves(files)] == [False, True]
+    used = MODULE.replace("p1", f"p{small}").replace(f"MoveC p{small}", f"MoveC p{large}")
+    program = read_program([("m.mod", used.encode(code))])
+    assert sorted(program.targets.names) == sorted([f"p{large}".encode(code).decode("latin-1"), "p2", "p2"])
+    values = program.targets.values[:, :7] + np.eye(7)[0]
+    written = rewritten(program, np.arange(3), values)[0][0].decode(code)
+    assert "MoveC [[501.0000,0,500]" in written
+    assert f"PERS robtarget p{small}:=[[500,0,500]," in written
+
+
 @pytest.mark.parametrize(("name", "most"), [("MAX_TARGETS", 3), ("MAX_REMARKS", 1)])
 def test_a_program_whose_own_numbers_exceed_a_limit_is_read_without_them(monkeypatch, name, most):
     monkeypatch.setattr(f"jointstiff.service.programs.columns.{name}", most)
