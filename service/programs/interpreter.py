@@ -185,6 +185,7 @@ class Machine:
         ends: IndexArray,
         *,
         declares: str = "",
+        routine: str = "",
         translate: Callable[[str], list[tuple[int, Op]]] | None = None,
     ) -> None:
         """Translate statements of a file, and add their operations to the program.
@@ -194,13 +195,14 @@ class Machine:
             starts: (k,) first character of each statement.
             ends: (k,) last character + 1 of each statement.
             declares: kind of the declarations in a file of data, which hold from the beginning; else "".
+            routine: name of the routine whose own data are declared; else "".
             translate: function that translates the text of a statement, with NUL in place of each number;
                 None takes the function of the language.
 
         Raises:
             ProgramError: a statement is too long, or not understood at all.
         """
-        self._scopes = [Scope("")]
+        self._scopes = [Scope(routine)]
         translate = translate or self._language.translate
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
         masked_texts, first = self.numerals[source].masked_texts(starts, ends)

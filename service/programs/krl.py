@@ -547,10 +547,16 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
     programs = [_DEFINED.search(each.text) for each in sources if not each.name.lower().endswith(".dat")]
     main, *others = [capitalise(match[1]) if match else "" for match in programs] or [""]
     _note_names(machine, sources)
+    # further programs of a single routine, so that no other routine changes their data
+    found = (_DEFINED.findall(each.text) for each in sources[1:] if not _DATA.search(each.text))
+    routines = {capitalise(each[0]): capitalise(each[0]) for each in found if len(each) == 1}
     for index, source in enumerate(sources):
         is_config = source.name.lower().endswith("config.dat")
         data = _DATA.search(source.text) if index else None
         starts, ends = source.starts, source.ends
+        declares = source.name.lower().endswith(".dat") and len(sources) > 1
+        # Only a .dat that is public, and $config.dat, can be changed by other programs.
+        kind = "shared" if is_config else "variable" if data and data[2] else "constant"
         if main and data and not is_config and capitalise(data[1]) != main:
             if not (data[2] or capitalise(data[1]) in others):
                 reason, remedy = (
@@ -561,10 +567,9 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
             # Of the data of another program, only those declared as GLOBAL are data of this one.
             spans = zip(starts.tolist(), ends.tolist(), strict=True)
             seen = np.array([bool(_GLOBAL.match(source.text, *each)) for each in spans], dtype=np.bool_)
+            if routine := routines.get(capitalise(data[1])):
+                machine.add_statements(index, starts[~seen], ends[~seen], declares=kind, routine=routine)
             starts, ends = starts[seen], ends[seen]
-        declares = source.name.lower().endswith(".dat") and len(sources) > 1
-        # Only a .dat that is public, and $config.dat, can be changed by other programs.
-        kind = "shared" if is_config else "variable" if data and data[2] else "constant"
         machine.add_statements(index, starts, ends, declares=kind if declares else "")
     imported = frozenset(capitalise(name) for each in sources for name in _IMPORT.findall(each.text))
     machine.forget_anytime(imported, "another program imports the name, and may change it", _REMEDY)
