@@ -818,7 +818,7 @@ class Machine:
         if isinstance(value, ir.Unknown):
             return place.make_cause(value.reason, value.remedy)
         if isinstance(value, ir.Stated):
-            return self._evaluate_stated(place, value)
+            return self._evaluate_stated(place, value, state)
         if isinstance(value, ir.Element):
             return self._evaluate_element(place, value, state)
         content: Content = place.qualify(value.name)
@@ -826,11 +826,22 @@ class Machine:
             return place.make_cause("the number of a frame is not a whole number")
         return self._follow_copy(value, content, state) if isinstance(value, ir.Copy) else content
 
-    def _evaluate_stated(self, place: Place, value: ir.Stated) -> str:
-        """Return the name of a frame that is calculated of numbers; note its pose, if it has one."""
+    def _evaluate_stated(self, place: Place, value: ir.Stated, state: State) -> Content:
+        """Return the name of a frame that is calculated of numbers and pi; note its pose, if it has one.
+
+        A program may give pi itself: then its number in a state counts.
+        """
+        numbers = (repr(float(place.values[place.first + ordinal])) for ordinal in value.ordinals)
+        expressions = [re.sub("\0", lambda _: next(numbers), each) for each in value.expressions]
+        own = place.qualify("pi")
+        if self._changes.get(own) or own in self._initial or own != "pi":
+            pi, _ = self._look_up(state, own)
+            if not isinstance(pi, WrittenNumbers):
+                return place.make_cause("the program changes 'pi' while it runs")
+            number = float(self.numerals[pi.source].values[pi.first + pi.literal.numbers[0]])
+            expressions = [re.sub(r"\bpi\b", repr(number), each) for each in expressions]
+        values = [calculate(each) for each in expressions]
         name = f"{value.name} of line {place.line}"
-        numbers = (float(place.values[place.first + ordinal]) for ordinal in value.ordinals)
-        values = [calculate(re.sub("\0", lambda _: repr(next(numbers)), each)) for each in value.expressions]
         if None not in values:
             self._named[name] = FrameName(name, value.notation.to_pose([each or 0.0 for each in values]))
         return name

@@ -17,6 +17,7 @@ POSE: Final = Notation(Orientation.ROTATION_VECTOR, length=1, angle=1, length_de
 JOINTS: Final = Notation(Orientation.JOINTS, length=1, angle=1, length_decimals=7, angle_decimals=7)
 JOINTS_IN_DEGREES: Final = Notation(Orientation.JOINTS, length=1)
 POSE_IN_DEGREES: Final = Notation(Orientation.ROTATION_VECTOR, length=1, length_decimals=7)
+_NUMBER: Final = Notation(Orientation.NONE)
 _ROBOT_BASE: Final = ir.Copy("robot base")
 _ACTIVE: Final = "active TCP"
 """The controller's tool, by a name that no variable of a program can have."""
@@ -150,6 +151,8 @@ def _translate_assignment(line: Line) -> list[Op]:
     name, index = line["name"], line["index"]
     declaration: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
     literal = None if index else _read_literal(line, *line.span("value"))
+    if literal is None and name == "pi" and line["value"] == "\0":  # programs give this number themselves
+        literal = Literal(_NUMBER, line.ordinals_in(*line.span("value")))
     if literal is not None:
         return [*declaration, ir.Assign(name, literal)]
     found = line.read_expression(index.strip("[]").replace("][", ",")) if "[" in index else []
@@ -237,7 +240,7 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
 
 LANGUAGE: Final = ir.Language(
     opening=r"(?<!\w)p?\s*\[\s*(?:d2r\s*\(\s*)?",
-    fixed_words=frozenset({"pi", "d2r"}),
+    fixed_words=frozenset({"d2r"}),
     suffixes=".script .urscript",
     pose=POSE,
     comment=r"#[^\r\n]*+",
