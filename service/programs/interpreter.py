@@ -1231,8 +1231,6 @@ class Machine:
                 reason = changes[-1].reason
         elif content.literal.notation.orientation is Orientation.NONE:
             reason = "it is no pose"
-        elif (cause := self._find_axes(place, content.literal, state)) is not None:
-            return cause
         else:
             return self._settle_target(place, name, content._replace(label=name), unknown)
         return place.make_cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
