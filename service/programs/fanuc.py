@@ -431,7 +431,7 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
     Raises:
         ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
     """
-    machine.own_names = dict.fromkeys(range(1, len(sources)), frozenset({"P"}))  # each has its own positions
+    machine.owners = {i: {"P": f"file{i}"} for i in range(1, len(sources))}  # each has its own positions
     for index, source in enumerate(sources):
         section_ends, spans = _find_instructions(machine, index, source)
         if not index:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, reduce
 from sys import intern
@@ -40,7 +40,7 @@ from jointstiff.service.programs.errors import (
 )
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals, Orientation, calculate, iterate_integers
-from jointstiff.service.programs.places import At, Place, Scope, find_place, get_structure_name
+from jointstiff.service.programs.places import OTHER_FILES, At, Place, Scope, find_place, get_structure_name
 from jointstiff.service.programs.program import FrameName, Literal, OwnNumbers, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
@@ -119,8 +119,8 @@ class Machine:
         self._places: list[Place] = []  # place of each operation
         self._scopes = [Scope("")]  # scopes of the routines and blocks whose end was not reached yet
         self._last_scope = Scope("")  # scope of the routine or block that ended last
-        # names of data that each further file has of its own, by its index: variables of unknown values
-        self.own_names: dict[int, frozenset[str]] = {}
+        # owners of names that do not mean data of the first file, by the index of each further file
+        self.owners: dict[int, dict[str, str]] = {}
         self.shared_names: frozenset[str] = frozenset()  # names of data that files declare for all programs
         self._initial: dict[str, Content] = {}  # values of names before the program runs
         # the same for frames that a position states: many positions share one tuple of endings and contents
@@ -185,7 +185,6 @@ class Machine:
         ends: IndexArray,
         *,
         declares: str = "",
-        routine: str = "",
         translate: Callable[[str], list[tuple[int, Op]]] | None = None,
     ) -> None:
         """Translate statements of a file, and add their operations to the program.
@@ -195,14 +194,13 @@ class Machine:
             starts: (k,) first character of each statement.
             ends: (k,) last character + 1 of each statement.
             declares: kind of the declarations in a file of data, which hold from the beginning; else "".
-            routine: name of the routine whose own data are declared; else "".
             translate: function that translates the text of a statement, with NUL in place of each number;
                 None takes the function of the language.
 
         Raises:
             ProgramError: a statement is too long, or not understood at all.
         """
-        self._scopes = [Scope(routine)]
+        self._scopes = [Scope("", owners=self.owners.get(source, {}))]
         translate = translate or self._language.translate
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
         masked_texts, first = self.numerals[source].masked_texts(starts, ends)
@@ -287,7 +285,7 @@ class Machine:
         """
         for line_offset, op in ops:
             if isinstance(op, ir.Flow):
-                self._enter_scope(op, self.own_names.get(source, frozenset()))
+                self._enter_scope(op, self.owners.get(source, {}))
             scope = self._scopes[-1]
             place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
             if op is _LEFT:
@@ -316,16 +314,16 @@ class Machine:
     def forget_anytime(self, names: frozenset[str], reason: str, remedy: str) -> None:
         """Make the values of names unknown anywhere in the program, for a reason."""
         if names and self._places:
-            self._places.append(self._places[-1])
+            self._places.append(replace(self._places[-1], scope=Scope("")))
             self._ops.append(ir.MakeUnknown(names, reason, remedy, anytime=True))
 
-    def _enter_scope(self, op: ir.Flow, names: Iterable[str]) -> None:
+    def _enter_scope(self, op: ir.Flow, owners: Mapping[str, str]) -> None:
         """Enter the scope of a routine or block where it begins, and leave the scope where it ends.
 
-        `names` are local names that each routine has.
+        `owners` are the owners of names in the file.
         """
         if op.kind in ir.ROUTINES:  # a handler without a name shares the scope of its routine
-            self._scopes.append(Scope(str(op.name), set(names)) if op.name else self._last_scope)
+            self._scopes.append(Scope(str(op.name), owners=owners) if op.name else self._last_scope)
         elif op.kind in ir.BLOCKS:
             self._scopes.append(self._scopes[-1])
         elif op.kind in {"close", "end", "close_or_end"} and len(self._scopes) > 1:
@@ -794,7 +792,10 @@ class Machine:
         Routines of other files change names of their own, and the active frames. A table of the controller,
         or data that other programs share, are safe if no file of the program writes them.
         """
-        if name in self._constants or name in self._lasting or OF_ROUTINE in name or name == _NEVER:
+        _, is_owned, owner = name.partition(OF_ROUTINE)
+        if name in self._constants or name in self._lasting or name == _NEVER:
+            return True
+        if is_owned and owner != OTHER_FILES:
             return True
         if self._language.is_own(name) and "." in name:  # frames that a position states
             return True
@@ -834,6 +835,17 @@ class Machine:
         numbers = (repr(float(place.values[place.first + ordinal])) for ordinal in value.ordinals)
         expressions = [re.sub("\0", lambda _: next(numbers), each) for each in value.expressions]
         own = place.qualify("pi")
+        giving = (
+            {
+                each.scope.routine
+                for each, op in zip(self._places, self._ops, strict=True)
+                if isinstance(op, ir.Assign) and op.name == "pi"
+            }
+            if self._changes.get(own)
+            else set()
+        )
+        if giving - {place.scope.routine}:  # elsewhere, the name may mean another variable
+            return place.make_cause("the program gives 'pi' in another routine")
         if self._changes.get(own) or own in self._initial or own != "pi":
             pi, _ = self._look_up(state, own)
             if not isinstance(pi, WrittenNumbers):
@@ -922,7 +934,7 @@ class Machine:
             return active
         if changes:
             reason = f"{name} changes while the program runs"
-            return Cause(changes[0].line, reason, "give the value once, in numbers")
+            return changes[0]._replace(reason=reason, remedy="give the value once, in numbers")
         if self._language.is_frame(name):
             return name
         return Cause(0, f"{quote_text(name)} is not given by constant numbers", self._language.undeclared)
@@ -1231,6 +1243,8 @@ class Machine:
                 reason = changes[-1].reason
         elif content.literal.notation.orientation is Orientation.NONE:
             reason = "it is no pose"
+        elif name in self._stored:  # other programs, or a computer, may set it at any time
+            reason = "the declaration is shared with other programs"
         else:
             return self._settle_target(place, name, content._replace(label=name), unknown)
         return place.make_cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
@@ -1256,8 +1270,6 @@ class Machine:
         changes = self._changes.get(name, [])
         if len(changes) + (name in self._initial) > 1:  # the target gets numbers more than once
             self._keep_numbers(place, numbers, f"{unknown}: {changes[-1].reason}")
-        elif name in self._stored:
-            self._keep_numbers(place, numbers, f"{unknown}: the declaration is shared with other programs")
         elif name in self._shared and name not in self._noted:
             self._noted.add(name)
             text = f"{quote_text(name)} is GLOBAL: its correction moves it for other programs, too"

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from jointstiff.service.programs import language as ir
+from jointstiff.service.programs.columns import IN_MODULE, OF_ROUTINE
 from jointstiff.service.programs.errors import capitalise
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
 from jointstiff.service.programs.notation import Notation, Orientation
+from jointstiff.service.programs.places import OTHER_FILES
 from jointstiff.service.programs.program import Literal, Motion, Source
 
 POSE: Final = Notation(Orientation.EULER_ZYX)
@@ -404,12 +407,19 @@ def _translate_sensor(line: Line) -> list[Op]:
     """Return the operations by which a sensor guides the arm, or ends to guide (KUKA RSI)."""
     found = line.read_expression(line["arguments"]) if line["arguments"] else []
     found += [_forget_name(line["name"])] if line["name"] else []
+    found.append(ir.Call(line["function"], _find_names(found), harmless=True))  # of the program itself
     if line["action"] == "OFF":
         return [*found, ir.end_lasting("RSI")]
     reason, remedy = "a sensor moves the targets (RSI)", "omit the statement"
     if line["action"] == "MOVECORR":  # the motion is that of the sensor alone, and ends here
         return ir.make_uncorrected_move(found, reason, remedy)
     return [*found, ir.begin_lasting("RSI", reason, remedy)]
+
+
+def _translate_search(line: Line) -> list[Op]:
+    """Return the operations of a routine that corrects the moves behind it by a search (KUKA TouchSense)."""
+    lasting = ir.begin_lasting("TS", "a touch search corrects the targets", "omit the statement")
+    return [*line.read_expression(line.text), lasting]
 
 
 def _translate_routine(line: Line) -> list[Op]:
@@ -486,7 +496,8 @@ def _translate_reading(line: Line) -> list[Op]:
     """Return the operations of a function that reads values from outside into its arguments."""
     used = [op for op in line.read_expression(line["arguments"]) if isinstance(op, ir.Use)]
     names = frozenset(each for op in used for each in op.names) | {line["status"] or "_"}
-    return [ir.MakeUnknown(names, "the value is read from outside while the program runs", _REMEDY)]
+    own = ir.Call(line["function"], _find_names(list(used)), harmless=True)  # of the program itself
+    return [own, ir.MakeUnknown(names, "the value is read from outside while the program runs", _REMEDY)]
 
 
 def _find_names(found: list[Op]) -> frozenset[str]:
@@ -506,12 +517,19 @@ def _translate_kinematics(line: Line) -> list[Op]:
     return [*found, own, ir.MakeUnknown(names, "the value is calculated while the program runs", _REMEDY)]
 
 
-_DEFINED: Final = re.compile(rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})")
-_DATA: Final = re.compile(rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?")
-_GLOBAL: Final = re.compile(r"(?i)[^;\r\n]*\bGLOBAL\b")
-_IMPORT: Final = re.compile(r"(?im)^[ \t]*+(?:DECL[ \t]++)?IMPORT\b[^;\r\n]*\.\.[ \t]*+(\$?\w+)")
+_LINE: Final = r"(?i)(?:\A|(?<=[\r\n]))[ \t]*+"
+_ROUTINES: Final = re.compile(rf"{_LINE}(GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++(?:\[\])?)?[ \t]++({_NAME})")
+_CALLED: Final = re.compile(rf"(?<![\w$.])(?:{_NAME})(?=[ \t]*+\()")
+_DEFINED: Final = re.compile(rf"{_LINE}(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})")
+_DATA: Final = re.compile(rf"{_LINE}DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?")
+_GLOBAL: Final = re.compile(r"(?i)[^;\r\n\"={]*\bGLOBAL\b")
+_IMPORT: Final = re.compile(
+    rf"{_LINE}(?:DECL[ \t]++)?IMPORT\b[^;\r\n]*?(\$?\w++)(?:\[[^\]\r\n]*\])?[ \t]++IS\b"
+    r"[^;\r\n]*\.\.[ \t]*+(\$?\w++)"
+)
 _LINE_END: Final = re.compile(r"\r\n?|\n")
-_NO_NAME: Final = re.compile(r"\{[^{}]*\}|\"[^\"]*\"|;.*|\[[^\]]*\]")
+_BRACES: Final = re.compile(r"\{[^{}]*\}")
+_NO_NAME: Final = re.compile(r"\"[^\"]*\"|;.*|\[[^\]]*\]")
 """Parts of a line that have no name which the line declares."""
 _NO_DATA: Final = re.compile(
     r"(?i)\s*+(?:&|DEFDAT\b|EXT|(?:DECL[ \t]++)?(?:ENUM|STRUC|SIGNAL|IMPORT)\b)|[^;\r\n]*\bGLOBAL\b"
@@ -526,9 +544,13 @@ def _find_private_names(text: str) -> Iterator[str]:
 
 
 def _list_declared(line: str) -> Iterator[str]:
-    """Yield the names that a line declares, or of whose elements it has one: the last word of each part."""
-    for part in _NO_NAME.sub("", line).split(","):
-        yield from re.findall(_NAME, part.partition("=")[0])[-1:]
+    """Yield the names that a line declares, or of whose elements or fields it has one."""
+    plain, count = _NO_NAME.sub("", line), 1
+    while count:  # braces within one another, from the inside
+        plain, count = _BRACES.subn("", plain)
+    for part in plain.split(","):
+        if match := re.search(rf"({_NAME})(?:\.\w++)*\s*+\Z", part.partition("=")[0]):
+            yield match[1]
 
 
 def _find_shared_names(text: str) -> Iterator[str]:
@@ -547,9 +569,7 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
     programs = [_DEFINED.search(each.text) for each in sources if not each.name.lower().endswith(".dat")]
     main, *others = [capitalise(match[1]) if match else "" for match in programs] or [""]
     _note_names(machine, sources)
-    # further programs of a single routine, so that no other routine changes their data
-    found = (_DEFINED.findall(each.text) for each in sources[1:] if not _DATA.search(each.text))
-    routines = {capitalise(each[0]): capitalise(each[0]) for each in found if len(each) == 1}
+    renamed = _rename_local_routines(sources)
     for index, source in enumerate(sources):
         is_config = source.name.lower().endswith("config.dat")
         data = _DATA.search(source.text) if index else None
@@ -567,12 +587,47 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
             # Of the data of another program, only those declared as GLOBAL are data of this one.
             spans = zip(starts.tolist(), ends.tolist(), strict=True)
             seen = np.array([bool(_GLOBAL.match(source.text, *each)) for each in spans], dtype=np.bool_)
-            if routine := routines.get(capitalise(data[1])):
-                machine.add_statements(index, starts[~seen], ends[~seen], declares=kind, routine=routine)
+            if machine.owners.get(index):
+                machine.add_statements(index, starts[~seen], ends[~seen], declares=kind)
             starts, ends = starts[seen], ends[seen]
-        machine.add_statements(index, starts, ends, declares=kind if declares else "")
-    imported = frozenset(capitalise(name) for each in sources for name in _IMPORT.findall(each.text))
-    machine.forget_anytime(imported, "another program imports the name, and may change it", _REMEDY)
+        translate = partial(_translate_renamed, renamed=renamed[index]) if renamed.get(index) else None
+        machine.add_statements(index, starts, ends, declares=kind if declares else "", translate=translate)
+    imported = {capitalise(name) for each in sources for pair in _IMPORT.findall(each.text) for name in pair}
+    owners = {f"{OF_ROUTINE}{owner}" for each in machine.owners.values() for owner in each.values()}
+    names = frozenset(f"{name}{owner}" for name in imported for owner in ("", *owners))
+    machine.forget_anytime(names, "a program imports the name of another one, and may change it", _REMEDY)
+
+
+def _rename_local_routines(sources: tuple[Source, ...]) -> dict[int, dict[str, str]]:
+    """Return new names of routines that are known in one file only, by the index of each file.
+
+    KSS: other files know the first routine of a file, and those that are GLOBAL.
+    """
+    routines = {
+        i: [(bool(word), capitalise(name)) for word, name in _ROUTINES.findall(each.text)]
+        for i, each in enumerate(sources)
+        if not _DATA.search(each.text)
+    }
+    visible = {
+        name for found in routines.values() for k, (is_global, name) in enumerate(found) if is_global or not k
+    }
+    local = {i: {name for is_global, name in found[1:] if not is_global} for i, found in routines.items()}
+    renamed = dict[int, dict[str, str]]()
+    for i, own in local.items():
+        known = visible | {name for _, name in routines[i]}
+        others = set[str]().union(*(each for k, each in local.items() if k != i)) - known
+        renamed[i] = {name: f"{name}{IN_MODULE}99" for name in others}
+        renamed[i] |= {name: f"{name}{IN_MODULE}{i}" for name in own if i}
+    return renamed
+
+
+def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, Op]]:
+    """Return the operations of a statement in which routines of one file have other names."""
+
+    def rename(match: re.Match[str]) -> str:
+        return renamed.get(capitalise(match[0]), match[0])
+
+    return LANGUAGE.translate(_CALLED.sub(rename, masked))
 
 
 def _note_names(machine: Machine, sources: tuple[Source, ...]) -> None:
@@ -594,8 +649,12 @@ def _note_names(machine: Machine, sources: tuple[Source, ...]) -> None:
     of_main = private.get(capitalise(programs[0][1]), set()) if programs[0] else set()
     for index, source in enumerate(sources[1:], 1):
         if not data[source.name] and (match := programs[index]):
-            own = private.get(capitalise(match[1]), set())
-            machine.own_names[index] = frozenset(of_main | own)
+            name = capitalise(match[1])
+            own = dict.fromkeys(private.get(name, ()), f"file{index}")
+            machine.owners[index] = dict.fromkeys(of_main, OTHER_FILES) | own
+            for k, each in enumerate(sources):
+                if own and (found := data[each.name]) and capitalise(found[1]) == name:
+                    machine.owners[k] = own
 
 
 LANGUAGE: Final = ir.Language(
@@ -619,7 +678,7 @@ LANGUAGE: Final = ir.Language(
     r"|STR(?:ADD|CLEAR|COMP|COPY|DECLLEN|FIND|LEN)|S(?:VEL|ACC)_(?:JOINT|CP)|SAPO(?:_PTP)?|SORI_TYP"
     r"|S(?:GEAR_)?JERK|SLOAD|SIPO_MODE|SCIRC_TYPE|USE_CM_PRO_VALUES|SET_CD_PARAMS|(?:SET|CLEAR|EXISTS)_KRL(?:MSG|DLG)"
     r"|MSG(?:NOTIFY|QUIT|STATE|LOG)|C(?:OPEN|CLOSE)|P00"
-    r"|EKI_(?:INIT|OPEN|CLOSE|CLEAR\w*|CHECK\w*|LOCK|UNLOCK|SEND|SET\w+)|ARC(?:MAINNG|GET\w+)|LSR\w+|GASDELAY",
+    r"|EKI_(?:INIT|OPEN|CLOSE|CLEAR(?:BUFFER)?|CHECK(?:BUFFER)?|LOCK|UNLOCK|SEND|SET(?:BOOL|INT|REAL|STRING|FRAME))|ARC(?:MAINNG|GET\w+)|LSR\w+|GASDELAY",
     motion=r"\b(?:S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?)(?!\w)",
     remedy=_REMEDY,
     undeclared="send the .dat that declares the name, and $config.dat; or write the numbers",
@@ -692,7 +751,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (r"BAS\(#(?P<function>\w+)(?:,(?P<argument>.+))?\)", _translate_bas),
         (
-            r"(?:@{name}=)?(?:RSI|ST)_(?P<action>ON|OFF|MOVECORR)\((?P<arguments>.*)\)",
+            r"(?:@{name}=)?(?P<function>(?:RSI|ST)_(?P<action>ON|OFF|MOVECORR))\((?P<arguments>.*)\)",
             _translate_sensor,
         ),
         (r"(?:PTP_)?SPLINE(?P<rest>(?: .*)?)", _translate_spline),
@@ -702,13 +761,14 @@ LANGUAGE: Final = ir.Language(
             _translate_declaration,
         ),
         (
-            rf"(?:(?P<status>{_NAME})=)?(?:EKI_GET\w+|[CS]READ|KRL_(?:[FS]SCANF|FGETS|FREAD)|CAST_(?:TO|FROM)|STRTO(?:INT|REAL))\((?P<arguments>.*)\)",
+            rf"(?:(?P<status>{_NAME})=)?(?P<function>EKI_GET(?:BOOL|INT|REAL|STRING|FRAME)(?:ARRAY)?|[CS]READ|KRL_(?:[FS]SCANF|FGETS|FREAD)|CAST_(?:TO|FROM)|STRTO(?:INT|REAL))\((?P<arguments>.*)\)",
             _translate_reading,
         ),
         (
             rf"(?P<name>{_NAME})=(?P<function>INVERSE|FORWARD)\((?P<arguments>[^()]*),(?P<status>{_NAME})\)",
             _translate_kinematics,
         ),
+        (r"TS_\w*(?:CALC|CORR)\w*\(.*\)", _translate_search),
         (r"@{name}\(.*\)", lambda line: line.read_expression(line.text)),
         (rf"(?P<name>{_NAME})(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _translate_assignment),
         (

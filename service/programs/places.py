@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from sys import intern
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from jointstiff.service.programs.columns import OF_ROUTINE, Cause, get_array_name
 from jointstiff.service.programs.errors import WRITE_NUMBERS
@@ -20,17 +21,23 @@ class At(NamedTuple):
     source: int = 0  # index of the file
 
 
+OTHER_FILES: Final = "others"
+"""Owner of names that mean one variable in all files but the first."""
+
+
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """Routine, and the names of its local variables."""
+    """Routine, the names of its local variables, and the owners of names that mean data of single files."""
 
     routine: str
     names: set[str] = field(default_factory=set)
+    owners: Mapping[str, str] = field(default_factory=dict)
 
     def qualify(self, name: str) -> str:
-        """Return a name, with the routine's name appended if the name is a local variable of the routine."""
-        is_local = get_array_name(get_structure_name(name)) in self.names
-        return f"{name}{OF_ROUTINE}{self.routine}" if is_local else name
+        """Return a name, with its routine appended if it is a local variable, or with its owner."""
+        variable = get_array_name(get_structure_name(name))
+        owner = self.routine if variable in self.names else self.owners.get(variable, "")
+        return f"{name}{OF_ROUTINE}{owner}" if owner else name
 
 
 @dataclass(frozen=True, slots=True)

@@ -111,11 +111,15 @@ def _translate_call(line: Line) -> list[Op]:
     """Return the operations of a call; a call that moves the robot becomes an uncorrected move."""
     name = line["name"]
     found = line.read_expression(line.text)
+    own = ir.Call(name, harmless=True)  # of the program itself
     if _END_OF_LASTING.fullmatch(name):
-        return [*(op for op in found if not _is_call_of(name, op)), ir.end_lasting(_find_kind(name))]
+        return [own, *(op for op in found if not _is_call_of(name, op)), ir.end_lasting(_find_kind(name))]
     if not _MOVES_WITHOUT_TARGET.fullmatch(name):
         return found
-    found = [op for op in found if not _is_call_of(name, op)]  # no function of the controller sets the tool
+    found = [
+        own,
+        *(op for op in found if not _is_call_of(name, op)),
+    ]  # no function of the controller sets the tool
     reason, remedy = f"{name} moves the robot without a target", "use movej, movel, movep or movec"
     if _LASTING.fullmatch(name):
         found.append(ir.begin_lasting(_find_kind(name), reason, remedy))
@@ -240,7 +244,7 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
 
 LANGUAGE: Final = ir.Language(
     opening=r"(?<!\w)p?\s*\[\s*(?:d2r\s*\(\s*)?",
-    fixed_words=frozenset({"d2r"}),
+    fixed_words=frozenset({"d2r", "get_inverse_kin", "pose_trans"}),
     suffixes=".script .urscript",
     pose=POSE,
     comment=r"#[^\r\n]*+",

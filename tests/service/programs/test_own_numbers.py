@@ -8,6 +8,7 @@ from support.written_programs import rewritten, targets_of
 from jointstiff.service.kinds.program.loads import read_load_table
 from jointstiff.service.kinds.program.work import decompress_file
 from jointstiff.service.problems import FilesError
+from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import list_moves, read_program
 
 KRL = """DEF a()
@@ -75,13 +76,13 @@ def test_a_remark_says_why_a_move_has_numbers_of_its_own():
     assert remarks[6] == f"where the move is corrected, numbers replace 'xp1': {reason} 4"
 
 
-def test_a_point_of_all_programs_stays_and_the_move_gets_its_numbers():
+def test_a_point_that_other_programs_may_set_is_left():
     config = DAT.replace("DEFDAT a", "DEFDAT $CONFIG PUBLIC").replace("XP2", "XP3")
-    text = KRL.replace("LIN XP2\n", "")
-    program = read(text, ("$config.dat", config))
-    source, data = moved(program, 1.0)
-    assert data == config
-    assert source.count("X 2.5000") == 2
+    with pytest.raises(ProgramError) as refused:
+        read(KRL.replace("LIN XP2\n", ""), ("$config.dat", config))
+    assert {fault.reason for fault in refused.value.faults} == {
+        "the target 'XP1' is not given by constant numbers: the declaration is shared with other programs"
+    }
 
 
 MODULE = """MODULE m
