@@ -141,7 +141,7 @@ class Columns:
             own: these own numbers of moves; their declarations stay as they are.
         """
         self._format, self._sources, self._numerals, self._language = kind, sources, numerals, language
-        self._own = tuple(own)
+        self._own, self._own_labels = tuple(own), {each.label for each in own}
         self.spelled: dict[str, str] = {}  # names as the program writes them
         self._remarks: list[Remark] = []
         self._left: list[tuple[ReadMove, Cause]] = []
@@ -248,7 +248,7 @@ class Columns:
         if unknown:
             self._target_causes.setdefault(index, unknown)
             return
-        if target.label in {each.label for each in self._own}:  # its declaration stays as it is
+        if target.label in self._own_labels:  # its declaration stays as it is
             return
         name = quote_text(_get_plain_name(target.label))
         text = (

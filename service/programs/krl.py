@@ -524,7 +524,7 @@ _DEFINED: Final = re.compile(rf"{_LINE}(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[
 _DATA: Final = re.compile(rf"{_LINE}DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?")
 _GLOBAL: Final = re.compile(r"(?i)[^;\r\n\"={]*\bGLOBAL\b")
 _IMPORT: Final = re.compile(
-    rf"{_LINE}(?:DECL[ \t]++)?IMPORT\b[^;\r\n]*?(\$?\w++)(?:\[[^\]\r\n]*\])?[ \t]++IS\b"
+    rf"{_LINE}(?:DECL[ \t]++)?IMPORT[ \t]++\w++[ \t]++(\$?\w++)(?:\[[^\]\r\n]*+\])?[ \t]++IS[ \t]++"
     r"[^;\r\n]*\.\.[ \t]*+(\$?\w++)"
 )
 _LINE_END: Final = re.compile(r"\r\n?|\n")
@@ -532,7 +532,7 @@ _BRACES: Final = re.compile(r"\{[^{}]*\}")
 _NO_NAME: Final = re.compile(r"\"[^\"]*\"|;.*|\[[^\]]*\]")
 """Parts of a line that have no name which the line declares."""
 _NO_DATA: Final = re.compile(
-    r"(?i)\s*+(?:&|DEFDAT\b|EXT|(?:DECL[ \t]++)?(?:ENUM|STRUC|SIGNAL|IMPORT)\b)|[^;\r\n]*\bGLOBAL\b"
+    r"(?i)\s*+(?:&|DEFDAT\b|EXT|(?:DECL[ \t]++)?(?:ENUM|STRUC|SIGNAL|IMPORT)\b)|[^;\r\n\"={]*\bGLOBAL\b"
 )
 
 
