@@ -568,8 +568,10 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
     """
     programs = [_DEFINED.search(each.text) for each in sources if not each.name.lower().endswith(".dat")]
     main, *others = [capitalise(match[1]) if match else "" for match in programs] or [""]
-    _note_names(machine, sources)
-    renamed = _rename_local_routines(sources)
+    renamed = dict[int, dict[str, str]]()
+    if len(sources) > 1:
+        _note_names(machine, sources)
+        renamed = _rename_local_routines(sources)
     for index, source in enumerate(sources):
         is_config = source.name.lower().endswith("config.dat")
         data = _DATA.search(source.text) if index else None
@@ -592,7 +594,8 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
             starts, ends = starts[seen], ends[seen]
         translate = partial(_translate_renamed, renamed=renamed[index]) if renamed.get(index) else None
         machine.add_statements(index, starts, ends, declares=kind if declares else "", translate=translate)
-    imported = {capitalise(name) for each in sources for pair in _IMPORT.findall(each.text) for name in pair}
+    files = sources[1:]  # a program alone imports nothing that changes here
+    imported = {capitalise(name) for each in files for pair in _IMPORT.findall(each.text) for name in pair}
     owners = {f"{OF_ROUTINE}{owner}" for each in machine.owners.values() for owner in each.values()}
     names = frozenset(f"{name}{owner}" for name in imported for owner in ("", *owners))
     machine.forget_anytime(names, "a program imports the name of another one, and may change it", _REMEDY)
