@@ -463,7 +463,7 @@ export const later = {
     kind: "Compensated program",
     form: "Compensate a program",
     formNote:
-      "Correct the targets so that the loaded tool reaches the programmed points: numbers change, or replace names. Lines that are not understood are listed.",
+      "Correct the targets so that the loaded tool reaches the programmed points. Lines that are not understood are listed.",
     drop: "Drop the program here",
     dropHint: "KUKA .src with its .dat, FANUC .LS, ABB .mod, UR script or CSV.",
     choose: "Choose a program",
