@@ -85,10 +85,20 @@ _MAX_COMMON: Final = 8
 
 def get_array_name(name: str) -> str:
     """Return the name of the array to which an element belongs: `P` for `P[1]`; else the name."""
-    if "[" not in name:
+    return _cut_name(name, "[")
+
+
+def get_structure_name(name: str) -> str:
+    """Return the name of the structure to which a field belongs: `FP1` for `FP1.TOOL`; else the name."""
+    return _cut_name(name, ".")
+
+
+def _cut_name(name: str, sign: str) -> str:
+    """Return a name without what follows a sign in the name; the name of its routine stays."""
+    if sign not in name:
         return name
     variable, separator, routine = name.partition(OF_ROUTINE)
-    return variable.partition("[")[0] + separator + routine
+    return variable.partition(sign)[0] + separator + routine
 
 
 def is_without_axes(axes: FloatArray) -> bool:

@@ -73,11 +73,11 @@ class ControlFlow:
             if isinstance(op, ir.Flow):
                 self._add_operation(i, op)
             self.routine_of.append(self.ends.get(i, self._open_routines[-1]))
-        self._append_missing_ends(ops)
+        self._append_missing_ends()
         self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # indices of each routine's operations
         for i, name in enumerate(self.routine_of):
             self.bodies[name].append(i)
-        self._link_jumps(names)
+        self._link_jumps()
         self.uncertain |= {
             self.begins[routine]: fault
             for routine, fault in self.faulty_routines.items()
@@ -89,7 +89,7 @@ class ControlFlow:
         if handles_errors or any(isinstance(op, ir.Flow) and op.kind == "resume" for op in ops):
             self._add_error_exits()
 
-    def _append_missing_ends(self, ops: list[Op]) -> None:
+    def _append_missing_ends(self) -> None:
         """Append the ends of routines and blocks that are open at the end of the text, which may be cut."""
         while self._open_blocks:
             block = self._open_blocks[-1]
@@ -98,15 +98,16 @@ class ControlFlow:
                 self._note_missing_end(block)
                 for label in chain(*self._labels[self._open_routines[-1]].values()):
                     self.uncertain.setdefault(label, block.begin)  # what is cut may jump there
-            ops.append(ir.Flow(kind))
-            self._end_block(len(ops) - 1, kind)
-            self.routine_of.append(self.ends.get(len(ops) - 1, self._open_routines[-1]))
+            self._ops.append(ir.Flow(kind))
+            end = len(self._ops) - 1
+            self._end_block(end, kind)
+            self.routine_of.append(self.ends.get(end, self._open_routines[-1]))
 
-    def _link_jumps(self, names: list[str]) -> None:
+    def _link_jumps(self) -> None:
         """Add the label of each jump to its successors; for a computed jump, all labels of its routine."""
         for i in self._jumps:
             labels = self._labels[self.routine_of[i]]
-            places = labels[names[i]] if names[i] in labels else [*chain(*labels.values())]
+            places = labels[self._names[i]] if self._names[i] in labels else [*chain(*labels.values())]
             if not places:
                 self._note_fault(
                     i, self.routine_of[i], "the label of a jump does not exist", "write the label"

@@ -28,6 +28,7 @@ from jointstiff.service.programs.columns import (
     Frames,
     WrittenNumbers,
     get_array_name,
+    get_structure_name,
     is_without_axes,
 )
 from jointstiff.service.programs.control_flow import ControlFlow, UnmatchedEnd
@@ -40,7 +41,7 @@ from jointstiff.service.programs.errors import (
 )
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals, Orientation, calculate, iterate_integers
-from jointstiff.service.programs.places import OTHER_FILES, At, Place, Scope, find_place, get_structure_name
+from jointstiff.service.programs.places import OTHER_FILES, At, Place, Scope, find_place
 from jointstiff.service.programs.program import FrameName, Literal, OwnNumbers, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 

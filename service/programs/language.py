@@ -335,9 +335,7 @@ class Language:
     # pattern of the text before the first number of a target in numbers; empty if no move can state numbers
     opening: str = ""
     end_of_statement: str = ""  # sign at the end of each statement; empty if statements end with their line
-    fixed_words: frozenset[str] = (
-        frozenset()
-    )  # constants and functions that no program may give a new meaning
+    fixed_words: frozenset[str] = frozenset()  # constants and functions that no program may redefine
     longest_line: int = 4096  # characters of a line that the controller reads
     suffixes: str = ""  # suffixes of the names of its files, separated by blanks
     pose: Notation | None = None  # notation in which users write frames; None for the notation of the program

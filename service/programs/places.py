@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from sys import intern
 from typing import Final, NamedTuple
 
-from jointstiff.service.programs.columns import OF_ROUTINE, Cause, get_array_name
+from jointstiff.service.programs.columns import OF_ROUTINE, Cause, get_array_name, get_structure_name
 from jointstiff.service.programs.errors import WRITE_NUMBERS
 from jointstiff.service.programs.language import Name
 from jointstiff.solver.arrays import FloatArray
@@ -75,14 +75,6 @@ class Place:
         name_with_number = self.scope.qualify(template % (f"{value:g}" if value.is_integer() else "\0"))
         # One copy of each name; names of fields are used once or twice, and are not stored.
         return name_with_number if "." in template else intern(name_with_number)
-
-
-def get_structure_name(name: str) -> str:
-    """Return the name of the structure to which a field belongs: `FP1` for `FP1.TOOL`; else the name."""
-    if "." not in name:
-        return name
-    variable, separator, routine = name.partition(OF_ROUTINE)
-    return variable.partition(".")[0] + separator + routine
 
 
 def find_place(cause: Cause) -> At:

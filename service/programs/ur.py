@@ -116,10 +116,8 @@ def _translate_call(line: Line) -> list[Op]:
         return [own, *(op for op in found if not _is_call_of(name, op)), ir.end_lasting(_find_kind(name))]
     if not _MOVES_WITHOUT_TARGET.fullmatch(name):
         return found
-    found = [
-        own,
-        *(op for op in found if not _is_call_of(name, op)),
-    ]  # no function of the controller sets the tool
+    # No function of the controller sets the tool.
+    found = [own, *(op for op in found if not _is_call_of(name, op))]
     reason, remedy = f"{name} moves the robot without a target", "use movej, movel, movep or movec"
     if _LASTING.fullmatch(name):
         found.append(ir.begin_lasting(_find_kind(name), reason, remedy))
