@@ -1,6 +1,6 @@
 /// <reference types="node" />
 import { readdirSync, readFileSync, writeFileSync } from "node:fs";
-import { gzipSync } from "node:zlib";
+import { brotliCompressSync, gzipSync } from "node:zlib";
 import { defineConfig, type Plugin } from "vite";
 
 // The page is served by the service itself, under a content security policy without inline code: no
@@ -17,7 +17,7 @@ const SHARED = new RegExp(
 const START =
   /src\/(?:views\/(?:start|flow|runs|open_campaigns)|components\/schema_form|state\/(?:begun|opening)|lib\/(?:campaign|imports))\.tsx?$/;
 
-/** Each asset is packed once, beside it, so that the service has nothing to compress. */
+/** Pack each asset once, next to it, so that the service has nothing to compress. */
 const packed: Plugin = {
   name: "packed-assets",
   apply: "build",
@@ -32,7 +32,9 @@ const packed: Plugin = {
     );
     for (const name of names) {
       const content = readFileSync(new URL(name, folder));
-      if (content.length > 1024) writeFileSync(new URL(`${name}.gz`, folder), gzipSync(content, { level: 9 }));
+      if (content.length <= 1024) continue;
+      writeFileSync(new URL(`${name}.gz`, folder), gzipSync(content, { level: 9 }));
+      writeFileSync(new URL(`${name}.br`, folder), brotliCompressSync(content)); // the greatest quality by default
     }
   },
 };

@@ -37,6 +37,9 @@ DOCS_HEADERS: Final = SECURITY_HEADERS | {
 }
 """Headers of the documentation: those of the page, but forms are allowed, to search the documentation."""
 
+PACKED: Final = {"br": ".br", "gzip": ".gz"}
+"""Endings of the packed forms of a file by their content codings, the smallest form first."""
+
 _MISSING_PAGE = "The dashboard is not built: install the package again (scripts/setup). The API is at /v1.\n"
 _MISSING_DOCS = """<!doctype html>
 <html lang="en"><meta name="viewport" content="width=device-width"><title>Documentation · Jointstiff</title>
@@ -66,22 +69,27 @@ class _Files(StaticFiles):
 
 
 class _Assets(_Files):
-    """Static files with a hash in their names, which never change; each also exists packed, as `NAME.gz`."""
+    """Static files with a hash in their names, which never change, each with its packed forms."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Return a file, in its packed form if the browser accepts gzip."""
+        """Return a file in the smallest form that the browser accepts; only over TLS is this form Brotli."""
+        accepted = Headers(scope=scope).get("accept-encoding", "").replace(" ", "").split(",")
         try:
-            is_packed = (await run_sync(self.lookup_path, f"{path}.gz"))[1] is not None
+            codings = [
+                coding
+                for coding, ending in PACKED.items()
+                if coding in accepted and (await run_sync(self.lookup_path, path + ending))[1] is not None
+            ]
         except (OSError, ValueError):  # the operating system does not accept this file name
             raise HTTPException(404) from None
-        sends_packed = is_packed and "gzip" in Headers(scope=scope).get("accept-encoding", "")
-        response = await super().get_response(f"{path}.gz" if sends_packed else path, scope)
-        if sends_packed:
-            response.headers["Content-Encoding"] = "gzip"
+        coding = codings[0] if codings else None
+        response = await super().get_response(path + PACKED[coding] if coding else path, scope)
+        if coding:
+            response.headers["Content-Encoding"] = coding
             response.headers["Content-Type"] = guess_type(path)[0] or "application/octet-stream"
+            response.headers["Vary"] = "Accept-Encoding"
         # The long Content-Security-Policy is for the page alone; these files get the short default policy.
         response.headers["Cache-Control"] = "public, max-age=31536000, immutable"
-        response.headers["Vary"] = "Accept-Encoding"
         return response
 
 

@@ -4,12 +4,12 @@ import asyncio
 import math
 import re
 import time
-import zlib
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 from uuid import uuid4
 
 import httpx2
+import pyarrow
 import pytest
 from fastapi import FastAPI
 from hypothesis import HealthCheck, Phase
@@ -182,17 +182,25 @@ def test_what_is_built_while_the_service_runs_is_served(tmp_path):
     assert [(answer.status_code, answer.text) for answer in after] == [(200, "built")] * 3
 
 
-def test_files_of_the_page_are_packed_for_browsers_that_take_it(client):
+@pytest.mark.parametrize(
+    ("accepted", "coding"),
+    [("gzip, deflate", "gzip"), ("gzip, deflate, br, zstd", "br"), ("zstd", None), ("", None)],
+)
+def test_files_of_the_page_are_sent_in_the_smallest_form_that_a_browser_accepts(client, accepted, coding):
     file = re.findall(r"src=\"\./(assets/[^\"]+)\"", client.get("/").text)[0]
-    with client.stream("GET", f"/{file}", headers={"Accept-Encoding": "gzip"}) as answer:
-        assert answer.headers["content-encoding"] == "gzip"
+    with client.stream("GET", f"/{file}", headers={"Accept-Encoding": accepted}) as answer:
+        assert answer.headers.get("content-encoding") == coding
         assert "javascript" in answer.headers["content-type"]
         assert answer.headers["vary"] == "Accept-Encoding"
-        packed = b"".join(answer.iter_raw())
+        sent = b"".join(answer.iter_raw())
     plain = client.get(f"/{file}", headers={"Accept-Encoding": "identity"})
     assert "content-encoding" not in plain.headers
-    assert zlib.decompress(packed, 31) == plain.content
-    assert len(packed) < len(plain.content) / 2
+    if coding is None:
+        assert sent == plain.content
+    else:
+        codec = {"br": "brotli"}.get(coding, coding)
+        assert pyarrow.decompress(sent, len(plain.content), codec, asbytes=True) == plain.content
+        assert len(sent) < len(plain.content) / 2
 
 
 @EITHER_DATABASE
