@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NoReturn
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
@@ -82,7 +82,7 @@ class Database:
         # instead, which halves the waiting time and avoids very long waits.
         self._writer_slots = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
         self._last_wait_failed = False  # True after a writer waited in vain: the next writer waits less long
-        self._is_read_only = self._is_closed = False
+        self._is_read_only = False
         self._away_until = 0.0  # monotonic time before which a silent server is not tried again
         sa.event.listen(reader, "checkin", self._close_if_unusable)
 
@@ -116,16 +116,15 @@ class Database:
 
     def close(self) -> None:
         """Close all connections; a connection that a thread still uses is closed afterwards."""
-        self._is_closed = True
-        self._reader.dispose()
+        dispose(self._reader)
 
     def _close_if_unusable(self, _: object, record: sa.pool.ConnectionPoolEntry) -> None:
-        """Close a connection that returns to the pool if the database is closed or was found read-only.
+        """Close a connection that returns to the pool if the database was found read-only.
 
         If an SQLite file was read-only when a connection was opened, new connections of this process are
         read-only, too, until all connections are closed.
         """
-        if self._is_read_only or self._is_closed:
+        if self._is_read_only:
             record.invalidate()
 
     @contextmanager
@@ -239,6 +238,17 @@ def make_engine(url: str, connections: int) -> sa.Engine:
     engine = sa.create_engine(parsed, hide_parameters=True, pool_size=connections, max_overflow=0)
     sa.event.listen(engine, "connect", _configure_transactions)
     return engine
+
+
+def dispose(engine: sa.Engine) -> None:
+    """Close all connections of an engine for good; one that a thread still uses is closed afterwards."""
+
+    def refuse(*_: object) -> NoReturn:
+        raise RuntimeError("the database is closed")
+
+    sa.event.listen(engine, "checkin", lambda _, record: record.invalidate())
+    sa.event.listen(engine, "do_connect", refuse, insert=True)
+    engine.dispose()
 
 
 def open_existing(url: str) -> Database:

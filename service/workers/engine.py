@@ -24,7 +24,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from jointstiff.service.jobs import PARTS_AT_ONCE, Part
 from jointstiff.service.problems import StoreError
-from jointstiff.service.store.database import make_engine
+from jointstiff.service.store.database import dispose, make_engine
 from jointstiff.service.store.store import Store
 
 ATTEMPTS: Final = 5
@@ -83,7 +83,7 @@ class Queue:
                 lazy=True,
             )
         except SQLAlchemyError as error:
-            self._engine.dispose()
+            dispose(self._engine)
             cause = str(getattr(error, "orig", None) or error).strip().splitlines()[0]
             raise StoreError(
                 f"the tables of the queue cannot be created or used ({cause[:200]})",
@@ -93,7 +93,7 @@ class Queue:
     def close(self) -> None:
         """Disconnect from the database."""
         self._client.destroy()
-        self._engine.dispose()
+        dispose(self._engine)
 
     def enqueue(self, connection: Connection, job_id: str) -> None:
         """Add the first part of a new job, in the transaction that stores the job."""

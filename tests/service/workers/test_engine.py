@@ -2,9 +2,11 @@
 
 import base64
 import pickle
+import sqlite3
 import threading
 from contextlib import closing, contextmanager
 
+import psycopg
 import pytest
 import sqlalchemy as sa
 from support.jobs import run_request, runs_of, stored_set
@@ -55,6 +57,17 @@ def changed(store, sql, **values):
 
 def rows(queue):
     return {each.workflow_id: (each.status, each.recovery_attempts) for each in queue._list_rows()}
+
+
+def test_a_connection_that_a_thread_gives_back_after_the_end_is_closed(store, database_url):
+    """DBOS is not waited for: its threads may be in the middle of a query."""
+    queue = Queue(store, database_url)
+    late = queue._engine.connect()
+    held = late.connection.driver_connection
+    queue.close()
+    late.close()
+    with pytest.raises((sqlite3.ProgrammingError, psycopg.OperationalError), match="closed"):
+        held.execute("SELECT 1")
 
 
 def test_a_run_is_carried_out_and_ends_with_the_numbers_of_one_process(store, queue, working, monkeypatch):
