@@ -256,10 +256,16 @@ class Deflection(ABC):
     """Deflections of B load cases by a forward model, axes of R0."""
 
     model: ForwardModel  #: model with p compliances
-    #: (B, 6) displacements of the places [m], then rotation vectors of the flange [rad]
-    motion: FloatArray
+    cases: LoadCases  #: loads and places
+    unloaded: Postures  #: postures without the loads
     place: FloatArray  #: (B, 3) loaded places in R0 [m]
     axes: FloatArray  #: (B, 3, 3) axes of the flange in R0, under load
+
+    @cached_property
+    def motion(self) -> FloatArray:
+        """(B, 6) displacements of the places [m], then rotation vectors of the flange [rad]."""
+        place = self.unloaded.to_base(self.cases.place[:, None])[:, 0]
+        return _compute_pose_difference(place, self.unloaded.flange_rotation, self.place, self.axes)
 
     @property
     def displacement(self) -> FloatArray:

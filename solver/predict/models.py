@@ -169,19 +169,17 @@ class JointModel(ForwardModel):
             self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded
         )
         loaded = equilibrium.loaded
-        unloaded_place = unloaded.to_base(cases.place[:, None])
         reached = loaded.to_base(cases.place[:, None])
         jacobian = loaded.pose_jacobian_at(reached)
         # The last step of the balance is added to first order, which saves another computation of kinematics.
         pose_step = (jacobian @ equilibrium.step[..., None])[..., 0]
         axes = loaded.flange_rotation + skew(pose_step[:, 3:]) @ loaded.flange_rotation
-        rotation = rotation_vectors(axes, unloaded.flange_rotation)
         return JointDeflection(
             model=self,
-            motion=np.concatenate([(reached - unloaded_place)[:, 0] + pose_step[:, :3], rotation], axis=1),
+            cases=cases,
+            unloaded=unloaded,
             place=reached[:, 0] + pose_step[:, :3],
             axes=axes,
-            cases=cases,
             balance=equilibrium,
             jacobian=jacobian,
         )
@@ -310,7 +308,6 @@ class JointDeflection(Deflection):
     """Deflections due to elastic joints; `rows` and `compliance` hold in the loaded posture."""
 
     model: JointModel
-    cases: LoadCases  #: loads and places
     balance: Balance  #: balance of springs and loads
     jacobian: FloatArray  #: (B, 6, n) jacobian of the places [m/rad, then rad/rad], in the loaded posture
 
@@ -534,7 +531,8 @@ class ElasticPredictor(ForwardModel):
         motion = motion if share is None else share[:, None] * motion
         return ElasticDeflection(
             model=self,
-            motion=motion,
+            cases=cases,
+            unloaded=unloaded,
             place=place[:, 0] + motion[:, :3],
             axes=Rotation.from_rotvec(motion[:, 3:]).as_matrix() @ unloaded.flange_rotation,
             jacobian=jacobian,

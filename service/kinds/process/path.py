@@ -25,7 +25,7 @@ from jointstiff.service.programs.program import Program
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
-from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.process.path import ProcessPath
 from jointstiff.solver.process.sequence import Motion
@@ -208,9 +208,7 @@ def _make_path(
     given = np.full((len(visits.order), robot.n), np.nan)
     arm_angles = targets.values[visits.order, :6] * targets.angle_unit[visits.order, None]
     given[is_joint_target] = inverse.insert_held_joints(arm_angles[is_joint_target])
-    poses = frames.flange_poses(program, visits.order)
-    known = robot.joint_map.model_angles(given[is_joint_target])
-    poses[is_joint_target] = flange_poses(robot, known) if len(known) else poses[is_joint_target]
+    poses = frames.find_flange_poses(program, visits.order, robot, given)
     loads = visits.loads.values[visits.loads.of_visit[visits.first]]
     with as_request_errors("program"):
         axes = find_load_axes(request, frames, visits, poses[number])

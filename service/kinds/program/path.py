@@ -109,6 +109,24 @@ class ProgramFrames:
             flange[block] = self.base.select(targets) @ poses @ self.tool.select_inverse(targets)
         return flange
 
+    def find_flange_poses(
+        self, program: Program, indices: IndexArray, robot: Robot, joints: FloatArray
+    ) -> FloatArray:
+        """Return poses (m, 4, 4) of the flange in R0 [m] for m targets, those in joint angles included.
+
+        Args:
+            program: the program, whose numbers are the poses, without the rounding of a posture.
+            indices: (m,) indices of targets.
+            robot: n joints.
+            joints: (m, n) postures, as the controller shows them [rad or m]; only those of targets in joint
+                angles are used.
+        """
+        poses, is_joint_target = self.flange_poses(program, indices), program.targets.given_as_joints[indices]
+        if is_joint_target.any():
+            angles = robot.joint_map.model_angles(joints[is_joint_target])
+            poses[is_joint_target] = flange_poses(robot, angles)
+        return poses
+
     def positions(self, program: Program, indices: IndexArray) -> FloatArray:
         """Return positions (m, 3) in R0 [m] of m targets, by index; rows of joint targets are meaningless."""
         metres_per_unit = np.array([each.length for each in program.targets.notations])  # in m
@@ -601,7 +619,7 @@ def find_path(
     with as_request_errors("program"):
         first_postures = joints[visits.first]
         # The feed follows the visits, so the poses of all visits are needed.
-        poses = flange_poses(robot, robot.joint_map.model_angles(joints))
+        poses = frames.find_flange_poses(program, visits.targets, robot, joints)
         axes = find_load_axes(options, frames, visits, poses)
         force, moment = turn_loads_to_base(options, axes, loads)
         load_point, place = find_load_points(options, frames, visits.order)

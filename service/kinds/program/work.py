@@ -431,10 +431,11 @@ def _compute_residuals(
     reached = np.ones(len(targets), dtype=np.bool_)
     reached[pose_rows] = pose_reached
     wanted_angles = robot.joint_map.model_angles(cases.joints)
-    wanted_poses = flange_poses(robot, wanted_angles)
-    if path.programmed is None:  # the program's own numbers, without the rounding of a posture
-        programmed = program.targets.values[targets, :NUMBERS]
-        wanted_poses[pose_rows] = frames.flange_poses(program, targets[pose_rows], programmed[pose_rows])
+    wanted_poses = (
+        frames.find_flange_poses(program, targets, robot, cases.joints)
+        if path.programmed is None
+        else flange_poses(robot, wanted_angles)
+    )
     # The loaded robot is near the wanted posture, moved by the rounding of the written numbers.
     start_angles = wanted_angles + written_angles - corrected.q
     return compute_pose_residuals(model, cases, wanted_poses, written_angles, start_angles), reached
