@@ -25,6 +25,7 @@ from jointstiff.service.programs.program import (
     BLOCK,
     NUMBERS,
     WORDS,
+    At,
     ExternalAxes,
     FrameName,
     Literal,
@@ -185,15 +186,15 @@ class Columns:
 
         return show_text(_NAME_OR_TEXT.sub(find_spelling, _ENDING.sub("", text)))
 
-    def add_remark(self, line: int, text: str, target: str = "") -> None:
+    def add_remark(self, at: At, text: str, target: str = "") -> None:
         """Note a statement that is not corrected, and about which the user need not decide."""
         if len(self._remarks) >= MAX_REMARKS:
             self._refuse(
-                line,
+                at.line,
                 f"the program has more than {MAX_REMARKS} lines that cannot be corrected",
                 "split the program",
             )
-        self._remarks.append(Remark(line, text, target))
+        self._remarks.append(Remark(at.line, text, target, at.source))
 
     def _refuse(self, line: int | None, reason: str, remedy: str) -> None:
         """Refuse the whole program.
@@ -265,7 +266,7 @@ class Columns:
             f"the move ends at an offset from {name}, so the end of the move shifts with the correction "
             f"of {name}"
         )
-        self.add_remark(line, self.restore_spelling(text, 0, line))
+        self.add_remark(At(line), self.restore_spelling(text, 0, line))
 
     def add_moves(self, op: Move, source: int, lines: IndexArray, first: IndexArray, frames: Frames) -> None:
         """Add k moves that differ only in the numbers of their single target.
@@ -341,24 +342,23 @@ class Columns:
         """Note why the numbers of a target, which is used on a line, have to stay as they are."""
         self._target_causes.setdefault(self._index_target(target, None, line), cause)
 
-    def list_own_numbers(
-        self, used: Mapping[str, int], external_axes: ExternalAxes
-    ) -> tuple[OwnNumbers, ...]:
+    def list_own_numbers(self, used: Mapping[str, At], external_axes: ExternalAxes) -> tuple[OwnNumbers, ...]:
         """Return the own numbers that moves need because the declaration of their target has to stay.
 
         Args:
-            used: line of use of each name whose numbers are used for something else than targets.
+            used: place of use of each name whose numbers are used for something else than targets.
             external_axes: what the user states on external axes and other groups.
         """
         self._target_indices.clear()  # its memory serves for the columns
         own = {each.label: each for each in self._own}
         for index, name in enumerate(self._names):
-            line = used.get(name) or used.get(get_array_name(name))
+            at = used.get(name) or used.get(get_array_name(name))
             if name and name in own:
                 cause = Cause(own[name].line, own[name].reason, own[name].remedy)
                 self._target_causes.setdefault(index, cause)
-            elif line and name:
-                use = f"the numbers of {quote_text(name)} are also used on line {line}"
+            elif at and name:
+                file = f" of {quote_text(self._sources[at.source].name)}" if at.source else ""
+                use = f"the numbers of {quote_text(name)} are also used on line {at.line}{file}"
                 reason = f"{use}, where their meaning is not certain"
                 self._target_causes.setdefault(index, Cause(0, reason, "use a separate target on that line"))
         labels, self._names = self._names, [_get_plain_name(name) if name else name for name in self._names]
@@ -381,7 +381,7 @@ class Columns:
                 text = f"where the move is corrected, numbers replace {quote_text(own.name)}: {own.reason}"
                 if own.other_line and text.endswith(f" on line {own.line}"):  # the first of two uses
                     text = f"{text.removesuffix(str(own.line))}{own.other_line}"
-                self.add_remark(own.line, text)
+                self.add_remark(At(own.line), text)
 
     def _find_own_numbers(self, labels: Sequence[str]) -> tuple[OwnNumbers, ...]:
         """Return the own numbers of all moves whose targets have to stay; `labels` are the targets' names."""

@@ -41,8 +41,8 @@ from jointstiff.service.programs.errors import (
 )
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals, Orientation, calculate, iterate_integers
-from jointstiff.service.programs.places import OTHER_FILES, At, Place, Scope, find_place
-from jointstiff.service.programs.program import FrameName, Literal, OwnNumbers, Source
+from jointstiff.service.programs.places import OTHER_FILES, Place, Scope, find_place
+from jointstiff.service.programs.program import At, FrameName, Literal, OwnNumbers, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
 _MAX_TRANSLATIONS: Final = 10_000
@@ -109,7 +109,7 @@ class Machine:
         self.sources, self._language, self._trusts_routines = sources, language, trusts_routines
         self.unknown_routines: dict[str, None] = {}  # routines of other files that are not allowed
         self._needs_assumption = False  # whether moves are certain that come behind calls of them
-        self._first_unknown = 0  # first line on which one of them is called
+        self._first_unknown = At()  # first place at which one of them is called
         self._attached_routines: set[str] = set()  # routines of the program that are attached to an event
         self._attached: dict[str, list[str]] = defaultdict(list)  # routines of each event, by its name
         spelled = (each.encode(code, "replace") for each in allowed for code in ("latin-1", "utf-8"))
@@ -142,9 +142,9 @@ class Machine:
         self._noted_offsets: dict[tuple[object, ...], set[str]] = defaultdict(set)
         self._targets: set[str] = set()  # names of the targets of moves
         self._tool_names: set[str] = set()  # names of the tools of moves
-        self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
-        # names from which each name was calculated, with the lines; names of data that the program declares
-        self._origins: dict[str, dict[str, int]] = defaultdict(dict)
+        self._used: dict[str, At] = {}  # place at which a name is used otherwise than as a target
+        # names from which each name was calculated, with the places; names of data that the program declares
+        self._origins: dict[str, dict[str, At]] = defaultdict(dict)
         self._declared: set[str] = set()
         # numbers that assignments give to names; None before they are needed
         self._assigned: dict[str, WrittenNumbers] | None = None
@@ -294,7 +294,7 @@ class Machine:
             elif isinstance(op, ir.Use):
                 into = scope.routine if op.into == ir.RESULT else place.qualify(op.into)
                 noted = self._origins[into] if into else self._used
-                noted.update((place.qualify(name), place.line) for name in op.names)
+                noted.update((place.qualify(name), place.at) for name in op.names)
             elif isinstance(op, ir.Note | ir.Offset | ir.Local):
                 self._add_statement_about_names(place, op)
             elif isinstance(op, ir.Assign) and (declares or op.declares):
@@ -306,7 +306,7 @@ class Machine:
     def _add_statement_about_names(self, place: Place, op: ir.Note | ir.Offset | ir.Local) -> None:
         """Note a remark, a pose at an offset from a target, or local names."""
         if isinstance(op, ir.Note):
-            self.columns.add_remark(place.line, place.make_cause(op.text).reason)
+            self.columns.add_remark(place.at, place.make_cause(op.text).reason)
         elif isinstance(op, ir.Offset):
             self._offsets.append((place, op))
         else:
@@ -457,7 +457,7 @@ class Machine:
         changes = (unknown is not None or is_foreign or is_writer) and not is_own
         changes = changes or any(self._changes_parameters(each, passed) for each in own)
         for parameter in {parameter for each in own for parameter in self._list_parameters(each)}:
-            self._origins[parameter].update((place.scope.qualify(name), place.line) for name in op.passed)
+            self._origins[parameter].update((place.scope.qualify(name), place.at) for name in op.passed)
         given = {place.scope.qualify(name) for name in (op.passed if changes else ())} - self._fixed
         if op.reads_frames and not own:
             given -= self._assume_frames_stay(place, op, given)
@@ -473,7 +473,8 @@ class Machine:
                 self._anytime[UNKNOWN] = unknown
         elif place.qualify(op.name) not in self._attached:
             permission = "the request states that this routine neither moves the robot nor changes frames"
-            self.columns.add_remark(place.line, f"{op.name} is called; {permission}")
+            name = self._restore_spelling(place, str(op.name))
+            self.columns.add_remark(place.at, f"{name} is called; {permission}")
 
     def _assume_frames_stay(self, place: Place, op: ir.Call, given: Collection[str]) -> set[str]:
         """Return the tools that a function of another file gets, and note that they are assumed to stay."""
@@ -481,7 +482,7 @@ class Machine:
         if frames:
             names = ", ".join(map(quote_text, sorted(frames)))
             text = f"it is assumed that the function {quote_text(str(op.name))} only uses {names}"
-            self.columns.add_remark(place.line, text)
+            self.columns.add_remark(place.at, text)
         return frames
 
     def _changes_parameters(self, routine: str, passed: Collection[str]) -> bool:
@@ -516,7 +517,8 @@ class Machine:
         if op.harmless or self._trusts_routines or not unknown:
             return None
         self.unknown_routines |= dict.fromkeys(unknown)
-        self._first_unknown = min(self._first_unknown or place.line, place.line)
+        if not self._first_unknown.line or place.at < self._first_unknown:
+            self._first_unknown = place.at
         quoted = quote_text(unknown[0])
         reason = f"{quoted} is unknown: it may move the robot or change its frames"
         remedy = (
@@ -942,7 +944,7 @@ class Machine:
 
     # moves
 
-    def interpret(self) -> tuple[Columns, dict[str, int], list[Cause]]:
+    def interpret(self) -> tuple[Columns, dict[str, At], list[Cause]]:
         """Read and interpret the program.
 
         States are passed through the routines until none changes; a last pass adds the moves.
@@ -981,7 +983,7 @@ class Machine:
         }
         for cause in self._faults.values():
             self._causes.append(cause)
-            self.columns.add_remark(cause.line, cause.reason)
+            self.columns.add_remark(At(cause.line, cause.source), cause.reason)
         self._collect_changes()
         self._find_new_meanings()
         self._note_names_of_several_routines()
@@ -1020,25 +1022,25 @@ class Machine:
             or not (name in self._declared or name in self._flow.begins or OF_ROUTINE in name)
         ]
         while to_visit:
-            for name, line in self._origins.get(to_visit.pop(), {}).items():
+            for name, at in self._origins.get(to_visit.pop(), {}).items():
                 if name not in self._used:
-                    self._used[name] = line
+                    self._used[name] = at
                     to_visit.append(name)
 
     def _remark_conditions(self) -> None:
         """Add a remark for each target that is corrected and whose numbers decide a condition."""
-        lines = dict(self._origins[ir.CONDITION])
-        to_visit = [*lines]
+        places = dict(self._origins[ir.CONDITION])
+        to_visit = [*places]
         while to_visit:
             name = to_visit.pop()
             origins = self._origins.get(name, {}).keys() | self._offsets_of.get(name, set())
-            for origin in origins - lines.keys():
-                lines[origin] = lines[name]
+            for origin in origins - places.keys():
+                places[origin] = places[name]
                 to_visit.append(origin)
-        for name in sorted((lines.keys() & self._targets) - self._used.keys()):
+        for name in sorted((places.keys() & self._targets) - self._used.keys()):
             target, _, _ = name.partition(OF_ROUTINE)
             text = f"numbers of the target {quote_text(target)} decide here, and the correction changes them"
-            self.columns.add_remark(lines[name], text)
+            self.columns.add_remark(places[name], text)
 
     def _collect_targets(self) -> None:
         """Collect the names of the targets of moves, and of poses at offsets from them.
@@ -1053,7 +1055,7 @@ class Machine:
             self._offsets_of[place.qualify(offset.name)].add(place.qualify(offset.target))
         for place, move in moves:
             if self._is_near_target(place, move):  # the offset itself is part of a calculation
-                self._used |= dict.fromkeys(self._list_named_targets(place, move), place.line)
+                self._used |= dict.fromkeys(self._list_named_targets(place, move), place.at)
         known = set[str]()
         for name in sorted(self._offsets_of.keys() & self._used.keys()):
             for target in self._trace_offsets([name], known):
@@ -1121,14 +1123,14 @@ class Machine:
         for source, count in sorted(self._left_in_file.items()):
             file, moves = quote_text(self.sources[source].name), "1 move" if count == 1 else f"{count} moves"
             text = f"{moves} of {file} are left as they are: to correct them, send that file as the first one"
-            self.columns.add_remark(1, text)
+            self.columns.add_remark(At(1), text)
 
     def _record_move(self, op: ir.Move | ir.MoveToStored, i: int, state: State | None) -> None:
         """Add the moves of operation i to the columns, or the cause why they cannot be corrected."""
         place = self._places[i]
         if isinstance(op, ir.MoveToStored):
             text = f"a move to {op.name}, a position stored in the controller"
-            self.columns.add_remark(place.line, text, op.name)
+            self.columns.add_remark(place.at, text, op.name)
             return
         if state is None:
             state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), At())}
@@ -1168,7 +1170,7 @@ class Machine:
                 if target in self._origins:
                     self._note_offset(place, target, frames[0], state)
                 else:
-                    self._used[target] = place.line
+                    self._used[target] = place.at
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
         targets = [each for each in contents if isinstance(each, WrittenNumbers)]
         self.columns.add_move(op, place.line, targets, frames, cause)
@@ -1274,7 +1276,7 @@ class Machine:
         elif name in self._shared and name not in self._noted:
             self._noted.add(name)
             text = f"{quote_text(name)} is GLOBAL: its correction moves it for other programs, too"
-            self.columns.add_remark(place.line, text)
+            self.columns.add_remark(place.at, text)
         return numbers
 
     def _keep_numbers(self, place: Place, numbers: WrittenNumbers, reason: str) -> None:

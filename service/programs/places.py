@@ -6,20 +6,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from sys import intern
-from typing import Final, NamedTuple
+from typing import Final
 
 from jointstiff.service.programs.columns import OF_ROUTINE, Cause, get_array_name, get_structure_name
 from jointstiff.service.programs.errors import WRITE_NUMBERS
 from jointstiff.service.programs.language import Name
+from jointstiff.service.programs.program import At
 from jointstiff.solver.arrays import FloatArray
-
-
-class At(NamedTuple):
-    """Line of a file."""
-
-    line: int = 0  # from 1; 0 if there is none
-    source: int = 0  # index of the file
-
 
 OTHER_FILES: Final = "others"
 """Owner of names that mean one variable in all files but the first."""

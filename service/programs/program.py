@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from itertools import compress
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -199,6 +199,13 @@ class Moves:
         return len(self.line)
 
 
+class At(NamedTuple):
+    """Line of a file."""
+
+    line: int = 0  # from 1; 0 if there is none
+    source: int = 0  # index of the file
+
+
 @dataclass(frozen=True, slots=True)
 class Remark:
     """Statement that is not corrected, without need of a decision by the user."""
@@ -206,6 +213,7 @@ class Remark:
     line: int
     text: str  # why the statement is not corrected
     target: str = ""  # position stored in the controller, if the statement is a move to one
+    source: int = 0  # index of the file
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,7 @@ from jointstiff.service.kinds.work import (
     cut_into_spans,
 )
 from jointstiff.service.problems import MovesLeftError, VerdictError
-from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.errors import ProgramError, quote_text
 from jointstiff.service.programs.formats import insert_mark, read_program
 from jointstiff.service.programs.program import BLOCK, NUMBERS, ExternalAxes, Rewriting
 from jointstiff.service.programs.program import Program as ReadProgram
@@ -794,12 +794,16 @@ class ProgramWork(Work):
 
     def list_remarks(self) -> list[str]:
         """Return remarks on the run's model, then a remark for each reason why lines were not corrected."""
-        lines: dict[str, list[int]] = {}
+        lines: dict[tuple[int, str], list[int]] = {}  # by the index of the file, and the reason
         for remark in self._program.left_alone:
-            lines.setdefault(remark.text, []).append(remark.line)
+            lines.setdefault((remark.source, remark.text), []).append(remark.line)
         for move in self._program.left_moves:
-            lines.setdefault(f"left unchanged: {move.reason}; {move.remedy}", []).append(move.line)
-        uncorrected = [f"{_line_numbers(numbers)}: {reason}" for reason, numbers in lines.items()]
+            reason = f"left unchanged: {move.reason}; {move.remedy}"
+            lines.setdefault((0, reason), []).append(move.line)
+        uncorrected = []
+        for (source, reason), numbers in lines.items():
+            file = f" of {quote_text(self._program.sources[source].name)}" if source else ""
+            uncorrected.append(f"{_line_numbers(numbers)}{file}: {reason}")
         hidden = len(uncorrected) - _MAX_REMARKS
         last_line = [f"… and {hidden} more remarks"] if hidden > 0 else []
         remarks = self._run_model.remarks(self._request.confidence)

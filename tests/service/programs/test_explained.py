@@ -339,10 +339,8 @@ def test_the_routine_of_a_move_with_a_call_may_be_confirmed():
     program = read("a.mod", text, leave_alone=["p1"])
     assert len(program.moves) == 1
     (remark,) = program.left_alone
-    assert (
-        remark.text
-        == "P1 is called; the request states that this routine neither moves the robot nor changes frames"
-    )
+    permission = "the request states that this routine neither moves the robot nor changes frames"
+    assert remark.text == f"p1 is called; {permission}"
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,9 @@
 
 import pytest
 from scipy import stats
-from support.programs import FORCE, compensated, path, tool_poses
+from support.programs import FORCE, compensated, exact_run, path, request, tool_poses
 
-from jointstiff.service.kinds.program.work import decompress_file
+from jointstiff.service.kinds.program.work import ProgramWork, compress_file, decompress_file
 from jointstiff.service.problems import MovesLeftError, VerdictError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
@@ -333,3 +333,13 @@ def test_a_remark_of_many_lines_names_the_first_five(count, words):
     text = UNCERTAIN.replace("PTP HOME\r\n" * 2, "PTP HOME\r\n" * count)
     result = compensated("krl", text, leave_others=True)
     assert f"lines {words}: a move to HOME, a position stored in the controller" in result.remarks
+
+
+def test_a_remark_on_a_line_of_a_further_file_names_the_file():
+    program = program_text("krl", tool_poses(path(3)), 4).replace("\nEND", "\ngrip_all()\nEND")
+    further = compress_file("grip_all.src", b"DEF grip_all()\r\n\r\ngripper()\r\nEND\r\n")
+    asked = request("krl", program, leave_alone=["gripper"])
+    robot, run = exact_run()
+    work = ProgramWork(robot, "robot", run, asked.model_copy(update={"files": [*asked.files, further]}))
+    permission = "the request states that this routine neither moves the robot nor changes frames"
+    assert f"line 3 of 'grip_all.src': gripper is called; {permission}" in work.conclude(()).remarks
