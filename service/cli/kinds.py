@@ -722,13 +722,16 @@ def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]
 def _choose_program_paths(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
     """Return name → path to write, for each file of a program.
 
-    The path is that of --output; if the program has several files, it gets the ending of each file, and its
-    name, too, if an earlier file has the same ending.
+    If --output is a folder, the files keep their names there. Else the path is that of --output; if the
+    program has several files, it gets the ending of each file, and its name, too, if an earlier file has the
+    same ending.
     """
     output, program_files = (
         values["output"],
         [each for each in sources[1] if each.name != values.get("loads")],
     )
+    if output.is_dir():
+        return {file.name: output / file.name for file in program_files}
     if len(program_files) == 1:
         return {program_files[0].name: output}
     paths = dict[str, Path]()
@@ -872,7 +875,7 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
         options={
             "output": _make_optional_parameter(
                 cli.output_option(
-                    "File for the program with new orientations; a .dat file is written to the same folder."
+                    "File for the program with new orientations; in a folder, files keep their names."
                 )
             ),
             "report": _make_optional_parameter(cli.path_option("CSV file to write the turns to.")),
@@ -891,7 +894,8 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
         options={
             "output": _make_optional_parameter(
                 cli.output_option(
-                    "File for the compensated program; a .dat file is written to the same folder."
+                    "File for the compensated program, with its .dat next to it; in a folder, files keep "
+                    "their names."
                 )
             ),
             "explain": (

@@ -301,6 +301,11 @@ def test_each_file_of_a_program_is_written_under_a_name_of_its_own():
     assert_said(typed(line), "4 of 4 targets are corrected", "wrote both.src", "both_more.src")
     assert "LIN {X 1809.8095,Y 268.9037" in Path("both.src").read_text()
     assert Path("both_more.src").read_text() == "DEF more( )\nWAIT SEC 1\nEND\n"
+    Path("corrected").mkdir(exist_ok=True)
+    typed(line.replace("both.src", "corrected"))
+    for name, written_before in (("path.src", "both.src"), ("more.src", "both_more.src")):
+        assert (Path("corrected") / name).read_text() == Path(written_before).read_text()
+    assert refused(line.replace("both.src --overwrite", "corrected")).startswith("corrected/path.src exists")
 
 
 def test_moves_are_explained_before_they_are_corrected():
