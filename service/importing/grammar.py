@@ -51,6 +51,9 @@ _ADDED: Final = "plus"
 """With x, y or z: a deviation, to be added to that coordinate of the same target and state."""
 _ALONG: Final = "along"
 """With x, y or z: a displacement along that axis of R0, read by a dial gauge."""
+MIN_STATE_LETTERS: Final = 4
+"""Fewest letters of a state's word in a longer name: shorter words may be abbreviations of other things."""
+_NO_LETTERS: Final = re.compile(r"[\W_]+")
 _KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {**dict.fromkeys(_WORD_LISTS["expanded"], "uncertainty"), _ADDED: "addition", _ALONG: "along"}
 )
@@ -131,14 +134,18 @@ def _build_alternation(texts: Iterable[str]) -> str:
 
 
 _JOINT: Final = re.compile(
-    rf"(?:{_build_alternation(_WORD_LISTS['joints'])})[\s_-]?([0-9]{{1,2}})", re.IGNORECASE
+    rf"(?:(?:{_build_alternation(_WORD_LISTS['coordinates'])})[\s_-]+)?"
+    rf"(?:{_build_alternation(_WORD_LISTS['joints'])})[\s_-]?(?:([0-9]{{1,2}})|\[([0-9]{{1,2}})\])"
+    rf"(?:[\s_-]+(?:{_build_alternation(_WORD_LISTS['angles'])}))?",
+    re.IGNORECASE,
 )
+"""A joint such as `J1`, `q[0]`, `actual_q_0` or `joint 1 angle`; one of two groups has its number."""
 _VECTOR: Final = re.compile(rf"({_build_alternation(_VECTOR_OF)})[\s_-]*([xyz])", re.IGNORECASE)
 _STATE_PHRASE: Final = re.compile(
     rf"(?<![^\s_])(?:{_build_alternation(word for word in _STATE_OF if ' ' in word)})(?![^\s_])",
     re.IGNORECASE,
 )
-_UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[([^][]*)\]|\(([^()]*)\)|/\s*([^/]+))")
+_UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[((?!\d+\])[^][]*)\]|\(([^()]*)\)|/\s*([^/]+))")
 _TOKEN: Final = re.compile(r"[^\s_]+")
 _WORD_PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])")
 _BRACKET: Final = re.compile(r"[][(){}]")
@@ -217,9 +224,29 @@ def find_state(word: str, extra: Mapping[str, State]) -> State | None:
     return _STATE_OF.get(text)
 
 
+def join_state_phrases(text: str) -> str:
+    """Return a text in which a state takes the place of its phrase as one word, such as of `no load`."""
+    return _STATE_PHRASE.sub(
+        lambda phrase: _STATE_OF[fold_word(phrase[0].replace("-", " "))].replace("_", ""), text
+    )
+
+
 def contains_state_word(name: str, extra: Mapping[str, State]) -> bool:
     """Return whether a name contains a word for a state; `extra` are the caller's words."""
-    return any(find_state(word, extra) for word in re.split(r"[\W_]+", name))
+    return any(find_state(word, extra) for word in _NO_LETTERS.split(join_state_phrases(name)))
+
+
+def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:
+    """Return the only state that the words of a long name mean; None if they mean none, or several.
+
+    The caller's words, `extra`, take precedence. Of the others, a short word such as `on` is not enough.
+    """
+    words = _NO_LETTERS.split(join_state_phrases(name))
+    stated = {fold_word(word): state for word, state in extra.items()}
+    by_caller = {stated[fold_word(word)] for word in words if fold_word(word) in stated}
+    found = by_caller or {find_state(word, {}) for word in words} - {None}
+    is_certain = by_caller or any(find_state(word, {}) for word in words if len(word) >= MIN_STATE_LETTERS)
+    return next(iter(found)) if is_certain and len(found) == 1 else None
 
 
 def is_key(text: str) -> bool:
@@ -245,7 +272,7 @@ def is_joint(text: str) -> bool:
 def joint_number(text: str) -> int | None:
     """Return the joint's number in a text such as `2`, `J2` or `axis 2`; None for other texts."""
     match = _JOINT.fullmatch(text)
-    number = match[1] if match else text
+    number = match[1] or match[2] if match else text
     return int(number) if number.isascii() and number.isdecimal() and len(number) < 3 else None
 
 
@@ -308,7 +335,7 @@ def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) ->
         ImportFileError: the header is not understood.
     """
     if joint := _JOINT.fullmatch(base):
-        return Meaning(Quantity("joint"), int(joint[1]) - 1)
+        return Meaning(Quantity("joint"), int(joint[1] or joint[2]) - 1)
     if vector := _VECTOR.fullmatch(base):
         kind = _VECTOR_OF[fold_word(vector[1].replace("-", " "))]
         return Meaning(Quantity(kind), "xyz".index(vector[2].casefold()))
@@ -352,10 +379,7 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
     Raises:
         ImportFileError: the header is not understood.
     """
-    # A state takes the place of its phrase as one word.
-    base = _STATE_PHRASE.sub(
-        lambda phrase: _STATE_OF[fold_word(phrase[0].replace("-", " "))].replace("_", ""), base
-    )
+    base = join_state_phrases(base)
     axes, states, kinds, name_matches = _classify_words(base, state_words)
     target = base[name_matches[0].start() : name_matches[-1].end()] if name_matches else None
     name_words = _TOKEN.findall(target or "")
@@ -426,10 +450,14 @@ def split_along_target(target: str) -> tuple[str, int]:
 
 
 class Vocabulary:
-    """Grammar of headers, extended by the words and the meanings that the caller states."""
+    """Grammar of headers, with words and meanings that the caller states, and names of a robot's joints."""
 
-    def __init__(self, options: ImportOptions) -> None:
-        """Take the words for states, the ignored headers and the stated meanings from the options."""
+    def __init__(self, options: ImportOptions, joints: Sequence[str] = ()) -> None:
+        """Take the words for states, the ignored headers and the stated meanings from the options.
+
+        `joints` are the names of the robot's joints, which columns may have; empty without a robot.
+        """
+        self._joints = {fold_word(name): number for number, name in enumerate(joints)}
         self.states = options.state_words
         self.ignored = {collapse_blanks(text) for text in options.ignore}
         self.stated = {collapse_blanks(text): meaning for text, meaning in options.columns.items()}
@@ -446,7 +474,7 @@ class Vocabulary:
         if text in self.ignored:
             return Meaning(Quantity("ignored"))
         stated = self.stated.get(text)
-        meaning = parse_header(header if stated is None else stated, self.states)
+        meaning = self._parse(header if stated is None else stated)
         if stated is None:
             return replace(meaning, guessed=meaning.guessed or guessed)
         has_no_unit = meaning.axis is None or meaning.kind == "mass"
@@ -461,9 +489,24 @@ class Vocabulary:
         if text in self.ignored or text in self.stated or fold_word(split_unit(header)[0]) == "q0":
             return Meaning(Quantity("ignored"))
         try:
-            return parse_header(header, self.states)
+            return self._parse(header)
         except ImportFileError:
             return None
+
+    def _parse(self, header: str) -> Meaning:
+        """Return the meaning of a header by the grammar, or of a joint by its name.
+
+        Raises:
+            ImportFileError: the header is not understood.
+        """
+        try:
+            return parse_header(header, self.states)
+        except ImportFileError:
+            name, unit = split_unit(header)
+            number = self._joints.get(fold_word(name))
+            if number is None:
+                raise
+            return Meaning(Quantity("joint"), number, check_unit(header, unit, "joint"))
 
     def count_known(self, headers: Iterable[str]) -> int:
         """Return the number of known headers; 0 if fewer than two are known, as one may be known by chance.

@@ -66,9 +66,10 @@ class Grid:
         return self.preview.file
 
     @property
-    def stem(self) -> str:
-        """Name of the file without its extension."""
-        return PurePath(self.file).stem
+    def names(self) -> tuple[str, ...]:
+        """Names that may say target and state of the table: of its sheet, and of its file without ending."""
+        sheet = self.preview.sheet
+        return (*([sheet] if sheet else []), PurePath(self.file).stem)
 
     def place(self, row: Row, column: int | None = None) -> Place:
         """Return the place of a row, or of the row's cell in the column with this index (from 0)."""
@@ -364,6 +365,10 @@ def _split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
 
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
 _THOUSANDS: Final = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:[.,][0-9]{3})+")
+_WITH_THOUSANDS: Final = (
+    r"[+-]?[1-9][0-9]{0,2}(?P<separator>[%s'\u2019 \xa0\u202f])[0-9]{3}(?:(?P=separator)[0-9]{3})*[%s][0-9]+"
+)
+"""A number with separators of thousands; it has decimals, so that the separators are certain."""
 _POINT_ASSUMED: Final = (
     "the point was read as the decimal mark, although three digits follow it in every number: check "
     "that the point is not a thousands separator"
@@ -436,6 +441,13 @@ def _decide_mark_of_texts(
         remedy = "give `decimal_mark`, or format the cells as numbers"
         raise ImportFileError(grid.place(row, column), reason, remedy, "decimal_mark")
     return stated_mark if texts and stated_mark else "point"
+
+
+def remove_thousands_separators(text: str, mark: DecimalMark) -> str:
+    """Return a number with this decimal mark without its separators of thousands; other texts unchanged."""
+    other_mark, decimal_mark = (",", ".") if mark == "point" else (".", ",")
+    match = re.fullmatch(_WITH_THOUSANDS % (other_mark, decimal_mark), text)
+    return text.replace(match["separator"], "") if match else text
 
 
 def read_number(text: str, mark: DecimalMark) -> float:

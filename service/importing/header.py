@@ -262,8 +262,11 @@ def _merge_rows(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str
 def _is_title(row: tuple[str, ...], words: Vocabulary) -> bool:
     """Return whether a row is a title: a single text, in its first cell, that could be the name of a target.
 
-    The text must have no word for a state or joint, and be understood as a target's name above `x`.
+    The text must have no word for a state or joint, and be understood as a target's name above `x`. A row
+    with a text that ends in a colon, such as `Operator:`, is a title, too.
     """
+    if any(cell.endswith(":") for cell in row):
+        return True
     if sum(map(bool, row)) > 1 or not row[0]:
         return False
     parts = grammar.split_unit(row[0])[0].replace("_", " ").split()
@@ -300,7 +303,15 @@ def _combine_with_groups(
         needs_group = own_meaning is None or (
             own_meaning.kind in POINTS and own_meaning.quantity.target is None
         )
-        texts.append(joined if upper_cell or needs_group or words.find(joined) is not None else lower_cell)
+        # A header above another, or its unit, may contradict it; other texts are titles of groups.
+        may_contradict = bool(upper_cell) and (
+            words.find(upper_cell) is not None or grammar.find_any_unit(upper_cell) is not None
+        )
+        if may_contradict or needs_group or words.find(joined) is not None:
+            texts.append(joined)
+        else:
+            with_unit = lower_cell if unit is None else _append_unit(lower_cell, unit)
+            texts.append(lower_cell if words.find(with_unit) is None else with_unit)
     return tuple(texts)
 
 

@@ -45,15 +45,17 @@ class Layout:
     unsure_number: str | None = None  # words for a number that may lack digits, for the user to confirm
 
 
-def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
+def understand_table(
+    grid: Grid, options: ImportOptions, faults: Faults, joints: Sequence[str] = ()
+) -> Layout:
     """Find the header of a table and understand its columns; return the table with its rows of data.
 
-    Faults that do not stop the reading are added to `faults`.
+    Faults that do not stop the reading are added to `faults`. `joints` are the names of the robot's joints.
 
     Raises:
         ImportFileError: the header cannot be found, or a title or comment contradicts the table.
     """
-    vocabulary = Vocabulary(options)
+    vocabulary = Vocabulary(options, joints)
     heading = find_heading(grid, vocabulary, options)
     remarks = sorted([*grid.comments, *_read_titles_above(grid, heading)])
     axes_unit, frame = _read_remarks(grid.file, remarks)
@@ -62,7 +64,7 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     headers = ["" if heading.columns_are_assumed else text for text in heading.texts]
     if options.layouts:
         _check_template(options, headers, heading.place(), faults)
-    name_has_state = grammar.contains_state_word(grid.stem, options.state_words)
+    name_has_state = any(grammar.contains_state_word(name, options.state_words) for name in grid.names)
     column_reader = ColumnReader(heading, rows, vocabulary, options, faults)
     columns = column_reader.understand(axes_unit, state_in_name=name_has_state)
     _check_units(grid.file, remarks, columns, faults)
@@ -137,7 +139,12 @@ def _check_template(options: ImportOptions, headers: Sequence[str], place: Place
 # ---- unit and frame that titles and comments state
 
 _AXES: Final = re.compile(r"AXES\s*=\s*(\w+)", re.IGNORECASE)
-_AXES_UNIT: Final = re.compile(r"\bX\W+Y\W+Z\s*(?:\(\s*([^\W\d]+)\s*\)|in\s+([^\W\d]+))", re.IGNORECASE)
+_AXES_UNIT: Final = re.compile(
+    r"\bX\W+Y\W+Z\s*(?:\(\s*([^\W\d]+)\s*\)|in\s+([^\W\d]+))"
+    r"|\bX\s*\(\s*([^\W\d]+)\s*\)\W+Y\s*\(\s*\3\s*\)\W+Z\s*\(\s*\3\s*\)",
+    re.IGNORECASE,
+)
+"""The unit behind the names of the axes, in one of three groups, or behind each of them."""
 _FRAME: Final = re.compile(
     r"(?:\b(?:FRAME|(?:COORDINATE|REFERENCE)\s+SYSTEM|(?:KOORDINATEN|BEZUGS)SYSTEM|REP[ÈE]RE|R[ÉE]F[ÉE]RENTIEL)\s*[=:]"
     r"|\b(?:COORDINATE|WORKING|REFERENCE|ACTIVE)\s+FRAME\b)\s*[=:]*\s*(\S.*)",
@@ -174,10 +181,10 @@ def _read_remarks(file: str, remarks: Sequence[Remark]) -> tuple[str | None, str
     unit = frame = None
     for line, text in remarks:
         place, axes, match = Place(file, line), _AXES.search(text), _AXES_UNIT.search(text)
-        if axes and axes[1].upper() != "CARTESIAN":
+        if axes and axes[1].upper() not in ("CARTESIAN", "X"):
             reason = f"the file has {quote(axes[1].lower())} coordinates"
             raise ImportFileError(place, reason, "export Cartesian coordinates x, y, z")
-        word = (match[1] or match[2]) if match else ""
+        word = match[int(match.lastindex or 0)] if match else ""
         known = grammar.find_known_unit(word) or grammar.find_known_unit(word.casefold())
         if known is not None and known[0] == "length":
             unit = unit or known[1]

@@ -109,15 +109,19 @@ class Understood:
         }
 
 
-def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS) -> Understood:
+def understand_files(
+    files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS, joints: Sequence[str] = ()
+) -> Understood:
     """Read files of a campaign: tables, lists of points, or both, matched by label.
+
+    `joints` are the names of the robot's joints, which columns may have; empty without a robot.
 
     Returns:
         The observations and a preview, or the faults: places that are not understood, contradictory or
         ambiguous.
     """
     faults = Faults()
-    reader = _Reader(options, faults)
+    reader = _Reader(options, faults, joints)
     with faults.collect():
         _check_files(files)
         return reader.read(files)
@@ -158,8 +162,8 @@ def _check_files(files: Sequence[SourceFile]) -> None:
 class _Reader:
     """Reader of all files of an import, one after the other."""
 
-    def __init__(self, options: ImportOptions, faults: Faults) -> None:
-        self._options, self._faults = options, faults
+    def __init__(self, options: ImportOptions, faults: Faults, joints: Sequence[str]) -> None:
+        self._options, self._faults, self._joints = options, faults, joints
         self._layouts: list[Layout] = []  # of the files whose rows were found
         self._previews: list[FilePreview] = []  # of all files that were read, in their order
         self._bodies: list[Body] = []
@@ -203,7 +207,7 @@ class _Reader:
             self._bodies += bodies
             self._previews.append(preview)
             return
-        self._layouts.append(understand_table(table, self._options, self._faults))
+        self._layouts.append(understand_table(table, self._options, self._faults, self._joints))
         self._previews.append(self._layouts[-1].preview)
         self._compare_with_others(self._layouts[-1])
 

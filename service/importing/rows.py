@@ -20,22 +20,28 @@ from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
     INCH,
+    MIN_STATE_LETTERS,
     POINTS,
     STATE_OF_DIGIT,
     Kind,
     Quantity,
     contains_state_word,
     find_state,
+    find_state_in_name,
+    join_state_phrases,
 )
-from jointstiff.service.importing.grid import Row, looks_like_a_number, read_number
+from jointstiff.service.importing.grid import (
+    Row,
+    looks_like_a_number,
+    read_number,
+    remove_thousands_separators,
+)
 from jointstiff.service.importing.layout import Layout
 
 _FIELD: Final = re.compile(r"\{([^{}]*)\}")
 _FIELDS: Final = ("label", "target", "state", "any")
 _POINT_NAME_COLUMNS: Final[tuple[Kind, ...]] = ("collection", "group", "name")
 """Columns that make the name of a point."""
-_MIN_STATE_LETTERS: Final = 4
-"""Fewest letters of a state word at the end of a name: shorter words may be abbreviations of other things."""
 _COVERAGE_FACTOR: Final = 1.96
 """Coverage factor of the expanded uncertainties U(95) that trackers write."""
 _HALF_MICROMETRE: Final = 5e-4
@@ -137,7 +143,10 @@ class NameReader:
         self._text_columns, self._needed_kinds = dict(layout.columns.texts), set(layout.columns.needed)
         # Parts from the name of the file, by the kinds of parts that a row lacks.
         self._parts_from_file: dict[frozenset[str], NameParts] = {}
-        self._file_says_state = contains_state_word(self._grid.stem, self._state_words)
+        # The name of a sheet, if it has a state; else that of the file.
+        with_state = (name for name in self._grid.names if contains_state_word(name, self._state_words))
+        self._table_name = next(with_state, self._grid.names[-1])
+        self._file_says_state = contains_state_word(self._table_name, self._state_words)
         self._point_template: Template | None = None
         self._file_parts = NameParts()
         try:
@@ -145,7 +154,7 @@ class NameReader:
                 self._point_template = Template("point_name", options.point_name)
             if self._needed_kinds and options.file_name:
                 self._file_parts = Template("file_name", options.file_name).parse(
-                    self._grid.stem, self._state_words
+                    self._grid.names[-1], self._state_words
                 )
         except ImportFileError as fault:
             raise fault.add_place(Place(self._grid.file)) from None
@@ -161,7 +170,7 @@ class NameReader:
         # The column is left out at first, so that the point's name can be split as if the column were absent.
         column = self._text_columns.pop("target")
         self._needed_kinds.add("target")
-        parts, state = _split_name(self._grid.stem, self._state_words)
+        parts, state = _split_name(self._table_name, self._state_words)
         names_give_target = state is not None and len(parts) == 1
         with suppress(ImportFileError):
             names_give_target = self._split_point_name(row).target is not None or names_give_target
@@ -225,7 +234,8 @@ class NameReader:
         reason = (
             f"the name {quote(name)} does not show the observation, the target and the state of the point"
         )
-        remedy = "give a template `point_name`, such as {label}_{target}_{state}"
+        example = "{any}::{label}_{state}::{target}" if "::" in name else "{label}_{target}_{state}"
+        remedy = f"give a template `point_name`, such as {example}"
         raise ImportFileError(NOWHERE, reason, remedy, "point_name")
 
     def _read_file_parts(self, lacking: frozenset[str]) -> NameParts:
@@ -238,10 +248,12 @@ class NameReader:
             ImportFileError: the file's name does not give a kind that is needed.
         """
         if lacking not in self._parts_from_file:
-            parts, state = _split_name(self._grid.stem, self._state_words)
-            source = "by the name of the file"
+            parts, state = _split_name(self._table_name, self._state_words)
+            source = f"by the name of the {'file' if self._table_name == self._grid.names[-1] else 'sheet'}"
+            if "target" not in lacking:
+                parts, state = [], find_state_in_name(self._table_name, self._state_words) or state
             if state is None and "state" in lacking and self._stated_state is not None:
-                parts = [self._grid.stem] if "target" in lacking else []
+                parts = [self._table_name] if "target" in lacking else []
                 state = self._stated_state
                 source = "by `state`" + " and the name of the file" * bool(parts)
             target = parts[0] if len(parts) == 1 else None
@@ -308,6 +320,7 @@ def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State
     The state is None, and all parts are returned, if no part or several parts name a state. In `c01
     unloaded::P10` the state is the last word of a part.
     """
+    name = join_state_phrases(name)
     parts = name.split("::") if "::" in name else name.split("_")
     if not all(parts):
         return [name], None
@@ -316,7 +329,7 @@ def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State
     if not named_states and "::" in name:
         splits_at_blank = [part.rpartition(" ") for part in parts]
         last_word_states = [
-            find_state(last_word, words) if before and len(last_word) >= _MIN_STATE_LETTERS else None
+            find_state(last_word, words) if before and len(last_word) >= MIN_STATE_LETTERS else None
             for before, _, last_word in splits_at_blank
         ]
         named_states = [state for state in last_word_states if state is not None]
@@ -610,6 +623,8 @@ class RowReader:
         """
         text = row.cells[index]
         mark = "point" if row.kinds is not None and row.kinds[index] == "number" else self._decimal_mark
+        if row.kinds is not None and row.kinds[index] == "text":
+            text = remove_thousands_separators(text, mark)
         is_text = row.kinds is not None and row.kinds[index] == "text" and looks_like_a_number(text)
         if row.kinds is not None and text and row.kinds[index] != "number" and not is_text:
             reason = f"a number is needed, but the cell has type {row.kinds[index]}: {quote(text)}"

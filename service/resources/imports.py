@@ -72,7 +72,7 @@ def import_files(
         ImportRefusedError: something in the files is not understood, contradictory or ambiguous, and the
             request does not have `show_faults`.
     """
-    understood = understand_files(files, request)
+    understood = understand_files(files, request, () if robot is None else robot.joint_names)
     faults, first_file = list(understood.faults), files[0].name if files else ""
     bodies: list[Body] = []
     try:

@@ -16,8 +16,14 @@ from support.importing_samples import (
     points_of,
     read,
     refusals,
+    sources_of,
 )
 from support.workbooks import ROWS, rows_of_values, workbook
+
+from jointstiff.schemas.imports import ImportOptions
+from jointstiff.service.importing.grammar import find_state_in_name
+from jointstiff.service.importing.grid import remove_thousands_separators
+from jointstiff.service.importing.reading import understand_files
 
 UNLOADED = """\
 label;J1 [deg];J2 [deg];P10 unloaded x [mm];P10 unloaded y [mm];P10 unloaded z [mm]
@@ -146,3 +152,47 @@ def test_points_of_spatial_analyzer_may_have_a_time_behind(time):
     options = {"point_name": "{any}::{state}::{label}_{target}"}
     imported = read(("p.txt", text), **options)
     assert points_of(imported) == READ_POINTS
+
+
+def test_columns_may_have_the_names_of_the_robots_joints():
+    joints = ["elbow_joint", "pan_joint", "lift_joint"]
+    text = re.sub(r"J(\d) ", lambda match: f"{joints[int(match[1]) - 1]} ", CAMPAIGN)
+    understood = understand_files(sources_of(("a.csv", text)), ImportOptions(), joints)
+    assert not understood.faults
+    plain = read(("a.csv", CAMPAIGN))
+    assert [each.vector("joint") for each in understood.observations] == [
+        each.vector("joint") for each in plain.observations
+    ]
+    assert [fault.reason for fault in understand_files(sources_of(("a.csv", text))).faults]
+
+
+@pytest.mark.parametrize(
+    ("name", "state"),
+    [
+        ("Messung_2026-03-12_ohne_Last", "unloaded"),
+        ("day 1, with load", "loaded"),
+        ("c1_load_0kg", "loaded"),
+        ("robot_on_table_unloaded", None),  # `on` means loaded elsewhere
+        ("cell_on_monday", None),  # a short word is not enough
+        ("unloaded_and_loaded", None),
+        ("off_load", "unloaded"),
+    ],
+)
+def test_one_word_of_a_long_name_says_the_state(name, state):
+    assert find_state_in_name(name, {}) == state
+
+
+def test_words_of_the_caller_say_the_state_of_a_name_before_all_others():
+    assert find_state_in_name("c1_load_0kg", {"0kg": "unloaded", "150kg": "loaded"}) == "unloaded"
+
+
+@pytest.mark.parametrize("text", ["2.652,5", "2652,5", "2.652", "1,234.5"])
+def test_separators_of_thousands_are_taken_only_where_decimals_follow(text):
+    kept = text if text != "2.652,5" else "2652,5"
+    assert remove_thousands_separators(text, "comma") == kept
+
+
+def test_a_second_header_that_contradicts_the_first_is_refused():
+    table = "".join(line for line in CAMPAIGN.splitlines(keepends=True) if line[0] != "#")
+    header = table.splitlines()[0]
+    assert refusals(("a.csv", header.replace("J2 [deg]", "J2 [mm]") + "\n" + table))

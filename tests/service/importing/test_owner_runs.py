@@ -82,6 +82,44 @@ def two_sheets(book, _sheet):
         second.append([row[0], *row[10:]])
 
 
+def sheet_of(state):
+    """Return a sheet of one state, which only its name says: titles, names above axes, and a row of units."""
+    targets = [text for target in TARGETS for text in (target, "", "")]
+    rows = [
+        [each["label"], *each["joints"], *each["force"], *(x for r in each["readings"] for x in r[state])]
+        for each in SET["observations"]
+    ]
+    return [
+        ["Steifigkeit, Zelle 3"],
+        ["Datum:", "12.03.2026", "", "Bediener:", "M. Weber"],
+        ["Pose", *(f"A{i}" for i in range(1, 7)), "Fx", "Fy", "Fz", *targets],
+        [""] * 10 + ["X", "Y", "Z"] * len(TARGETS),
+        ["", *["°"] * 6, *["N"] * 3, *["mm"] * 3 * len(TARGETS)],
+        *rows,
+    ]
+
+
+def sheets_of_states(book, sheet):
+    sheet.title = "unbelastet"
+    second = book.create_sheet("belastet")
+    for row in sheet_of("loaded"):
+        second.append(row)
+
+
+def below_titles(rows):
+    """Return a table whose joints and readings have titles above them, one of them with the unit."""
+    header, *rest = rows
+    titles = ["", "Robot joints [deg]", *([""] * 5), "Load", *([""] * (len(header) - 8))]
+    return [titles, [name.replace(" [deg]", "") for name in header], *rest]
+
+
+def with_thousands(cell):
+    whole, point, decimals = f"{cell:.8f}".partition(".") if isinstance(cell, float) else (str(cell), "", "")
+    sign, digits = ("-", whole[1:]) if whole.startswith("-") else ("", whole)
+    grouped = f"{int(digits):,}".replace(",", ".") if digits.isdigit() else digits
+    return f"{sign}{grouped},{decimals}" if point else str(cell)
+
+
 def matrices():
     observations = SET["observations"]
     places = {
@@ -137,6 +175,33 @@ READINGS = {
     "a row of means": ({"a.csv": with_row("Mittel;" + ";".join(["1"] * 27), 13)}, {}),
     "numbers as texts with commas": (
         {"a.xlsx": workbook(COMMAS)}, {"decimal_mark": "comma"},
+    ),
+    "numbers as texts with separators of thousands": (
+        {"a.xlsx": workbook([cells()[0], *([with_thousands(x) for x in row] for row in cells()[1:])])},
+        {"decimal_mark": "comma"},
+    ),
+    "sheets named after states": (
+        {"a.xlsx": workbook(sheet_of("unloaded"), sheets_of_states)},
+        {"sheet": "unbelastet; belastet"},
+    ),
+    "titles above the columns": ({"a.xlsx": workbook(below_titles(cells()))}, {}),
+    "states in long names of files": (
+        {f"Messung_2026-03-12_{state}.csv": text(
+            [["Pose", *JOINTS, *FORCE, *(f"{t} {a} [mm]" for t in TARGETS for a in "xyz")],
+             *cells([word])[1:]]) for state, word in (("ohne_Last", "unloaded"), ("mit_Last", "loaded"))}, {},
+    ),
+    "joints of a controller's log": (
+        {"a.csv": re.sub(r"J(\d) ", lambda match: f"actual_q_{int(match[1]) - 1} ", text(cells()))}, {},
+    ),
+    "joints in brackets, with the word angle": (
+        {"a.csv": re.sub(r"J(\d) \[deg\]", r"Joint \1 angle (°)", text(cells()))}, {},
+    ),
+    "SpatialAnalyzer with a unit at each axis": (
+        {
+            "j.csv": joints_only(),
+            "p.txt": "// AXES = X (mm), Y (mm), Z (mm)\n" + "\n".join(SPACE_ROWS) + "\n",
+        },
+        {"point_name": "{any}::{state}::{label}_{target}"},
     ),
     "two sheets": (
         {"a.xlsx": workbook([row[:10] for row in cells()], two_sheets)}, {"sheet": "Sheet; Punkte"},
