@@ -233,7 +233,12 @@ def join_state_phrases(text: str) -> str:
 
 def contains_state_word(name: str, extra: Mapping[str, State]) -> bool:
     """Return whether a name contains a word for a state; `extra` are the caller's words."""
-    return any(find_state(word, extra) for word in _NO_LETTERS.split(join_state_phrases(name)))
+    return any(find_state(word, extra) for word in split_words(name))
+
+
+def split_words(name: str) -> list[str]:
+    """Return the words of a name; a state takes the place of its phrase as one word."""
+    return _NO_LETTERS.split(join_state_phrases(name))
 
 
 def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:
@@ -241,7 +246,7 @@ def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:
 
     The caller's words, `extra`, take precedence. Of the others, a short word such as `on` is not enough.
     """
-    words = _NO_LETTERS.split(join_state_phrases(name))
+    words = split_words(name)
     stated = {fold_word(word): state for word, state in extra.items()}
     by_caller = {stated[fold_word(word)] for word in words if fold_word(word) in stated}
     found = by_caller or {find_state(word, {}) for word in words} - {None}
@@ -254,14 +259,28 @@ def is_key(text: str) -> bool:
     return fold_word(text) in _TEXT_KIND_OF
 
 
-_STATISTICS: Final = frozenset(word.replace("-", " ") for word in _WORD_LISTS["statistics"])
+_STATISTICS: Final = frozenset(
+    word.replace("-", " ") for word in (*_WORD_LISTS["statistics"], *_WORD_LISTS["extremes"])
+)
 """Words at the beginning of rows of statistics, without full stops and hyphens."""
+
+
+_EXTREMES: Final = frozenset(_WORD_LISTS["extremes"])
 
 
 def is_statistic(text: str) -> bool:
     """Return whether a text, the first of a row, says that the row has statistics of the other rows."""
-    word = " ".join(re.sub(r"[.:-]", " ", fold_word(text)).split())
-    return word in _STATISTICS
+    return _name_statistic(text) in _STATISTICS
+
+
+def is_extreme(text: str) -> bool:
+    """Return whether a text says that its row has the least or the greatest numbers of the other rows."""
+    return _name_statistic(text) in _EXTREMES
+
+
+def _name_statistic(text: str) -> str:
+    """Return a text without the signs that may surround the name of a statistic."""
+    return " ".join(re.sub(r"[.:*-]", " ", fold_word(text)).split())
 
 
 def is_joint(text: str) -> bool:

@@ -272,11 +272,19 @@ def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, lis
     """
     statistics, remarks, kept = list[str](), list[str](), list(grid.rows[: heading.start])
     means = _find_rows_of_means(grid.rows[heading.start :])
+    observations = [
+        row for row in grid.rows[heading.start :] if not any(map(grammar.is_statistic, row.cells[:1]))
+    ]
     for row in grid.rows[heading.start :]:
         filled = [cell for cell in row.cells if cell]
         if row.line in means:
             statistics.append(row.cells[0])
-        elif filled and grammar.is_statistic(filled[0]) and not looks_like_a_number(filled[0]):
+        elif (
+            filled
+            and grammar.is_statistic(filled[0])
+            and not looks_like_a_number(filled[0])
+            and (not grammar.is_extreme(filled[0]) or _has_extremes(row, observations))
+        ):
             statistics.append(filled[0])
         elif len(filled) == 1 and len(heading.texts) > 2 and _REMARK.match(filled[0]):
             remarks.append(filled[0])
@@ -312,6 +320,17 @@ def _find_rows_of_means(rows: Sequence[Row]) -> set[int]:
         ):
             return {row.line for row in rows[-count:]}
     return set()
+
+
+def _has_extremes(row: Row, observations: Sequence[Row]) -> bool:
+    """Return whether each number of a row is the least, or each is the greatest, of its column's numbers."""
+    texts, columns = [], []
+    for k, cell in enumerate(row.cells):
+        numbers = [each.cells[k].replace(",", ".") for each in observations if k < len(each.cells)]
+        if looks_like_a_number(cell) and numbers and all(map(looks_like_a_number, numbers)):
+            texts.append(cell.replace(",", "."))
+            columns.append([float(number) for number in numbers])
+    return any(_are_equal(texts, [of(column) for column in columns]) for of in (min, max))
 
 
 def _are_equal(texts: Sequence[str], values: Sequence[float]) -> bool:

@@ -63,7 +63,7 @@ _MAX_SPREADS: Final = 100.0
 """Distance of a value from its column's median, in spreads, beyond which the user has to confirm it."""
 _MIN_VALUES: Final = 5
 """Fewest values of a column for which a spread is computed."""
-_MAX_REPEAT: Final = 2e-4
+_MAX_REPEAT: Final = 1e-4
 """Greatest distance [m] of a repeated reading from the mean of all readings of the point."""
 _MAX_LISTED_LABELS: Final = 3
 """Labels named in a message."""
@@ -496,6 +496,11 @@ class _Merging:
                     "rename or remove one of the two readings, or use `mean_of_repeats` for repeated readings"
                 )
                 self._faults.report(values[1].place, reason, remedy, "mean_of_repeats")
+                continue
+            if len({value.place.file for value in values}) > 1:  # perhaps of another load
+                reason = f"{reading_text} occurs in two files, first at {values[0].place}"
+                remedy = "rename or remove one of the two readings, or put repeated readings into one file"
+                self._faults.report(values[1].place, reason, remedy)
                 continue
             mean = tuple(fmean(numbers) for numbers in zip(*vectors, strict=True))
             errors = [dist(vector, mean) ** 2 for vector in vectors]  # squared distances from the mean

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -28,7 +28,9 @@ from jointstiff.service.importing.grammar import (
     contains_state_word,
     find_state,
     find_state_in_name,
+    fold_word,
     join_state_phrases,
+    split_words,
 )
 from jointstiff.service.importing.grid import (
     Row,
@@ -140,6 +142,7 @@ class NameReader:
         """Prepare to read the names of rows; assumptions are added to `notes`."""
         self._grid, self._notes, self._state_words = layout.grid, notes, options.state_words
         self._stated_state = options.state
+        self._word_of_state: dict[State, str] = {}  # the word that rows of the table have for each state
         self._text_columns, self._needed_kinds = dict(layout.columns.texts), set(layout.columns.needed)
         # Parts from the name of the file, by the kinds of parts that a row lacks.
         self._parts_from_file: dict[frozenset[str], NameParts] = {}
@@ -230,6 +233,7 @@ class NameReader:
             if 1 <= len(parts) <= max_parts and (state is None or "state" in self._needed_kinds):
                 if state_words is not self._state_words:
                     self._note_once("0 and 1 in names were read as `unloaded` and `loaded`")
+                self._refuse_second_word(split_words(name), state, state_words)
                 return NameParts(parts[0], parts[1] if len(parts) > 1 else None, state)
         reason = (
             f"the name {quote(name)} does not show the observation, the target and the state of the point"
@@ -296,7 +300,33 @@ class NameReader:
             remedy = "use `unloaded`, `loaded` or `deflection`, or give `state_words`"
             reason = f"{quote(word)} is not a known state"
             raise ImportFileError(place, reason, remedy, "state_words", (word,))
+        self._refuse_second_word([word], state, {**STATE_OF_DIGIT, **self._state_words})
         return NameParts(None, target, state)
+
+    def _refuse_second_word(
+        self, words: Iterable[str], state: State | None, state_words: Mapping[str, State]
+    ) -> None:
+        """Refuse a second word for a state in one table: `after` next to `loaded` may be unloaded again.
+
+        Args:
+            words: words of a row, one of which means the state.
+            state: state of the row; None if the row itself has none.
+            state_words: meanings of words in addition to the built-in ones.
+
+        Raises:
+            ImportFileError: a row before has another word for this state, and the caller has not said that
+                this word means the state.
+        """
+        word = next((each for each in words if state and find_state(each, state_words) == state), None)
+        if word is None or state is None:
+            return
+        first = self._word_of_state.setdefault(state, word)
+        stated = {fold_word(each) for each in self._state_words}
+        if fold_word(first) == fold_word(word) or fold_word(word) in stated:
+            return
+        reason = f"{quote(first)} and {quote(word)} both mean {state}"
+        remedy = "use one word for each state, or give `state_words`"
+        raise ImportFileError(NOWHERE, reason, remedy, "state_words", (word,))
 
     def _read_text(self, row: Row, kind: Kind) -> str:
         """Return the text of a row's column of some kind.
@@ -318,7 +348,7 @@ def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State
     """Split a name at `::` or `_`; return (parts that name no state, state that one part names).
 
     The state is None, and all parts are returned, if no part or several parts name a state. In `c01
-    unloaded::P10` the state is the last word of a part.
+    unloaded::P10` and `c01::P10_loaded` the state is the last word of a part.
     """
     name = join_state_phrases(name)
     parts = name.split("::") if "::" in name else name.split("_")
@@ -327,15 +357,16 @@ def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State
     states = [find_state(part, words) for part in parts]
     named_states = [state for state in states if state is not None]
     if not named_states and "::" in name:
-        splits_at_blank = [part.rpartition(" ") for part in parts]
+        ends = [re.fullmatch(r"(.+)([ _])([^ _]+)", part) for part in parts]
         last_word_states = [
-            find_state(last_word, words) if before and len(last_word) >= MIN_STATE_LETTERS else None
-            for before, _, last_word in splits_at_blank
+            find_state(end[3], words) if end and (end[2] == "_" or len(end[3]) >= MIN_STATE_LETTERS) else None
+            for end in ends
         ]
         named_states = [state for state in last_word_states if state is not None]
         if len(named_states) == 1:
             position = last_word_states.index(named_states[0])
-            return [*parts[:position], splits_at_blank[position][0], *parts[position + 1 :]], named_states[0]
+            begin = part.group(1) if (part := ends[position]) else ""
+            return [*parts[:position], begin, *parts[position + 1 :]], named_states[0]
     if len(named_states) != 1:
         return parts, None
     return [part for part, state in zip(parts, states, strict=True) if state is None], named_states[0]

@@ -196,3 +196,32 @@ def test_a_second_header_that_contradicts_the_first_is_refused():
     table = "".join(line for line in CAMPAIGN.splitlines(keepends=True) if line[0] != "#")
     header = table.splitlines()[0]
     assert refusals(("a.csv", header.replace("J2 [deg]", "J2 [mm]") + "\n" + table))
+
+
+def test_a_row_of_least_or_greatest_numbers_is_left_out_only_if_they_are():
+    least, greatest = row_of(min, "*min*"), row_of(max, "Maximum")
+    assert numbers_of(answered(("a.csv", f"{CAMPAIGN}{least}\n{greatest}\n"))) == CAMPAIGN_NUMBERS
+    posture = least.replace("*min*", "Min").rpartition(";")[0] + ";85.5"
+    assert len(numbers_of(answered(("a.csv", f"{CAMPAIGN}{posture}\n")))) == 4
+
+
+@pytest.mark.parametrize(
+    "name", ["{label}_{state}::{target}", "{label}::{target}_{state}", "{label}::{target}_u"]
+)
+def test_a_part_of_a_point_of_spatial_analyzer_may_end_with_the_state(name):
+    lines = []
+    for line in POINTS.splitlines():
+        point, _, numbers = line.partition(";")
+        label, target, state = point.split("_")
+        text = name.format(label=label, target=target, state=state)
+        lines.append(f"{text.replace('_u', '_l') if state == 'loaded' and '_u' in name else text};{numbers}")
+    assert points_of(read(("p.txt", "\n".join(lines) + "\n"), units=MM)) == READ_POINTS
+
+
+def test_readings_before_with_and_after_a_load_are_no_repeated_readings():
+    header = "label;state;target;x [mm];y [mm];z [mm]\n"
+    rows = "c01;before;P10;1;2;3\nc01;loaded;P10;1;2;2.9\nc01;after;P10;1;2;3.001\n"
+    (fault,) = refusals(("p.csv", header + rows), mean_of_repeats=True)
+    assert "'loaded' and 'after' both mean loaded" in fault
+    found = read(("p.csv", header + rows), state_words={"after": "unloaded_after"})
+    assert {state for _, _, state in points_of(found)} == {"unloaded", "loaded", "unloaded_after"}

@@ -125,6 +125,9 @@ STATES = (
     "c01;P10;unloaded;1245.7134;-310.1127;239.2014\n"
     "c01;P10;loaded;1245.6021;-310.1098;237.9853\n"
 )
+BOTH_STATES = (
+    STATES + "c02;P10;unloaded;1102.5518;402.9017;318.4406\nc02;P10;loaded;1102.4127;402.8613;316.8891\n"
+)
 UNSURE = "name;x [mm];y [mm];z [mm];U95 x [mm];U95 y [mm];U95 z [mm]\n" + "".join(
     f"{line};0.02;0.02;0.03\n" for line in POINTS.splitlines()
 )
@@ -376,11 +379,27 @@ NAMES = {
         "occurs twice", POINTS + "c02_P10_loaded;1102.4128;402.8613;316.8891\n", mean_of_repeats=True
     ),
     "points far apart as repeated ones": mistake(
-        "for repeated readings, at most 0.2 mm is plausible",
+        "for repeated readings, at most 0.1 mm is plausible",
         "c02_P10_loaded",
         "c01_P10_loaded",
         POINTS,
         mean_of_repeats=True,
+    ),
+    "point repeated in two files": Case(
+        "occurs in two files",
+        {"a.csv": JOINTS, "b.csv": POINTS, "c.csv": "c02_P10_loaded;1102.4128;402.8613;316.8891\n"},
+        {"a.csv": JOINTS, "b.csv": POINTS},
+        options={"mean_of_repeats": True},
+    ),
+    "two words for a state": option(
+        "'loaded' and 'after' both mean loaded",
+        POINTS.replace("c02_P10_loaded", "c02_P10_after"),
+        state_words={"after": "loaded"},
+    ),
+    "two words in a column of states": Case(
+        "'loaded' and 'after' both mean loaded",
+        {"a.csv": JOINTS, "b.csv": BOTH_STATES.replace("c02;P10;loaded", "c02;P10;after")},
+        {"a.csv": JOINTS, "b.csv": BOTH_STATES},
     ),
     "numbers as texts": Case(
         "cells have numbers as texts",
