@@ -363,47 +363,6 @@ def _make_shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementE
 # ---- robots
 
 
-def convert_dh_rows(rows: Any, convention: str | None, units: Mapping[str, str]) -> dict[str, Any]:  # noqa: ANN401
-    """Convert the rows of a Denavit–Hartenberg table to the model of a robot document, in m and rad.
-
-    Args:
-        rows: rows of a, alpha, d, theta, with or without lower and upper limit, as anything that numpy
-            understands; or `DhRow`s and their documents, which are in m and rad.
-        convention: `standard` or `modified`.
-        units: units of the rows by `length` and `angle`.
-
-    Raises:
-        RobotError: the convention is missing, or a row is not understood.
-    """
-    if convention not in {"standard", "modified"}:
-        raise RobotError(
-            "a table of Denavit and Hartenberg needs its convention",
-            where="convention",
-            remedy="state convention='standard' or 'modified' (Craig): js.robot(rows, convention='modified')",
-        )
-    if all(isinstance(row, Mapping) or hasattr(row, "model_dump") for row in rows):
-        plain = [row if isinstance(row, Mapping) else row.model_dump() for row in rows]
-        return {"format": "dh", "convention": convention, "rows": plain}
-    table = to_number_array(rows, "robot")
-    if table.ndim != 2 or table.shape[1] not in {4, 6}:
-        raise RobotError(
-            f"the table has the shape {table.shape}",
-            where="robot",
-            remedy="give rows of a, alpha, d, theta, or of these with lower and upper limit",
-        )
-    length, angle = LENGTH[units["length"]], ANGLE[units["angle"]]
-    table = table * np.array([length, angle, length, angle, angle, angle])[: table.shape[1]]
-    columns = ("a", "alpha", "d", "theta", "lower", "upper")
-    return {
-        "format": "dh",
-        "convention": convention,
-        "rows": [
-            {name: number for name, number in zip(columns, row, strict=False) if np.isfinite(number)}
-            for row in table.tolist()
-        ],
-    }
-
-
 def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
     """Convert the text of a URDF to the model of a robot document.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import hypot
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +24,10 @@ from jointstiff.solver.messages import build_messages, list_joint_kinds
 
 if TYPE_CHECKING:  # geometry is no part of an identification
     from jointstiff.schemas.geometry import GeometryUnits
+
+
+_LARGEST_OFFSET: Final = 4.0 * np.pi
+"""Largest offset of a revolute joint in a joint map [rad]: two turns, which no map needs."""
 
 
 def build_dh_chain(model: robots.DhModel, name: str) -> KinematicChain:
@@ -49,6 +53,14 @@ def build_chain_robot(
         RobotError: the joint map does not fit, or a body belongs to no joint.
     """
     solver_map = None if joint_map is None else JointMap.from_rows(joint_map.matrix, joint_map.offset)
+    kinds = [joint.kind for joint in chain.joints if joint.is_moving]
+    for number, (kind, offset) in enumerate(zip(kinds, joint_map.offset if joint_map else (), strict=False)):
+        if kind == "revolute" and abs(offset) > _LARGEST_OFFSET:
+            raise RobotError(
+                f"the offset of joint {number + 1} is {offset:g} rad; it seems to be in degrees",
+                where=f"joint_map.offset[{number}]",
+                remedy="give offsets in rad, within two turns: whole turns change nothing",
+            )
     for number, body in enumerate(bodies):
         if body.joint not in chain.joint_names:
             raise RobotError(

@@ -309,13 +309,13 @@ class NameReader:
         """Refuse a second word for a state in one table: `after` next to `loaded` may be unloaded again.
 
         Args:
-            words: words of a row, one of which means the state.
+            words: words of a row; one of them means the state.
             state: state of the row; None if the row itself has none.
             state_words: meanings of words in addition to the built-in ones.
 
         Raises:
-            ImportFileError: a row before has another word for this state, and the caller has not said that
-                this word means the state.
+            ImportFileError: a row before has another word for this state, and the caller's words do not have
+                the word of this row.
         """
         word = next((each for each in words if state and find_state(each, state_words) == state), None)
         if word is None or state is None:

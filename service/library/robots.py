@@ -14,7 +14,8 @@ from pydantic import PrivateAttr
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.robot import JointMap, RobotDocument
 from jointstiff.service.problems import as_campaign_error
-from jointstiff.service.resources.documents import parse_document, read_robot
+from jointstiff.service.resources.documents import URDF_ENDINGS, parse_document, read_robot, read_urdf_file
+from jointstiff.solver.errors import RobotError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.joints import JointKind
@@ -94,72 +95,73 @@ def robot(
 
     Args:
         source: a robot document or a file of one; the name of an arm of the catalogue, such as "KUKA KR 210
-            R2700 extra"; a URDF, its text or file; rows of a, alpha, d, theta (and limits); or a model of
-            Pinocchio.
+            R2700 extra"; a URDF, its text or file; rows of a, alpha, d, theta (and limits), or a data frame
+            or mappings with these names; or a model of Pinocchio.
         name: name of the robot.
         base: link of a URDF whose frame is R0; default: its root.
         flange: link of a URDF, or frame of a model, that is the flange; default: the only tip.
         convention: convention of the rows, `standard` or `modified` (Craig).
-        units: units of the lengths and angles of rows, such as "m, rad, N"; default: mm and deg.
-        joint_map: map from the controller's joints to the model's; default: identity, or the map of the arm.
+        units: units of the lengths and angles of rows, such as "m, rad" or "mm, deg"; default: mm and deg.
+            Columns with names need units, here or in their names.
+        joint_map: map from the controller's joints to the model's, with an offset in rad or m; default:
+            identity, or the map of the arm.
 
     Raises:
-        CampaignError: the source does not describe a robot.
+        CampaignError: the source does not describe a robot, or an argument does not concern this source.
         OSError: a file cannot be read.
     """
     document: dict[str, Any]
+    of_frames: dict[str, object] = {"base": base, "flange": flange}
+    of_rows: dict[str, object] = {"convention": convention, "units": units}
     if isinstance(source, Message | Mapping):
+        _refuse_arguments("a robot document", of_frames | of_rows)
         document = plain_fields(source)
+    elif isinstance(source, str | PathLike) and _is_urdf(str(source)):
+        _refuse_arguments("a URDF", of_rows)
+        document = _read_urdf_fields(str(source), base, flange)
     elif isinstance(source, str | PathLike):
-        document = _read_robot_fields(str(source), base, flange)
+        _refuse_arguments("a robot file or an arm of the catalogue", of_frames | of_rows)
+        document = plain_fields(read_robot(str(source)))
     else:
+        _refuse_arguments("a table or a model", {"base": base})
         document = _make_robot_fields(source, flange, convention, units)
     if joint_map is not None:
-        document["joint_map"] = plain_fields(joint_map)
+        document["joint_map"] = (
+            plain_fields(joint_map) if isinstance(joint_map, Message | Mapping) else joint_map
+        )
     parsed = parse_document({"name": "robot", **document, **({"name": name} if name else {})}, RobotDocument)
     return ModelledRobot.from_model(parsed, source, flange) if hasattr(source, "jointPlacements") else parsed
 
 
-def _read_robot_fields(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
-    """Return the fields of a robot: from a URDF (its text or file), a robot file, or the name of an arm."""
-    if not text.lstrip().startswith("<") and Path(text).suffix.lower() not in {".urdf", ".xml", ".xacro"}:
-        return plain_fields(read_robot(text))
-    from jointstiff.service.conversion.arrays import convert_urdf
-
-    is_text = text.lstrip().startswith("<")
-    if Path(text).suffix.lower() == ".xacro" and not is_text:
-        urdf = _expand_xacro(Path(text))
-    else:
-        urdf = text if is_text else Path(text).read_text(encoding="utf-8-sig")
-    with as_campaign_error("robot"):
-        return {"name": "robot" if is_text else Path(text).stem, "model": convert_urdf(urdf, base, flange)}
-
-
-def _expand_xacro(path: Path) -> str:
-    """Return the URDF of a xacro file, by the package `xacro`.
+def _refuse_arguments(what: str, arguments: Mapping[str, object]) -> None:
+    """Refuse arguments that do not concern the source, which is `what` in words.
 
     Raises:
-        CampaignError: the package is not installed, or the file cannot be expanded.
+        CampaignError: an argument is not None.
     """
-    from jointstiff.solver.errors import RobotError
+    for name, value in arguments.items():
+        if value is not None:
+            with as_campaign_error("robot"):
+                raise RobotError(
+                    f"`{name}` has no meaning for {what}",
+                    where=name,
+                    remedy=f"omit `{name}`, or change the source",
+                )
+
+
+def _is_urdf(text: str) -> bool:
+    """Return whether a text is a URDF, or the name of a file of one."""
+    return text.lstrip().startswith("<") or Path(text).suffix.lower() in URDF_ENDINGS
+
+
+def _read_urdf_fields(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
+    """Return the fields of a robot from a URDF: its text, or a file, also of xacro."""
+    if not text.lstrip().startswith("<"):
+        return read_urdf_file(Path(text), base, flange)
+    from jointstiff.service.conversion.arrays import convert_urdf
 
     with as_campaign_error("robot"):
-        try:
-            import xacro
-        except ImportError:
-            raise RobotError(
-                "a xacro file needs the package xacro, which is not installed",
-                where="robot",
-                remedy="pip install xacro, or expand the file first: xacro robot.urdf.xacro > robot.urdf",
-            ) from None
-        try:
-            return str(xacro.process_file(str(path)).toxml())
-        except Exception as error:
-            reason = f"the xacro file cannot be expanded: {error}"
-            remedy = (
-                "check the file with the program xacro; the packages that the file includes must be installed"
-            )
-            raise RobotError(reason, where="robot", remedy=remedy) from error
+        return {"name": "robot", "model": convert_urdf(text, base, flange)}
 
 
 def _make_robot_fields(
@@ -170,13 +172,17 @@ def _make_robot_fields(
 ) -> dict[str, Any]:
     """Return the fields of a robot: from a Pinocchio model, or from rows of Denavit-Hartenberg parameters."""
     from jointstiff.service.conversion.arguments import complete_units
-    from jointstiff.service.conversion.arrays import convert_dh_rows, convert_pinocchio_model
+    from jointstiff.service.conversion.arrays import convert_pinocchio_model
+    from jointstiff.service.conversion.dh_tables import convert_dh_rows
 
+    if isinstance(units, str) and units.count(",") == 1:  # a robot has no forces
+        units = f"{units}, N"
     with as_campaign_error("robot"):
         if hasattr(source, "jointPlacements"):  # a Pinocchio model
             model, bodies = convert_pinocchio_model(source, flange)
             return {"name": source.name or "robot", "model": model, **({"bodies": bodies} if bodies else {})}
-        return {"model": convert_dh_rows(source, convention, complete_units(units))}
+        stated = units is not None
+        return {"model": convert_dh_rows(source, convention, complete_units(units), units_are_stated=stated)}
 
 
 def plain_fields(fields: Message | Mapping[str, Any]) -> dict[str, Any]:

@@ -18,8 +18,14 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
-from jointstiff.service.problems import CampaignError, http_problem, problem_from_error, problem_from_faults
-from jointstiff.solver.errors import RequestError
+from jointstiff.service.problems import (
+    CampaignError,
+    as_campaign_error,
+    http_problem,
+    problem_from_error,
+    problem_from_faults,
+)
+from jointstiff.solver.errors import RequestError, RobotError
 
 Document = TypeVar("Document", bound=BaseModel)
 AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
@@ -227,14 +233,69 @@ _OTHER_DOCUMENTS: Final = (
 """Kinds of documents: keys by which a document of the kind is recognised, its name, and the remedy."""
 
 
+URDF_ENDINGS: Final = frozenset((".urdf", ".xacro", ".xml"))
+"""Endings of files with a URDF."""
+
+
+def read_urdf_file(path: Path, base: str | None = None, flange: str | None = None) -> dict[str, Any]:
+    """Return the fields of the robot in a file with a URDF, also of xacro, by the links `base` and `flange`.
+
+    Raises:
+        CampaignError: the file is not a URDF, or several links may be the base or the flange.
+        OSError: the file cannot be read.
+    """
+    from jointstiff.service.conversion.arrays import convert_urdf
+
+    if path.suffix.lower() == ".xacro":
+        urdf = _expand_xacro(path)
+    else:
+        with as_campaign_error("robot"):
+            try:
+                urdf = path.read_text(encoding="utf-8-sig")
+            except UnicodeDecodeError:
+                raise RobotError(
+                    f"{path.name} is not encoded in UTF-8", where="robot", remedy="save the file as UTF-8"
+                ) from None
+    with as_campaign_error("robot"):
+        return {"name": path.stem.removesuffix(".urdf"), "model": convert_urdf(urdf, base, flange)}
+
+
+def _expand_xacro(path: Path) -> str:
+    """Return the URDF of a xacro file, by the package `xacro`.
+
+    Raises:
+        CampaignError: the package is not installed, or the file cannot be expanded.
+    """
+    with as_campaign_error("robot"):
+        try:
+            import xacro
+        except ImportError:
+            raise RobotError(
+                "a xacro file needs the package xacro, which is not installed",
+                where="robot",
+                remedy="pip install xacro, or expand the file first: xacro robot.urdf.xacro > robot.urdf",
+            ) from None
+        try:
+            return str(xacro.process_file(str(path)).toxml())
+        except Exception as error:
+            reason = f"the xacro file cannot be expanded: {error}"
+            remedy = (
+                "check the file with the program xacro; without ROS, replace $(find PACKAGE) by a relative "
+                "path, and give each argument a default"
+            )
+            raise RobotError(reason, where="robot", remedy=remedy) from error
+
+
 def read_robot(text: str) -> RobotDocument:
-    """Return the robot in a file of a robot or a campaign, or else the catalogue's arm with the name `text`.
+    """Return the robot in a file of a robot, a campaign or a URDF, or else the catalogue's arm `text`.
 
     Raises:
         CampaignError: the file contains no robot, or neither a file nor an arm has this name.
     """
     from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 
+    if Path(text).is_file() and Path(text).suffix.lower() in URDF_ENDINGS:
+        return parse_document(read_urdf_file(Path(text)), RobotDocument)
     if Path(text).is_file():
         return read_document(Path(text), RobotDocument, section="robot")
     try:

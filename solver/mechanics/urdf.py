@@ -59,6 +59,7 @@ _AXIS = {"xyz": 1e6, "rpy": 1e-9}
 _LARGEST_LIMIT = 1e300  # some documents write ±1e16 for no limit
 _LARGEST_MASS = 1e6  # [kg]
 _MANY_JOINTS = 3  # fewest revolute joints whose limits show that they are in degrees
+_TWO_TURNS = 720.0  # [°]
 _TEN_TURNS = 3600.0  # [°]
 _ZERO = (0.0, 0.0, 0.0)
 _DEFAULT_AXIS = (1.0, 0.0, 0.0)  # of the URDF standard
@@ -100,12 +101,14 @@ def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
 def _read_limits_in_degrees(chain: tuple[ChainJoint, ...]) -> tuple[ChainJoint, ...]:
     """Return the joints with limits in rad if those of all revolute joints are in degrees.
 
-    Limits are in degrees if each revolute joint has one beyond two turns in rad, and none is beyond ten
-    turns in degrees: no arm turns each of its joints by more than two turns.
+    Limits are in degrees if each revolute joint has one beyond two turns in rad, none is beyond ten turns in
+    degrees, and one joint is within two turns in degrees: no arm turns each of its joints by more than that.
     """
     limited = [joint for joint in chain if joint.kind == "revolute" and joint.limits]
     greatest = [max(map(abs, joint.limits or ())) for joint in limited]
     if len(limited) < _MANY_JOINTS or not all(4.0 * np.pi < each <= _TEN_TURNS for each in greatest):
+        return chain
+    if min(greatest) > _TWO_TURNS:  # no limits of a real arm; in rad they would be beyond two turns again
         return chain
     in_rad = {
         joint.name: (float(np.radians(joint.limits[0])), float(np.radians(joint.limits[1])))

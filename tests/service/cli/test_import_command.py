@@ -38,11 +38,12 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "campaign.json").write_text(json.dumps(DOCUMENT))
     (tmp_path / "robot.json").write_text(json.dumps(DOCUMENT["robot"]))
+    (tmp_path / "robot.urdf").write_text(DOCUMENT["robot"]["model"]["urdf"])
     (tmp_path / "cell.csv").write_bytes(table_of(DOCUMENT))
     return tmp_path
 
 
-@pytest.mark.parametrize("robot", ["campaign.json", "robot.json"])
+@pytest.mark.parametrize("robot", ["campaign.json", "robot.json", "robot.urdf"])
 def test_a_table_of_a_campaign_gives_the_result_of_the_campaign(folder, robot):
     shown = run("import", "cell.csv", "--robot", robot, *STATED, "--output", "new.json")
     assert (shown.exit_code, shown.stderr) == (

@@ -2,6 +2,7 @@
 
 import math
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.problems import CampaignError
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.mechanics.urdf import read_urdf
+from jointstiff.solver.mechanics.urdf import read_urdf, write_urdf
 
 PAPER = [  # a [mm], alpha [°], d [mm], theta [°], lower [°], upper [°]
     [350.0, -90.0, 675.0, 0.0, -185.0, 185.0],
@@ -116,3 +117,24 @@ def test_a_joint_that_cannot_move_is_named():
         read_urdf(urdf([(-1, 1), (0, 0)]), "l0", "l2")
     assert refused.value.where == "joint 'j1' limits"
     assert "make a joint that cannot move a fixed joint" in refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("limits", "read"),
+    [
+        ([185, 140, 155, 350, 125, 350], "degrees"),
+        ([185, 140, 155, 900, 125, 900], "degrees"),
+        ([1000] * 6, "radians"),
+        ([3.2, 2.4, 2.7, 6.1, 2.2, 6.1], "radians"),
+    ],
+)
+def test_limits_in_degrees_are_converted_once(limits, read):
+    robot = js.robot(PAPER, convention="standard", units="mm, deg, N")
+    chain = prepare_robot(robot).robot.chain
+    bounds = {f"joint_{number}": (-limit, limit) for number, limit in enumerate(limits, 1)}
+    joints = tuple(replace(joint, limits=bounds.get(joint.name)) for joint in chain.joints)
+    urdf = write_urdf(replace(chain, joints=joints))
+    prepared = prepare_robot(js.robot(urdf))
+    wanted = np.radians(limits) if read == "degrees" else np.array(limits, dtype=float)
+    np.testing.assert_allclose(prepared.robot.limits[:, 1], wanted, rtol=1e-12)
+    np.testing.assert_allclose(prepare_robot(prepared.document).robot.limits[:, 1], wanted, rtol=1e-12)

@@ -1,0 +1,260 @@
+"""Tables of Denavit and Hartenberg as papers and programs have them, for the model of a robot document."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from jointstiff.schemas.fields import Message
+from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.solver.errors import RobotError
+
+_COLUMNS: Final = ("a", "alpha", "d", "theta", "lower", "upper")
+_LENGTHS: Final = frozenset("ad")
+_NAMES: Final = {
+    "a": "a",
+    "alpha": "alpha",
+    "α": "alpha",
+    "d": "d",
+    "theta": "theta",
+    "θ": "theta",
+    "offset": "theta",
+    "lower": "lower",
+    "upper": "upper",
+    "min": "lower",
+    "max": "upper",
+    "kind": "kind",
+    "type": "kind",
+}
+"""Names of columns, without their index such as in `a_i`, `alpha_{i-1}` or `θ1`."""
+_NUMBERS: Final = frozenset(("i", "joint", "link", "axis", "no", "nr", "#", "name", ""))
+"""Names of columns that number or name the rows."""
+_HEADER: Final = re.compile(
+    r"([^\W\d_]+|#|)[\s_]*(?:\{?(?:[ij]|\d+)?(?:[-\u2212]1)?\}?)?\s*(?:[\[(](.+)[\])])?"
+)
+_JOINT_ANGLE: Final = re.compile(r"(?:θ|theta|q)_?(?:i|\d*)\*?(?=\s*(?:[-+]|\Z))")
+"""A joint's angle in a cell of theta, such as in `θ2 - 90`: the cell's constant is what follows."""
+_CELL: Final = re.compile(
+    r"([-+]?)\s*((?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)?\s*\*?\s*(pi)?\s*(?:/\s*(\d+\.?\d*))?\s*(deg|°)?"
+)
+_SHORTEST: Final = 0.05
+"""Links of all rows together [m] below which the unit of a table is in doubt, unless it is stated."""
+_RIGHT_ANGLE_DIGITS: Final = 2e-3
+"""Distance from multiples of π/2 [rad] within which an angle counts as one of them."""
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Cells of a row by the names of their columns, and the units that its headers state."""
+
+    cells: Mapping[str, Any]
+    units: Mapping[str, str]
+
+
+def convert_dh_rows(
+    rows: Any,  # noqa: ANN401 - rows of a table
+    convention: str | None,
+    units: Mapping[str, str],
+    *,
+    units_are_stated: bool = False,
+) -> dict[str, Any]:
+    """Convert the rows of a Denavit–Hartenberg table to the model of a robot document, in m and rad.
+
+    Args:
+        rows: rows of a, alpha, d, theta, with or without lower and upper limit; or a data frame, an array
+            with names, or mappings, whose columns have these names, in any order, with or without units.
+            Cells are numbers, or texts such as `-90°`, `pi/2` or `θ2 - 90`. `DhRow`s are in m and rad.
+        convention: `standard` or `modified`.
+        units: units of the rows by `length` and `angle`.
+        units_are_stated: whether the caller stated these units; columns with names need this, or units in
+            their names.
+
+    Raises:
+        RobotError: the convention is missing, a row is not understood, or its units are in doubt.
+    """
+    if convention not in {"standard", "modified"}:
+        raise RobotError(
+            "a table of Denavit and Hartenberg needs its convention",
+            where="convention",
+            remedy="state convention='standard' or 'modified' (Craig): js.robot(rows, convention='modified')",
+        )
+    model = {"format": "dh", "convention": convention}
+    if isinstance(rows, Sequence) and rows and all(isinstance(row, Message) for row in rows):
+        return model | {"rows": [row.model_dump() for row in rows]}
+    named = _read_named_rows(rows)
+    if named is None:
+        table = [_Row(dict(zip(_COLUMNS, row, strict=False)), {}) for row in _read_plain_rows(rows)]
+    else:
+        table = named
+    if named is not None and not units_are_stated:
+        lacking = {"a", "d", "alpha", "theta"} & table[0].cells.keys() - table[0].units.keys()
+        if lacking:
+            raise RobotError(
+                f"the columns {', '.join(sorted(lacking))} of the table have no units",
+                where="units",
+                remedy="state units='mm, deg, N' or units='m, rad, N'",
+            )
+    converted = [_convert_row(row, units, number) for number, row in enumerate(table)]
+    if not units_are_stated and not any(row.units for row in table):
+        _refuse_doubtful_units(converted, units)
+    return model | {"rows": converted}
+
+
+def _read_plain_rows(rows: Any) -> list[list[Any]]:  # noqa: ANN401
+    """Return the cells of rows without names.
+
+    Raises:
+        RobotError: the rows do not have four or six cells each.
+    """
+    plain = rows.tolist() if hasattr(rows, "tolist") else rows
+    plain = plain.to_numpy().tolist() if hasattr(plain, "to_numpy") else plain
+    try:
+        cells = [list(row) for row in plain]
+    except TypeError:
+        cells = []
+    widths = {len(row) for row in cells}
+    if widths not in ({4}, {6}):
+        shape = f"({len(cells)}, {'/'.join(map(str, sorted(widths)))})"
+        raise RobotError(
+            f"the table has the shape {shape}",
+            where="robot",
+            remedy="give rows of a, alpha, d, theta, or of these with lower and upper limit",
+        )
+    return cells
+
+
+def _read_named_rows(rows: Any) -> list[_Row] | None:  # noqa: ANN401
+    """Return the rows of a table whose columns have names; None if they have none.
+
+    Raises:
+        RobotError: a name is unknown, occurs twice or is missing.
+    """
+    if hasattr(rows, "columns") and hasattr(rows, "itertuples"):  # a data frame
+        names = list(rows.columns)
+        if not all(isinstance(name, str) for name in names):
+            return None
+        cells = [dict(zip(names, row, strict=True)) for row in rows.itertuples(index=False, name=None)]
+    elif getattr(getattr(rows, "dtype", None), "names", None):
+        cells = [dict(zip(rows.dtype.names, row, strict=True)) for row in rows.tolist()]
+    elif isinstance(rows, Sequence) and rows and all(isinstance(row, Mapping) for row in rows):
+        cells = [dict(row) for row in rows]
+    else:
+        return None
+    return [_name_cells(row) for row in cells]
+
+
+def _name_cells(row: Mapping[str, Any]) -> _Row:
+    """Return a row with the cells under the names of this module.
+
+    Raises:
+        RobotError: a name is unknown, occurs twice or is missing.
+    """
+    cells: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    for header, cell in row.items():
+        match = _HEADER.fullmatch(str(header).strip().casefold())
+        name = match and _NAMES.get(match[1])
+        if match and name is None and match[1] in _NUMBERS:
+            continue
+        if match is None or name is None or name in cells:
+            fault = "occurs twice" if name in cells else "is unknown"
+            raise RobotError(
+                f"the column '{header}' of the table {fault}",
+                where="robot",
+                remedy="name the columns a, alpha, d, theta, and lower, upper, kind if they are known",
+            )
+        cells[name] = cell
+        if match[2]:
+            units[name] = "deg" if match[2].strip() in {"°", "degrees", "degree"} else match[2].strip()
+    if missing := {"a", "alpha", "d", "theta"} - cells.keys():
+        raise RobotError(
+            f"the table has no column {' and no column '.join(sorted(missing))}",
+            where="robot",
+            remedy="give a, alpha, d and theta in every row; theta and d of the joint itself are constants",
+        )
+    return _Row(cells, units)
+
+
+def _convert_row(row: _Row, units: Mapping[str, str], number: int) -> dict[str, Any]:
+    """Return a row in m and rad; a limit without a number is omitted.
+
+    Raises:
+        RobotError: a cell is not a number, or a unit is unknown.
+    """
+    kind = str(row.cells.get("kind") or "revolute").casefold()
+    kind = {"p": "prismatic", "r": "revolute"}.get(kind, kind)
+    converted: dict[str, Any] = {"kind": kind} if "kind" in row.cells else {}
+    for name in _COLUMNS:
+        cell = row.cells.get(name)
+        if cell is None or (isinstance(cell, float) and math.isnan(cell)):
+            continue
+        is_length = name in _LENGTHS or (kind == "prismatic" and name in {"lower", "upper"})
+        sizes: Mapping[str, float] = LENGTH if is_length else ANGLE
+        unit = row.units.get(name, units["length" if is_length else "angle"])
+        value = None if unit not in sizes else _parse_cell(cell, sizes[unit], is_length=is_length)
+        if value is None:
+            fault = f"'{cell}' is not a number" if unit in sizes else f"'{unit}' is not a known unit"
+            raise RobotError(
+                f"{name} of row {number + 1}: {fault}",
+                where=f"rows[{number}].{name}",
+                remedy="write a number, or an angle as -90°, pi/2 or θ2 - 90; units are m or mm, rad or deg",
+            )
+        converted[name] = value
+    return converted
+
+
+def _parse_cell(cell: object, size: float, *, is_length: bool) -> float | None:
+    """Return the value of a cell in m or rad; None if the cell has no number.
+
+    Args:
+        cell: number, or a text such as `-90`, `−90°`, `pi/2`, `θ2 - 90` or `q3`.
+        size: size of the unit of the column [m or rad].
+        is_length: whether the cell is a length, in which only numbers are read.
+    """
+    if not isinstance(cell, str):
+        try:
+            return float(cell) * size  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            return None
+    text = cell.strip().casefold().replace("\u2212", "-").replace("π", "pi")
+    rest = text if is_length else _JOINT_ANGLE.sub("", text, count=1).strip()
+    if not rest:
+        return 0.0 if text else None
+    match = _CELL.fullmatch(rest)
+    if match is None or not (match[2] or match[3]) or (is_length and (match[3] or match[4] or match[5])):
+        return None
+    sign, digits, pi, divisor, degrees = match.groups()
+    value = float(digits or 1.0) * (math.pi if pi else 1.0) / float(divisor or 1.0)
+    value = -value if sign == "-" else value
+    if pi:
+        return value
+    return math.radians(value) if degrees else value * size
+
+
+def _refuse_doubtful_units(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> None:
+    """Refuse a table whose lengths seem to be in m, or whose angles in rad, although no unit was stated.
+
+    Raises:
+        RobotError: the links are shorter together than any robot's, or angles are π/2 in the unit of degrees.
+    """
+    length = sum(abs(row.get(name, 0.0)) for row in rows for name in _LENGTHS)
+    angles = [row.get(name, 0.0) for row in rows for name in ("alpha", "theta")]
+    in_unit = np.abs(np.array(angles)) / ANGLE[units["angle"]]
+    quarters = in_unit / (0.5 * np.pi)
+    are_right = (in_unit > 1.0) & (np.abs(quarters - np.round(quarters)) < _RIGHT_ANGLE_DIGITS)
+    believed = []
+    if 0.0 < length < _SHORTEST:
+        believed.append(f"the links are {1e3 * length:.3g} mm long together")
+    if units["angle"] == "deg" and are_right.any() and not (in_unit > 2.1 * np.pi).any():
+        believed.append(f"an angle is {in_unit[are_right][0]:.5g}°, as π/2 or π in rad")
+    if believed:
+        raise RobotError(
+            f"the units of the table are in doubt: {', and '.join(believed)}",
+            where="units",
+            remedy="state the units: js.robot(rows, convention=…, units='m, rad, N') or units='mm, deg, N'",
+        )

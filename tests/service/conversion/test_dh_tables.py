@@ -1,0 +1,127 @@
+"""Tables of Denavit and Hartenberg as people have them: each becomes the same rows, or is refused."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import jointstiff as js
+from jointstiff.schemas.robot import DhRow
+from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.solver.errors import RobotError
+
+ROWS = [[330.0, -90.0, 780.0, 0.0], [1120.0, 0.0, 0.0, -90.0], [60.0, 90.0, 0.0, 180.0]]
+"""a [mm], alpha [°], d [mm], theta [°]."""
+WANTED = [
+    (0.33, -math.pi / 2, 0.78, 0.0),
+    (1.12, 0.0, 0.0, -math.pi / 2),
+    (0.06, math.pi / 2, 0.0, math.pi),
+]
+"""The same in m and rad."""
+IN_SI = [[*row] for row in WANTED]
+ORDER = ["theta", "d", "a", "alpha"]
+
+
+def reordered(rows, names=ORDER):
+    """Return the rows as mappings, with the columns in another order."""
+    columns = dict(zip(["a", "alpha", "d", "theta"], range(4), strict=True))
+    return [{name: row[columns[key]] for name, key in zip(names, ORDER, strict=True)} for row in rows]
+
+
+PRINTED = [
+    ["330", "\u221290°", "780", "θ1"],
+    ["1120", "0", "0", "θ2 - 90°"],
+    ["60", "π/2", "0", "q3+pi"],
+]
+TABLES = {
+    "an array": (np.array(ROWS), None),
+    "lists in m and rad": (IN_SI, "m, rad"),
+    "cells as papers print them": (PRINTED, "mm, deg"),
+    "a data frame in another order": (pd.DataFrame(reordered(ROWS)), "mm, deg, N"),
+    "mappings in m and rad": (reordered(IN_SI), "m, rad, N"),
+    "units in the names": (
+        pd.DataFrame(reordered(ROWS, ["θ_i [°]", "d_i (mm)", "a_{i-1} [mm]", "α_{i-1} [deg]"])),
+        None,
+    ),
+    "a column of numbers": (pd.DataFrame(reordered(ROWS)).assign(i=[1, 2, 3]), "mm, deg"),
+    "a data frame without names": (pd.DataFrame(ROWS), None),
+    "messages in m and rad": ([DhRow(**row) for row in reordered(IN_SI)], None),
+    "an array with names": (pd.DataFrame(reordered(ROWS)).to_records(index=False), "mm, deg"),
+}
+
+
+@pytest.mark.parametrize("form", TABLES)
+def test_a_table_has_the_same_rows_in_each_form(form):
+    rows, units = TABLES[form]
+    model = js.robot(rows, convention="standard", units=units).model
+    found = [(row.a, row.alpha, row.d, row.theta) for row in model.rows]
+    np.testing.assert_allclose(found, WANTED, rtol=1e-12, atol=1e-12)
+
+
+def test_limits_of_a_prismatic_joint_are_lengths():
+    rows = [{"a": 0, "alpha": 0, "d": 100, "theta": 0, "kind": "P", "lower": -500, "upper": 500}]
+    (row,) = js.robot(rows, convention="modified", units="mm, deg").model.rows
+    assert (row.kind, row.d, row.lower, row.upper) == ("prismatic", 0.1, -0.5, 0.5)
+
+
+REFUSED = {
+    "names without units": (reordered(ROWS), None, "the columns a, alpha, d, theta of the table"),
+    "rows in m without units": (
+        [[r[0] / 1e3, r[1], r[2] / 1e3, r[3]] for r in ROWS],
+        None,
+        "2.29 mm long together",
+    ),
+    "rows in mm and rad without units": (
+        [[1e3 * r[0], r[1], 1e3 * r[2], r[3]] for r in IN_SI],
+        None,
+        r"1.5708°, as π/2 or π in rad",
+    ),
+    "an unknown column": (
+        [{**reordered(ROWS)[0], "beta": 0.0}],
+        "mm, deg",
+        "column 'beta' of the table is unknown",
+    ),
+    "a column twice": ([{**reordered(ROWS)[0], "θ": 0.0}], "mm, deg", "column 'θ' of the table occurs twice"),
+    "a column that is missing": ([{"a": 1.0, "alpha": 0.0, "d": 0.0}], "mm, deg", "has no column theta"),
+    "a word": ([["x", "0", "1", "0"]], "mm, deg", "a of row 1: 'x' is not a number"),
+    "a coupled angle": ([["1", "0", "1", "q2 - q1"]], "mm, deg", "theta of row 1: 'q2 - q1' is not a number"),
+    "a length with pi": ([["pi", "0", "1", "0"]], "mm, deg", "a of row 1: 'pi' is not a number"),
+    "five columns": ([[1.0, 2.0, 3.0, 4.0, 5.0]], None, r"the table has the shape \(1, 5\)"),
+}
+
+
+@pytest.mark.parametrize("form", REFUSED)
+def test_a_table_that_is_not_certain_is_refused_with_a_remedy(form):
+    rows, units, reason = REFUSED[form]
+    with pytest.raises(js.CampaignError, match=reason):
+        js.robot(rows, convention="standard", units=units)
+
+
+@pytest.mark.parametrize(
+    ("source", "arguments"),
+    [
+        ("UR5e", {"convention": "modified"}),
+        ("UR5e", {"flange": "tool0"}),
+        ({"name": "a", "model": {"format": "catalogue", "arm": "UR5e"}}, {"units": "mm, deg, N"}),
+        ("<robot/>", {"units": "mm, deg, N"}),
+        (ROWS, {"convention": "standard", "base": "world"}),
+    ],
+)
+def test_an_argument_that_does_not_concern_the_source_is_refused(source, arguments):
+    with pytest.raises(js.CampaignError, match="has no meaning for"):
+        js.robot(source, **arguments)
+
+
+@pytest.mark.parametrize("joint_map", ["fanuc", [1, -1, 1]])
+def test_a_joint_map_of_another_kind_is_refused(joint_map):
+    with pytest.raises(js.CampaignError, match="joint_map"):
+        js.robot("UR5e", joint_map=joint_map)
+
+
+def test_offsets_of_a_joint_map_in_degrees_are_refused():
+    robot = js.robot(
+        ROWS, convention="standard", joint_map={"matrix": np.eye(3).tolist(), "offset": [0, 90, 0]}
+    )
+    with pytest.raises(RobotError, match=r"the offset of joint 2 is 90 rad; it seems to be in degrees"):
+        prepare_robot(robot)
