@@ -134,6 +134,16 @@ def matrices():
     }
 
 
+def matrices_in_states():
+    """Return the matrices as a struct of MATLAB: those of readings in a struct for each state."""
+    plain = matrices()
+    places = {
+        state: {f"{target}_mm": plain[f"{target}_{state}_mm"] for target in TARGETS} for state in STATES
+    }
+    labels = np.array(plain.pop("label"), dtype=object).reshape(-1, 1)
+    return {"label": labels, "J_deg": plain["J_deg"], "force_N": plain["force_N"], **places}
+
+
 def in_one_group(file):
     for name, values in matrices().items():
         file[name] = values
@@ -209,6 +219,7 @@ READINGS = {
 }  # fmt: skip
 ARRAYS = {
     "MATLAB": lambda: ({"a.mat": arrays(**matrices())}, {}),
+    "a struct of MATLAB": lambda: ({"a.mat": arrays(data=matrices_in_states())}, {}),
     "HDF5": lambda: ({"a.h5": hdf5(in_one_group)}, {}),
     "two groups of HDF5": lambda: ({"a.h5": hdf5(in_groups)}, {"sheet": "joints; points"}),
     "Parquet": lambda: ({"a.parquet": parquet(columns())}, {}),
