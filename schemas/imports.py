@@ -77,10 +77,10 @@ class ImportOptions(Message):
         default=None, description="Decimal mark of text files; detected if absent and unambiguous."
     )
     header: Annotated[list[HeaderCell], Field(min_length=1, max_length=MAX_HEADER_CELLS)] | None = Field(
-        default=None, description="Header for files without one: one text per column."
+        default=None, description="Header for the files without a known header: one text per column."
     )
     ignore: Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
-        default_factory=list, description="Headers of columns to ignore; blanks are collapsed."
+        default_factory=list, description="Headers of columns to ignore; blanks are collapsed, * is any text."
     )
     sheet: str | None = Field(
         default=None,

@@ -478,7 +478,7 @@ class Vocabulary:
         """
         self._joints = {fold_word(name): number for number, name in enumerate(joints)}
         self.states = options.state_words
-        self.ignored = {collapse_blanks(text) for text in options.ignore}
+        self._ignored = options.ignore
         self.stated = {collapse_blanks(text): meaning for text, meaning in options.columns.items()}
 
     def meaning(self, header: str, *, guessed: bool) -> Meaning:
@@ -490,7 +490,7 @@ class Vocabulary:
             ImportFileError: the header is not understood, or its unit differs from the stated one.
         """
         text = collapse_blanks(header)
-        if text in self.ignored:
+        if self._is_ignored(text):
             return Meaning(Quantity("ignored"))
         stated = self.stated.get(text)
         meaning = self._parse(header if stated is None else stated)
@@ -505,12 +505,16 @@ class Vocabulary:
         A header that the caller ignores or gives a meaning is known, and returned as `ignored`.
         """
         text = collapse_blanks(header)
-        if text in self.ignored or text in self.stated or fold_word(split_unit(header)[0]) == "q0":
+        if self._is_ignored(text) or text in self.stated or fold_word(split_unit(header)[0]) == "q0":
             return Meaning(Quantity("ignored"))
         try:
             return self._parse(header)
         except ImportFileError:
             return None
+
+    def _is_ignored(self, text: str) -> bool:
+        """Return whether the caller ignores a header."""
+        return any(fits_header(pattern, text) for pattern in self._ignored)
 
     def _parse(self, header: str) -> Meaning:
         """Return the meaning of a header by the grammar, or of a joint by its name.
@@ -535,6 +539,24 @@ class Vocabulary:
         meanings = [meaning for text in headers if text and (meaning := self.find(text))]
         axes = [(meaning.quantity, meaning.axis) for meaning in meanings if meaning.axis is not None]
         return 0 if len(set(axes)) < len(axes) or len(meanings) < 2 else len(meanings)
+
+
+def fits_header(pattern: str, header: str) -> bool:
+    """Return whether a header is the one that a text names, in which * stands for any characters."""
+    header = collapse_blanks(header)
+    first, *others = collapse_blanks(pattern).split("*")
+    if not others:
+        return first == header
+    *middle, last = others
+    place, end = len(first), len(header) - len(last)
+    if place > end or not (header.startswith(first) and header.endswith(last)):
+        return False
+    for part in middle:
+        found = header.find(part, place, end)
+        if found < 0:
+            return False
+        place = found + len(part)
+    return True
 
 
 def _apply_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:

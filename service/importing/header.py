@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final, Literal
@@ -90,7 +91,7 @@ def find_heading(grid: Grid, words: Vocabulary, options: ImportOptions) -> Headi
     Raises:
         ImportFileError: the header is not found, or a text that may be one is not understood.
     """
-    if options.header is not None:
+    if options.header is not None and not _has_known_header(grid, words):
         return Heading(grid.file, tuple(options.header))
     if count_numbers(grid.rows[0]) < _MIN_NUMBERS:
         return _find_header_in_rows(grid, words)
@@ -100,6 +101,16 @@ def find_heading(grid: Grid, words: Vocabulary, options: ImportOptions) -> Headi
     return _find_header_in_comments(grid, words, width) or _assume_columns(
         grid, width, by_order=options.by_order
     )
+
+
+def _has_known_header(grid: Grid, words: Vocabulary) -> bool:
+    """Return whether a table begins with a header of its own that is known as a whole."""
+    if count_numbers(grid.rows[0]) >= _MIN_NUMBERS:
+        return False
+    with suppress(ImportFileError):
+        texts = [text for text in _find_header_in_rows(grid, words).texts if text]
+        return words.count_known(texts) == len(texts)
+    return False
 
 
 # ---- in comments

@@ -33,6 +33,7 @@ from jointstiff.service.importing.grammar import (
     POINTS,
     Quantity,
     collapse_blanks,
+    fits_header,
     name_unit,
     split_along_target,
 )
@@ -302,6 +303,9 @@ class _Reader:
         if self._options.state and not any("state" in table.needed for table in tables_needing_names):
             reason = "the state of all positions is given by headers or columns"
             self._faults.report(NOWHERE, reason, "omit `state`", "state")
+        if self._options.header and all(layout.preview.header_lines for layout in self._layouts):
+            reason = "the header that is stated is not needed: every file has a known header of its own"
+            self._faults.report(NOWHERE, reason, "omit `header`, or remove the header of the file", "header")
         known_headers = {
             collapse_blanks(column.header) for layout in self._layouts for column in layout.preview.columns
         }
@@ -309,7 +313,10 @@ class _Reader:
             return
         for option in ("columns", "ignore"):
             for header in getattr(self._options, option):
-                if collapse_blanks(header) not in known_headers:
+                is_known = collapse_blanks(header) in known_headers
+                if not is_known and not (
+                    option == "ignore" and any(fits_header(header, known) for known in known_headers)
+                ):
                     reason = f"`{option}` names the header {quote(header)}, but no file has this header"
                     self._faults.report(
                         NOWHERE, reason, f"write the header in `{option}` exactly as in the file", option

@@ -21,7 +21,7 @@ from support.importing_samples import (
 from support.workbooks import ROWS, rows_of_values, workbook
 
 from jointstiff.schemas.imports import ImportOptions
-from jointstiff.service.importing.grammar import find_state_in_name
+from jointstiff.service.importing.grammar import find_state_in_name, fits_header
 from jointstiff.service.importing.grid import remove_thousands_separators
 from jointstiff.service.importing.reading import understand_files
 
@@ -225,3 +225,38 @@ def test_readings_before_with_and_after_a_load_are_no_repeated_readings():
     assert "'loaded' and 'after' both mean loaded" in fault
     found = read(("p.csv", header + rows), state_words={"after": "unloaded_after"})
     assert {state for _, _, state in points_of(found)} == {"unloaded", "loaded", "unloaded_after"}
+
+
+def test_a_stated_header_is_that_of_the_files_without_a_known_one():
+    points = "".join(f"{line};0.0041;12.03.2026\n" for line in POINTS.splitlines())
+    files = ("j.csv", JOINTS), ("p.txt", points)
+    imported = read(*files, header=["name", "x", "y", "z", "ignore", "date"], units=MM)
+    assert points_of(imported) == READ_POINTS
+
+
+def test_a_star_ignores_all_columns_of_a_kind():
+    lines = CAMPAIGN.splitlines()
+    first = next(k for k, line in enumerate(lines) if line[0] != "#")
+    table = [line + (";Dev X;Dev Y;3D Dev" if k == first else ";1;2;3") for k, line in enumerate(lines)]
+    text = "\n".join(line if k >= first else lines[k] for k, line in enumerate(table)) + "\n"
+    assert refusals(("a.csv", text))
+    assert numbers_of(answered(("a.csv", text), ignore=["Dev *", "3D*"])) == CAMPAIGN_NUMBERS
+    (fault,) = refusals(("a.csv", CAMPAIGN), ignore=["Dev *"])
+    assert "names the header 'Dev *', but no file has this header" in fault
+
+
+@pytest.mark.parametrize(
+    ("pattern", "header", "fits"),
+    [
+        ("a*b", "axb", True),
+        ("a*b", "ab", True),
+        ("a*b", "abc", False),
+        ("ab*ba", "aba", False),
+        ("*x*x*", "axbx", True),
+        ("*x*x*", "ax", False),
+        ("P10 [mm]", "P10  [mm]", True),
+        ("*a" * 200, "b" * 400, False),
+    ],
+)
+def test_a_star_stands_for_any_text(pattern, header, fits):
+    assert fits_header(pattern, header) == fits

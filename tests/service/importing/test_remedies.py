@@ -484,6 +484,9 @@ NAMES = {
         {"a.txt": "c01-P10-loaded;1;2;3.5\nc02-P10-loaded;1;2;4.5\n"},
         stated={"point_name": "{label}-{target}-{state}"},
     ),
+    "header without a need": omitted(
+        "the header that is stated is not needed", CAMPAIGN, header=["label", "x", "y", "z"]
+    ),
     "template without a need": omitted("is not needed", CAMPAIGN, point_name="{label}_{state}"),
     "file name without a need": omitted("is not needed", CAMPAIGN, file_name="{target}"),
     "header that no file has": Case(
