@@ -150,6 +150,7 @@ _TOKEN: Final = re.compile(r"[^\s_]+")
 _WORD_PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])")
 _BRACKET: Final = re.compile(r"[][(){}]")
 _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
+_MASS_IN_KG: Final = re.compile(r"(.*)[ _]kg", re.IGNORECASE)
 _TRANSLATIONS: Final = frozenset(("tx", "ty", "tz"))
 """Coordinates if they are in a unit of length; else they may be moments."""
 
@@ -326,6 +327,8 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
             reason = f"the header {quote(header)} has a unit, but its column has texts"
             raise ImportFileError(NOWHERE, reason, "correct the header, or remove its unit")
         return Meaning(Quantity(key))
+    if unit is None and (mass := _MASS_IN_KG.fullmatch(base)) and fold_word(mass[1]) in _WORD_LISTS["hung"]:
+        base, unit = mass[1], "kg"
     if fold_word(base) in _WORD_LISTS["hung"]:
         if unit not in ("kg", "kgf"):
             reason = f"{quote(header)}: the unit of a hung mass must be kg"

@@ -306,6 +306,10 @@ class _Reader:
         if self._options.header and all(layout.preview.header_lines for layout in self._layouts):
             reason = "the header that is stated is not needed: every file has a known header of its own"
             self._faults.report(NOWHERE, reason, "omit `header`, or remove the header of the file", "header")
+        self._check_named_headers()
+
+    def _check_named_headers(self) -> None:
+        """Report headers that the options `columns` and `ignore` name, but that no file has."""
         known_headers = {
             collapse_blanks(column.header) for layout in self._layouts for column in layout.preview.columns
         }
@@ -420,7 +424,8 @@ class _Merging:
         for record in records:
             first_place = first_places.setdefault((record.table, record.label), record.place)
             observation = observations.setdefault(record.label, record)
-            if record.whole and first_place is not record.place:
+            is_repeated = record.whole and first_place is not record.place
+            if is_repeated and not self._options.mean_of_repeats:
                 _report_duplicate(f"the label {quote(record.label)}", record.place, first_place, self._faults)
             elif observation is not record:
                 self._merge_record(observation, record)
@@ -437,13 +442,18 @@ class _Merging:
         Of joints that differ within the tolerance, those of the record with unloaded positions are kept.
         """
         observation.held_out |= record.held_out
-        is_unloaded = {"unloaded"} == {quantity.state for quantity in record.values if quantity.state}
+        is_unloaded, was_unloaded = (
+            {"unloaded"} == {quantity.state for quantity in each.values if quantity.state}
+            for each in (record, observation)
+        )
         for quantity, value in record.values.items():
             first_value = observation.values.setdefault(quantity, value)
             if quantity.kind in POINTS and first_value is not value:
                 self._repeats.setdefault((record.label, quantity), [first_value]).append(value)
-            elif first_value.vector == value.vector:
+            elif first_value.vector == value.vector or (is_unloaded and _is_no_load(quantity, value)):
                 continue
+            elif was_unloaded and _is_no_load(quantity, first_value):
+                observation.values[quantity] = value
             elif quantity.kind == "joint" and self._are_equal_joints(record.label, first_value, value):
                 if is_unloaded:
                     observation.values[quantity] = value
@@ -534,6 +544,11 @@ class _Merging:
                 f"one reading has a standard deviation of {deviation_text} in each coordinate; the greatest "
                 f"distance from a mean is {greatest_text}"
             )
+
+
+def _is_no_load(quantity: Quantity, value: Value) -> bool:
+    """Return whether a value is a force, a mass or a moment of zero, as tables have it in unloaded rows."""
+    return quantity.kind in ("force", "mass", "moment") and bool(value.vector) and not any(value.vector or ())
 
 
 def _report_duplicate(what: str, place: Place, first_place: Place, faults: Faults) -> None:

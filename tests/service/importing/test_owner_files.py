@@ -21,7 +21,7 @@ from support.importing_samples import (
 from support.workbooks import ROWS, rows_of_values, workbook
 
 from jointstiff.schemas.imports import ImportOptions
-from jointstiff.service.importing.grammar import find_state_in_name, fits_header
+from jointstiff.service.importing.grammar import find_state_in_name, fits_header, parse_header
 from jointstiff.service.importing.grid import remove_thousands_separators
 from jointstiff.service.importing.reading import understand_files
 
@@ -243,6 +243,19 @@ def test_a_star_ignores_all_columns_of_a_kind():
     assert numbers_of(answered(("a.csv", text), ignore=["Dev *", "3D*"])) == CAMPAIGN_NUMBERS
     (fault,) = refusals(("a.csv", CAMPAIGN), ignore=["Dev *"])
     assert "names the header 'Dev *', but no file has this header" in fault
+
+
+def test_two_loads_of_one_label_are_refused_also_if_one_is_zero():
+    header = "label;state;Fx [N];Fy [N];Fz [N];P10 x [mm];P10 y [mm];P10 z [mm]\n"
+    rows = "c01;unloaded;0;0;-100;1;2;3\nc01;loaded;0;0;-500;1;2;2.9\n"
+    assert "the force of 'c01' differs" in refusals(("a.csv", header + rows))[0]
+    zero_loaded = rows.replace("-100", "-500").replace("loaded;0;0;-500;1;2;2.9", "loaded;0;0;0;1;2;2.9")
+    assert "the force of 'c01' differs" in refusals(("a.csv", header + zero_loaded))[0]
+
+
+@pytest.mark.parametrize("name", ["mass_kg", "mass [kg]", "Payload kg"])
+def test_a_mass_may_have_its_unit_behind_a_blank_or_an_underscore(name):
+    assert (parse_header(name, {}).kind, parse_header(name, {}).unit) == ("mass", "kgf")
 
 
 @pytest.mark.parametrize(

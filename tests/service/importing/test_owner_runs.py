@@ -113,6 +113,17 @@ def below_titles(rows):
     return [titles, [name.replace(" [deg]", "") for name in header], *rest]
 
 
+def rows_of_states():
+    """Return a table with a row for each state, in which the unloaded rows have no force."""
+    rows = [["label", *JOINTS, "state", *FORCE, *(f"{target} {a} [mm]" for target in TARGETS for a in "xyz")]]
+    for each in SET["observations"]:
+        for state in STATES:
+            force = each["force"] if state == "loaded" else [0, 0, 0]
+            places = [x for reading in each["readings"] for x in reading[state]]
+            rows.append([each["label"], *each["joints"], state, *force, *places])
+    return rows
+
+
 def with_thousands(cell):
     whole, point, decimals = f"{cell:.8f}".partition(".") if isinstance(cell, float) else (str(cell), "", "")
     sign, digits = ("-", whole[1:]) if whole.startswith("-") else ("", whole)
@@ -178,6 +189,11 @@ READINGS = {
         {"j.csv": joints_only(), "p.csv": "point;x [mm];y [mm];z [mm]\n" + "\n".join(2 * points()) + "\n"},
         {"mean_of_repeats": True},
     ),
+    "whole rows repeated": (
+        {"a.csv": text([cells()[0], *(row for row in cells()[1:] for _ in range(3))])},
+        {"mean_of_repeats": True},
+    ),
+    "a row for each state, without a force where unloaded": ({"a.csv": text(rows_of_states())}, {}),
     "joints from zero": (
         {"a.csv": re.sub(r"J(\d) ", lambda match: f"Joint{int(match[1]) - 1} ", text(cells()))}, {},
     ),
