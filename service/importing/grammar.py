@@ -280,8 +280,8 @@ def is_extreme(text: str) -> bool:
 
 
 def _name_statistic(text: str) -> str:
-    """Return a text without the signs that may surround the name of a statistic."""
-    return " ".join(re.sub(r"[.:*-]", " ", fold_word(text)).split())
+    """Return a text without the signs that may surround the name of a statistic, and without brackets."""
+    return " ".join(re.sub(r"\([^()]*\)|[.:*-]", " ", fold_word(text)).split())
 
 
 def is_joint(text: str) -> bool:

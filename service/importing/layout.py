@@ -286,7 +286,7 @@ def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, lis
             and (not grammar.is_extreme(filled[0]) or _has_extremes(row, observations))
         ):
             statistics.append(filled[0])
-        elif len(filled) == 1 and len(heading.texts) > 2 and _REMARK.match(filled[0]):
+        elif len(filled) == 1 and len(heading.texts) > 2 and _is_remark(row, filled[0], heading):
             remarks.append(filled[0])
         else:
             kept.append(row)
@@ -298,6 +298,15 @@ def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, lis
     if not notes or len(kept) == heading.start:
         return grid, []
     return replace(grid, rows=tuple(kept)), notes
+
+
+def _is_remark(row: Row, text: str, heading: Heading) -> bool:
+    """Return whether a row, whose only text this is, has a remark, or a line of dashes.
+
+    A single word with digits may be the label of an observation, as may any word in a row of full length.
+    """
+    is_short = len(row.cells) < len(heading.texts)
+    return _REMARK.match(text) is not None or (is_short and not any(map(str.isdigit, text)))
 
 
 def _find_rows_of_means(rows: Sequence[Row]) -> set[int]:

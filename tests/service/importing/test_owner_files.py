@@ -69,9 +69,16 @@ def test_joints_may_be_numbered_from_zero():
     assert numbers_of(answered(("a.csv", text))) == CAMPAIGN_NUMBERS
 
 
-REMARKS = ["Bemerkung: Zelle 3, Hallentor offen;;;;;;;;;;;;", "lunch break;;;;;;;;;;;;"]
+REMARKS = [
+    "Bemerkung: Zelle 3, Hallentor offen;;;;;;;;;;;;",
+    "lunch break;;;;;;;;;;;;",
+    "; Pause",
+    "EOF",
+    "---------",
+]
 STATISTICS = [
-    f"{word};1;2;3;4;5;6;7;8;9;10;11;12" for word in ("mean", "Mittel", "σ", "Std Dev", "Mittelwert:")
+    f"{word};1;2;3;4;5;6;7;8;9;10;11;12"
+    for word in ("mean", "Mittel", "σ", "Std Dev", "Mittelwert:", "StdDev (n-1)", "Peak-to-peak")
 ]
 
 
@@ -111,6 +118,8 @@ def test_a_last_row_that_is_near_the_means_is_an_observation():
 
 def test_a_row_with_a_label_and_no_numbers_is_no_remark():
     assert refusals(("a.csv", CAMPAIGN + "c04;;;;;;;;;;;;\n"))
+    assert refusals(("a.csv", CAMPAIGN + "c04\n"))
+    assert refusals(("a.csv", CAMPAIGN + "last;;;;;;;;;;;;\n"))
 
 
 @pytest.mark.parametrize("mark", [",", "."])
