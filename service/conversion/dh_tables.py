@@ -87,20 +87,11 @@ def convert_dh_rows(
     if isinstance(rows, Sequence) and rows and all(isinstance(row, Message) for row in rows):
         return model | {"rows": [row.model_dump() for row in rows]}
     named = _read_named_rows(rows)
-    if named is None:
-        table = [_Row(dict(zip(_COLUMNS, row, strict=False)), {}) for row in _read_plain_rows(rows)]
-    else:
-        table = named
     if named is not None and not units_are_stated:
-        lacking = {"a", "d", "alpha", "theta"} & table[0].cells.keys() - table[0].units.keys()
-        if lacking:
-            raise RobotError(
-                f"the columns {', '.join(sorted(lacking))} of the table have no units",
-                where="units",
-                remedy="state units='mm, deg, N' or units='m, rad, N'",
-            )
+        _refuse_names_without_units(named)
+    table = named or [_Row(dict(zip(_COLUMNS, row, strict=False)), {}) for row in _read_plain_rows(rows)]
     converted = [_convert_row(row, units, number) for number, row in enumerate(table)]
-    if not units_are_stated and not any(row.units for row in table):
+    if named is None and not units_are_stated:
         _refuse_doubtful_units(converted, units)
     return model | {"rows": converted}
 
@@ -234,6 +225,21 @@ def _parse_cell(cell: object, size: float, *, is_length: bool) -> float | None:
     if pi:
         return value
     return math.radians(value) if degrees else value * size
+
+
+def _refuse_names_without_units(rows: Sequence[_Row]) -> None:
+    """Refuse columns with names but without units.
+
+    Raises:
+        RobotError: a column has no unit in its name.
+    """
+    lacking = {name for row in rows for name in row.cells.keys() - row.units.keys() - {"kind"}}
+    if lacking:
+        raise RobotError(
+            f"the columns {', '.join(sorted(lacking))} of the table have no units",
+            where="units",
+            remedy="state units='mm, deg, N' or units='m, rad, N'",
+        )
 
 
 def _refuse_doubtful_units(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> None:

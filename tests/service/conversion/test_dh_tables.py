@@ -125,3 +125,15 @@ def test_offsets_of_a_joint_map_in_degrees_are_refused():
     )
     with pytest.raises(RobotError, match=r"the offset of joint 2 is 90 rad; it seems to be in degrees"):
         prepare_robot(robot)
+
+
+@pytest.mark.parametrize("rows", [[], pd.DataFrame({"a": [], "alpha": [], "d": [], "theta": []}), None, 3])
+def test_a_table_without_rows_is_refused(rows):
+    with pytest.raises(js.CampaignError, match="the table has the shape"):
+        js.robot(rows, convention="standard", units="mm, deg")
+
+
+def test_limits_need_a_unit_as_the_other_columns_do():
+    rows = pd.DataFrame(reordered(ROWS, ["theta [rad]", "d [m]", "a [m]", "alpha [rad]"])).assign(upper=3.1)
+    with pytest.raises(js.CampaignError, match="the columns upper of the table have no units"):
+        js.robot(rows, convention="standard")
