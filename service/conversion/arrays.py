@@ -15,7 +15,7 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.urdf import parse_xml, write_urdf
+from jointstiff.solver.mechanics.urdf import check_root, parse_xml, write_urdf
 
 FAR_POSITION: Final = 100.0
 """Distance of a target from the origin beyond which the unit of positions is in doubt [m]."""
@@ -372,6 +372,7 @@ def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, A
         RobotError: the text is not a URDF, or several links may be the base or the flange.
     """
     document = parse_xml(text)
+    check_root(document)
     joints = document.find_children("joint")
     links = [link.attributes.get("name", "") for link in document.find_children("link")]
     frames: dict[str, str] = {}

@@ -85,7 +85,7 @@ def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
         RobotError: the document is no usable robot; the error names the place of the fault and the remedy.
     """
     robot = parse_xml(text)
-    _check_root(robot)
+    check_root(robot)
     links = _collect_named(robot, "link", MAX_DOCUMENT_JOINTS + 1)
     if not links:
         raise RobotError("the robot has no link", remedy="add links and joints", where="<robot>")
@@ -246,7 +246,7 @@ class UrdfJoint:
         if self.mimics:
             raise RobotError(
                 "there is a mimic joint between base and flange",
-                remedy="remove <mimic>, and describe the coupling in `joint_map`",
+                remedy="make this joint fixed, and describe the coupling of the others in `joint_map`",
                 where=f"{place} <mimic>",
             )
         kind = _CHAIN_KINDS.get(self.kind)
@@ -286,7 +286,7 @@ class UrdfJoint:
         )
 
 
-def _check_root(robot: XmlElement) -> None:
+def check_root(robot: XmlElement) -> None:
     """Refuse a document whose root is not a single named <robot>, or that contains unexpanded xacro.
 
     Raises:

@@ -202,7 +202,7 @@ REMEDIES = {
         "make this joint fixed at its position, or choose another base or flange"
     ),
     "unknown joint type": "use one of revolute, continuous, fixed, prismatic, floating, planar",
-    "mimic joint": "remove <mimic>, and describe the coupling in `joint_map`",
+    "mimic joint": "make this joint fixed, and describe the coupling of the others in `joint_map`",
     "exactly 3 numbers are needed": "write decimal numbers separated by spaces",
     "unknown attribute": "use only xyz and rpy",
     "no attribute xyz": "add the attribute xyz",

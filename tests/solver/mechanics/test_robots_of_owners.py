@@ -138,3 +138,17 @@ def test_limits_in_degrees_are_converted_once(limits, read):
     wanted = np.radians(limits) if read == "degrees" else np.array(limits, dtype=float)
     np.testing.assert_allclose(prepared.robot.limits[:, 1], wanted, rtol=1e-12)
     np.testing.assert_allclose(prepare_robot(prepared.document).robot.limits[:, 1], wanted, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("<sdf version='1.9'><model name='a'/></sdf>", "the root element is <sdf>, not <robot>"),
+        ("<mujoco/>", "send a URDF document, not SDF or MJCF"),
+        ("<robot xmlns:xacro='x'><xacro:macro name='m'/></robot>", "expand the document first: xacro"),
+    ],
+)
+def test_a_document_that_is_no_urdf_is_named_before_its_links(text, reason):
+    with pytest.raises(CampaignError) as refused:
+        js.robot(text)
+    assert reason in str(refused.value)
