@@ -35,13 +35,17 @@ _NAMES: Final = {
 _NUMBERS: Final = frozenset(("i", "joint", "link", "axis", "no", "nr", "#", "name", ""))
 """Names of columns that number or name the rows."""
 _HEADER: Final = re.compile(
-    r"([^\W\d_]+|#|)[\s_]*(?:\{?(?:[ij]|\d+)?(?:[-\u2212]1)?\}?)?\s*(?:[\[(](.+)[\])])?"
+    r"([^\W\d_]+|#|)[ _]?(?:\{?(?:[ij]|\d+)?([-\u2212]1)?\}?)? ?(?:[\[(]([^][()]+)[\])])?"
 )
-_JOINT_ANGLE: Final = re.compile(r"(?:θ|theta|q)_?(?:i|\d*)\*?(?=\s*(?:[-+]|\Z))")
-"""A joint's angle in a cell of theta, such as in `θ2 - 90`: the cell's constant is what follows."""
+"""Name of a column, `-1` if it is that of the joint before, as in `a_{i-1}`, and unit."""
+_JOINT_ANGLE: Final = re.compile(r"(?:θ|theta|q)_?(?:i|\d*)\*?\s*(?=[-+]|\Z)")
+"""A joint's angle at the beginning of a cell of theta, as in `θ2 - 90`: the constant is what follows."""
 _CELL: Final = re.compile(
-    r"([-+]?)\s*((?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)?\s*\*?\s*(pi)?\s*(?:/\s*(\d+\.?\d*))?\s*(deg|°)?"
+    r"([-+]?)\s*((?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?)?(?:\s*\*?\s*(pi))?\s*(?:/\s*(\d+\.?\d*))?\s*(deg|°)?"
 )
+"""Sign, number, pi, divisor, and degrees."""
+_MOST_CHARACTERS: Final = 60
+"""Longest name of a column or text of a cell."""
 _SHORTEST: Final = 0.05
 """Links of all rows together [m] below which the unit of a table is in doubt, unless it is stated."""
 _RIGHT_ANGLE_DIGITS: Final = 2e-3
@@ -54,6 +58,7 @@ class _Row:
 
     cells: Mapping[str, Any]
     units: Mapping[str, str]
+    names_joint_before: bool = False  # whether names are those of the modified convention, as `a_{i-1}`
 
 
 def convert_dh_rows(
@@ -89,6 +94,12 @@ def convert_dh_rows(
     named = _read_named_rows(rows)
     if named is not None and not units_are_stated:
         _refuse_names_without_units(named)
+    if convention == "standard" and any(row.names_joint_before for row in named or ()):
+        raise RobotError(
+            "columns are named a_{i-1} or alpha_{i-1}, as in the modified convention",
+            where="convention",
+            remedy="state convention='modified', or rename the columns to a and alpha",
+        )
     table = named or [_Row(dict(zip(_COLUMNS, row, strict=False)), {}) for row in _read_plain_rows(rows)]
     converted = [_convert_row(row, units, number) for number, row in enumerate(table)]
     if named is None and not units_are_stated:
@@ -147,8 +158,10 @@ def _name_cells(row: Mapping[str, Any]) -> _Row:
     """
     cells: dict[str, Any] = {}
     units: dict[str, str] = {}
+    names_joint_before = False
     for header, cell in row.items():
-        match = _HEADER.fullmatch(str(header).strip().casefold())
+        text = " ".join(str(header).casefold().split())
+        match = _HEADER.fullmatch(text) if len(text) <= _MOST_CHARACTERS else None
         name = match and _NAMES.get(match[1])
         if match and name is None and match[1] in _NUMBERS:
             continue
@@ -160,15 +173,16 @@ def _name_cells(row: Mapping[str, Any]) -> _Row:
                 remedy="name the columns a, alpha, d, theta, and lower, upper, kind if they are known",
             )
         cells[name] = cell
-        if match[2]:
-            units[name] = "deg" if match[2].strip() in {"°", "degrees", "degree"} else match[2].strip()
+        names_joint_before |= bool(match[2])
+        if match[3]:
+            units[name] = "deg" if match[3].strip() in {"°", "degrees", "degree"} else match[3].strip()
     if missing := {"a", "alpha", "d", "theta"} - cells.keys():
         raise RobotError(
             f"the table has no column {' and no column '.join(sorted(missing))}",
             where="robot",
             remedy="give a, alpha, d and theta in every row; theta and d of the joint itself are constants",
         )
-    return _Row(cells, units)
+    return _Row(cells, units, names_joint_before)
 
 
 def _convert_row(row: _Row, units: Mapping[str, str], number: int) -> dict[str, Any]:
@@ -182,9 +196,12 @@ def _convert_row(row: _Row, units: Mapping[str, str], number: int) -> dict[str, 
     converted: dict[str, Any] = {"kind": kind} if "kind" in row.cells else {}
     for name in _COLUMNS:
         cell = row.cells.get(name)
-        if cell is None or (isinstance(cell, float) and math.isnan(cell)):
+        is_limit = name in {"lower", "upper"}
+        if cell is None or (
+            isinstance(cell, float) and (math.isnan(cell) or (is_limit and math.isinf(cell)))
+        ):
             continue
-        is_length = name in _LENGTHS or (kind == "prismatic" and name in {"lower", "upper"})
+        is_length = name in _LENGTHS or (kind == "prismatic" and is_limit)
         sizes: Mapping[str, float] = LENGTH if is_length else ANGLE
         unit = row.units.get(name, units["length" if is_length else "angle"])
         value = None if unit not in sizes else _parse_cell(cell, sizes[unit], is_length=is_length)
@@ -210,16 +227,21 @@ def _parse_cell(cell: object, size: float, *, is_length: bool) -> float | None:
     if not isinstance(cell, str):
         try:
             return float(cell) * size  # type: ignore[arg-type]
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             return None
+    if len(cell) > _MOST_CHARACTERS:
+        return None
     text = cell.strip().casefold().replace("\u2212", "-").replace("π", "pi")
-    rest = text if is_length else _JOINT_ANGLE.sub("", text, count=1).strip()
+    joint = None if is_length else _JOINT_ANGLE.match(text)
+    rest = text[joint.end() :].strip() if joint else text
     if not rest:
-        return 0.0 if text else None
+        return 0.0 if joint else None
     match = _CELL.fullmatch(rest)
     if match is None or not (match[2] or match[3]) or (is_length and (match[3] or match[4] or match[5])):
         return None
     sign, digits, pi, divisor, degrees = match.groups()
+    if divisor and float(divisor) == 0.0:
+        return None
     value = float(digits or 1.0) * (math.pi if pi else 1.0) / float(divisor or 1.0)
     value = -value if sign == "-" else value
     if pi:

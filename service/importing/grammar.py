@@ -9,6 +9,7 @@ import re
 import tomllib
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from types import MappingProxyType
@@ -53,6 +54,8 @@ _ALONG: Final = "along"
 """With x, y or z: a displacement along that axis of R0, read by a dial gauge."""
 MIN_STATE_LETTERS: Final = 4
 """Fewest letters of a state's word in a longer name: shorter words may be abbreviations of other things."""
+_CERTAIN_STATES: Final = frozenset(_WORD_LISTS["certain"])
+_NEGATIONS: Final = frozenset(_WORD_LISTS["negations"])
 _NO_LETTERS: Final = re.compile(r"[\W_]+")
 _KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {**dict.fromkeys(_WORD_LISTS["expanded"], "uncertainty"), _ADDED: "addition", _ALONG: "along"}
@@ -141,10 +144,13 @@ _JOINT: Final = re.compile(
 )
 """A joint such as `J1`, `q[0]`, `actual_q_0` or `joint 1 angle`; one of two groups has its number."""
 _VECTOR: Final = re.compile(rf"({_build_alternation(_VECTOR_OF)})[\s_-]*([xyz])", re.IGNORECASE)
-_STATE_PHRASE: Final = re.compile(
-    rf"(?<![^\s_])(?:{_build_alternation(word for word in _STATE_OF if ' ' in word)})(?![^\s_])",
+_PHRASES: Final = [word for word in _STATE_OF if " " in word]
+_STATE_PHRASE: Final = re.compile(rf"(?<![^\s_])(?:{_build_alternation(_PHRASES)})(?![^\s_])", re.IGNORECASE)
+_PHRASE_IN_NAME: Final = re.compile(
+    rf"(?<![^\W_])(?:{_build_alternation(word for word in _PHRASES if not word[-1].isdigit())})(?![^\W_])",
     re.IGNORECASE,
 )
+"""A phrase in a name; those with a digit are left out, as the digit may be a target."""
 _UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[((?!\d+\])[^][]*)\]|\(([^()]*)\)|/\s*([^/]+))")
 _TOKEN: Final = re.compile(r"[^\s_]+")
 _WORD_PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])")
@@ -225,11 +231,16 @@ def find_state(word: str, extra: Mapping[str, State]) -> State | None:
     return _STATE_OF.get(text)
 
 
-def join_state_phrases(text: str) -> str:
+def _join_phrases(phrase: re.Pattern[str], text: str) -> str:
     """Return a text in which a state takes the place of its phrase as one word, such as of `no load`."""
-    return _STATE_PHRASE.sub(
-        lambda phrase: _STATE_OF[fold_word(phrase[0].replace("-", " "))].replace("_", ""), text
+    return phrase.sub(
+        lambda match: _STATE_OF[" ".join(re.split(r"[\s_-]+", match[0].casefold()))].replace("_", ""), text
     )
+
+
+def join_state_phrases(name: str) -> str:
+    """Return a name in which a state takes the place of its phrase as one word, such as of `no load`."""
+    return _join_phrases(_PHRASE_IN_NAME, name)
 
 
 def contains_state_word(name: str, extra: Mapping[str, State]) -> bool:
@@ -245,14 +256,16 @@ def split_words(name: str) -> list[str]:
 def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:
     """Return the only state that the words of a long name mean; None if they mean none, or several.
 
-    The caller's words, `extra`, take precedence. Of the others, a short word such as `on` is not enough.
+    The caller's words, `extra`, take precedence. Of the others, words that mean something else in other names
+    are not enough, such as `on`, `last` or `before`, and with a negation no word is.
     """
     words = split_words(name)
     stated = {fold_word(word): state for word, state in extra.items()}
-    by_caller = {stated[fold_word(word)] for word in words if fold_word(word) in stated}
-    found = by_caller or {find_state(word, {}) for word in words} - {None}
-    is_certain = by_caller or any(find_state(word, {}) for word in words if len(word) >= MIN_STATE_LETTERS)
-    return next(iter(found)) if is_certain and len(found) == 1 else None
+    found: set[State | None] = {stated[fold_word(word)] for word in words if fold_word(word) in stated}
+    if not found and any(fold_word(word) in _CERTAIN_STATES for word in words):
+        is_negated = any(fold_word(word) in _NEGATIONS for word in words)
+        found = set() if is_negated else {find_state(word, {}) for word in words} - {None}
+    return next(iter(found)) if len(found) == 1 else None
 
 
 def is_key(text: str) -> bool:
@@ -401,7 +414,7 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
     Raises:
         ImportFileError: the header is not understood.
     """
-    base = join_state_phrases(base)
+    base = _join_phrases(_STATE_PHRASE, base)
     axes, states, kinds, name_matches = _classify_words(base, state_words)
     target = base[name_matches[0].start() : name_matches[-1].end()] if name_matches else None
     name_words = _TOKEN.findall(target or "")
@@ -525,14 +538,15 @@ class Vocabulary:
         Raises:
             ImportFileError: the header is not understood.
         """
-        try:
+        name, unit = split_unit(header)
+        number = self._joints.get(fold_word(name))
+        if number is None:
             return parse_header(header, self.states)
-        except ImportFileError:
-            name, unit = split_unit(header)
-            number = self._joints.get(fold_word(name))
-            if number is None:
-                raise
-            return Meaning(Quantity("joint"), number, check_unit(header, unit, "joint"))
+        with suppress(ImportFileError):
+            meaning = parse_header(header, self.states)
+            if meaning.kind != "joint":  # such as x of a gantry, which is also a coordinate
+                return meaning
+        return Meaning(Quantity("joint"), number, check_unit(header, unit, "joint"))
 
     def count_known(self, headers: Iterable[str]) -> int:
         """Return the number of known headers; 0 if fewer than two are known, as one may be known by chance.

@@ -66,10 +66,13 @@ class Grid:
         return self.preview.file
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names that may say target and state of the table: of its sheet, and of its file without ending."""
-        sheet = self.preview.sheet
-        return (*([sheet] if sheet else []), PurePath(self.file).stem)
+    def stem(self) -> str:
+        """Name of the file without its extension."""
+        return PurePath(self.file).stem
+
+    def sheet_of(self, sheets: str | None) -> str | None:
+        """Return the name of the sheet if the option `sheets` names several, to which the file is common."""
+        return self.preview.sheet if sheets and ";" in sheets else None
 
     def place(self, row: Row, column: int | None = None) -> Place:
         """Return the place of a row, or of the row's cell in the column with this index (from 0)."""

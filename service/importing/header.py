@@ -315,15 +315,29 @@ def _combine_with_groups(
             own_meaning.kind in POINTS and own_meaning.quantity.target is None
         )
         # A header above another, or its unit, may contradict it; other texts are titles of groups.
-        may_contradict = bool(upper_cell) and (
-            words.find(upper_cell) is not None or grammar.find_any_unit(upper_cell) is not None
+        own_unit = grammar.split_unit(lower_cell)[1]
+        may_contradict = (
+            (bool(upper_cell) and words.find(upper_cell) is not None)
+            or grammar.find_any_unit(group) is not None
+            or (None not in (unit, own_unit) and not _are_same_unit(str(unit), str(own_unit)))
+            or (own_meaning is not None and own_meaning.kind in POINTS and _says_state(upper_cell, words))
         )
         if may_contradict or needs_group or words.find(joined) is not None:
             texts.append(joined)
-        else:
-            with_unit = lower_cell if unit is None else _append_unit(lower_cell, unit)
-            texts.append(lower_cell if words.find(with_unit) is None else with_unit)
+        else:  # the group is a title of its columns, perhaps with their unit
+            texts.append(lower_cell if unit is None else _append_unit(lower_cell, unit))
     return tuple(texts)
+
+
+def _are_same_unit(first: str, second: str) -> bool:
+    """Return whether two texts are the same known unit."""
+    known = grammar.find_any_unit(first)
+    return known is not None and known == grammar.find_any_unit(second)
+
+
+def _says_state(text: str, words: Vocabulary) -> bool:
+    """Return whether a text has a word for a state."""
+    return grammar.contains_state_word(text, words.states)
 
 
 def _append_unit(name: str, unit: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from statistics import fmean, pstdev, stdev
 from typing import Final
 
@@ -64,7 +64,8 @@ def understand_table(
     headers = ["" if heading.columns_are_assumed else text for text in heading.texts]
     if options.layouts:
         _check_template(options, headers, heading.place(), faults)
-    name_has_state = any(grammar.contains_state_word(name, options.state_words) for name in grid.names)
+    names = (grid.stem, grid.sheet_of(options.sheet) or "")
+    name_has_state = any(grammar.contains_state_word(name, options.state_words) for name in names)
     column_reader = ColumnReader(heading, rows, vocabulary, options, faults)
     columns = column_reader.understand(axes_unit, state_in_name=name_has_state)
     _check_units(grid.file, remarks, columns, faults)
@@ -272,9 +273,7 @@ def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, lis
     """
     statistics, remarks, kept = list[str](), list[str](), list(grid.rows[: heading.start])
     means = _find_rows_of_means(grid.rows[heading.start :])
-    observations = [
-        row for row in grid.rows[heading.start :] if not any(map(grammar.is_statistic, row.cells[:1]))
-    ]
+    extremes = cache(lambda: _find_extremes(grid, heading))  # found once, when a row needs them
     for row in grid.rows[heading.start :]:
         filled = [cell for cell in row.cells if cell]
         if row.line in means:
@@ -283,10 +282,10 @@ def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, lis
             filled
             and grammar.is_statistic(filled[0])
             and not looks_like_a_number(filled[0])
-            and (not grammar.is_extreme(filled[0]) or _has_extremes(row, observations))
+            and (not grammar.is_extreme(filled[0]) or _has_extremes(row, extremes()))
         ):
             statistics.append(filled[0])
-        elif len(filled) == 1 and len(heading.texts) > 2 and _is_remark(row, filled[0], heading):
+        elif len(filled) == 1 and len(heading.texts) > 2 and _is_remark(grid, row, filled[0], heading):
             remarks.append(filled[0])
         else:
             kept.append(row)
@@ -300,13 +299,17 @@ def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, lis
     return replace(grid, rows=tuple(kept)), notes
 
 
-def _is_remark(row: Row, text: str, heading: Heading) -> bool:
+def _is_remark(grid: Grid, row: Row, text: str, heading: Heading) -> bool:
     """Return whether a row, whose only text this is, has a remark, or a line of dashes.
 
-    A single word with digits may be the label of an observation, as may any word in a row of full length.
+    A single word with digits may be the label of an observation, as may any word in a row of full length or
+    at the end of a file that is cut off; a single word for a state may belong to the rows below.
     """
-    is_short = len(row.cells) < len(heading.texts)
-    return _REMARK.match(text) is not None or (is_short and not any(map(str.isdigit, text)))
+    if _REMARK.match(text) is not None:
+        return True
+    is_cut_off = row is grid.rows[-1] and not grid.has_final_line_break
+    is_label = len(row.cells) >= len(heading.texts) or any(map(str.isdigit, text)) or is_cut_off
+    return not is_label and grammar.find_state(text, {}) is None
 
 
 def _find_rows_of_means(rows: Sequence[Row]) -> set[int]:
@@ -331,15 +334,33 @@ def _find_rows_of_means(rows: Sequence[Row]) -> set[int]:
     return set()
 
 
-def _has_extremes(row: Row, observations: Sequence[Row]) -> bool:
+def _find_extremes(grid: Grid, heading: Heading) -> list[tuple[float, float] | None]:
+    """Return the least and the greatest number of each column; None for a column that has other cells.
+
+    Rows of statistics, and rows with a single text, do not count.
+    """
+    rows = [
+        row.cells
+        for row in grid.rows[heading.start :]
+        if sum(map(bool, row.cells)) > 1 and not grammar.is_statistic(row.cells[0])
+    ]
+    width = min(map(len, rows), default=0)
+    columns = ([cells[k].replace(",", ".") for cells in rows] for k in range(width))
+    return [
+        (min(map(float, column)), max(map(float, column))) if all(map(looks_like_a_number, column)) else None
+        for column in columns
+    ]
+
+
+def _has_extremes(row: Row, extremes: Sequence[tuple[float, float] | None]) -> bool:
     """Return whether each number of a row is the least, or each is the greatest, of its column's numbers."""
-    texts, columns = [], []
-    for k, cell in enumerate(row.cells):
-        numbers = [each.cells[k].replace(",", ".") for each in observations if k < len(each.cells)]
-        if looks_like_a_number(cell) and numbers and all(map(looks_like_a_number, numbers)):
-            texts.append(cell.replace(",", "."))
-            columns.append([float(number) for number in numbers])
-    return any(_are_equal(texts, [of(column) for column in columns]) for of in (min, max))
+    pairs = [
+        (cell.replace(",", "."), both)
+        for cell, both in zip(row.cells, extremes, strict=False)
+        if both and looks_like_a_number(cell)
+    ]
+    texts = [text for text, _ in pairs]
+    return bool(pairs) and any(_are_equal(texts, [both[k] for _, both in pairs]) for k in (0, 1))
 
 
 def _are_equal(texts: Sequence[str], values: Sequence[float]) -> bool:

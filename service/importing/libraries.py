@@ -93,7 +93,7 @@ def _read_matlab(content: bytes) -> Tables:
     ByteCount().take(8 * sum(int(np.prod(shape)) for _, shape, _ in whosmat(stream)))
     variables = loadmat(stream, squeeze_me=False, mat_dtype=True)
     arrays = [
-        NamedArray(field, _join_cell_array(array))
+        NamedArray(field, None if array is None else _join_cell_array(array))
         for name, each in variables.items()
         if not name.startswith("__")
         for field, array in _split_struct(name, np.asarray(each))
@@ -101,21 +101,23 @@ def _read_matlab(content: bytes) -> Tables:
     return {"": lambda: tabulate(arrays)}
 
 
-def _split_struct(name: str, array: np.ndarray, depth: int = 0) -> list[tuple[str, np.ndarray]]:
+def _split_struct(name: str, array: np.ndarray, depth: int = 0) -> list[tuple[str, np.ndarray | None]]:
     """Return the fields of a MATLAB struct as arrays with their names; any other array as it is.
 
-    Fields of a struct in a struct have both names. A struct with several elements gives a row for each.
+    Fields of a struct in a struct have both names. A struct with several elements gives a row for each; a
+    field whose elements have different sizes is None, and is named among what is no table.
     """
     if array.dtype.names is None or depth > _MAX_DEPTH:
         return [(name, array)]
-    fields = list[tuple[str, np.ndarray]]()
+    fields = list[tuple[str, np.ndarray | None]]()
     for field in array.dtype.names:
         full_name = field if depth == 0 else f"{name} {field}"
         values = [np.asarray(each[field]) for each in array.ravel()]
         if len(values) == 1:
             fields += _split_struct(full_name, values[0], depth + 1)
-        elif values and len({value.size for value in values}) == 1:
-            fields.append((full_name, np.stack([value.ravel() for value in values])))
+        else:
+            is_table = len({value.size for value in values}) == 1
+            fields.append((full_name, np.stack([value.ravel() for value in values]) if is_table else None))
     return fields
 
 

@@ -412,6 +412,9 @@ class _Merging:
         self._joint_difference = 0.0  # greatest difference between two files, relative to the tolerance
         self._worst_joints: tuple[float, ImportFileError] | None = None
         self._repeats: dict[tuple[str, Quantity], list[Value]] = {}  # readings of points that are repeated
+        # file and sheet of each value that a later record added; those that are repeated in another one
+        self._tables: dict[tuple[str, Quantity], str] = {}
+        self._in_two_tables: set[tuple[str, Quantity]] = set()
 
     def merge_by_label(self, records: Iterable[ObservationRecord]) -> list[ObservationRecord]:
         """Return one observation for each label; contradictory values are faults.
@@ -442,21 +445,20 @@ class _Merging:
         Of joints that differ within the tolerance, those of the record with unloaded positions are kept.
         """
         observation.held_out |= record.held_out
-        is_unloaded, was_unloaded = (
-            {"unloaded"} == {quantity.state for quantity in each.values if quantity.state}
-            for each in (record, observation)
+        states, former_states = (
+            {quantity.state for quantity in each.values if quantity.state} for each in (record, observation)
+        )
+        has_no_load, had_no_load = (
+            bool(each) and each <= {"unloaded", "unloaded_after"} for each in (states, former_states)
         )
         for quantity, value in record.values.items():
             first_value = observation.values.setdefault(quantity, value)
-            if quantity.kind in POINTS and first_value is not value:
-                self._repeats.setdefault((record.label, quantity), [first_value]).append(value)
-            elif first_value.vector == value.vector or (is_unloaded and _is_no_load(quantity, value)):
+            if quantity.kind in POINTS:
+                self._note_repeat(observation, record, quantity, first_value)
+            elif first_value.vector == value.vector or (has_no_load and _is_no_load(quantity, value)):
                 continue
-            elif was_unloaded and _is_no_load(quantity, first_value):
+            elif had_no_load and _is_no_load(quantity, first_value):
                 observation.values[quantity] = value
-            elif quantity.kind == "joint" and self._are_equal_joints(record.label, first_value, value):
-                if is_unloaded:
-                    observation.values[quantity] = value
             elif quantity.kind != "joint" or not (first_value.vector and value.vector):
                 reason = (
                     f"the {quantity.kind} of {quote(record.label)} differs from the value at "
@@ -464,6 +466,21 @@ class _Merging:
                 )
                 remedy = "give each observation a unique label, or correct one of the two values"
                 self._faults.report(record.place, reason, remedy)
+            elif self._are_equal_joints(record.label, first_value, value) and states == {"unloaded"}:
+                observation.values[quantity] = value
+
+    def _note_repeat(
+        self, observation: ObservationRecord, record: ObservationRecord, quantity: Quantity, first: Value
+    ) -> None:
+        """Note that a record repeats a reading of its observation, and whether in the same table.
+
+        `first` is the observation's reading: the record's own, if there was none before.
+        """
+        value, key = record.values[quantity], (record.label, quantity)
+        first_table = self._tables.setdefault(key, record.table if first is value else observation.table)
+        if first is not value:
+            self._repeats.setdefault(key, [first]).append(value)
+            self._in_two_tables |= {key} if record.table != first_table else set()
 
     def _are_equal_joints(self, label: str, first: Value, second: Value) -> bool:
         """Return whether joints of two files agree within the tolerance; keep the worst disagreement."""
@@ -514,9 +531,9 @@ class _Merging:
                 )
                 self._faults.report(values[1].place, reason, remedy, "mean_of_repeats")
                 continue
-            if len({value.place.file for value in values}) > 1:  # perhaps of another load
-                reason = f"{reading_text} occurs in two files, first at {values[0].place}"
-                remedy = "rename or remove one of the two readings, or put repeated readings into one file"
+            if (label, quantity) in self._in_two_tables:  # perhaps of another load
+                reason = f"{reading_text} occurs in two files or sheets, first at {values[0].place}"
+                remedy = "rename or remove one of the two readings, or put repeated readings into one table"
                 self._faults.report(values[1].place, reason, remedy)
                 continue
             mean = tuple(fmean(numbers) for numbers in zip(*vectors, strict=True))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -30,7 +30,6 @@ from jointstiff.service.importing.grammar import (
     find_state_in_name,
     fold_word,
     join_state_phrases,
-    split_words,
 )
 from jointstiff.service.importing.grid import (
     Row,
@@ -146,9 +145,14 @@ class NameReader:
         self._text_columns, self._needed_kinds = dict(layout.columns.texts), set(layout.columns.needed)
         # Parts from the name of the file, by the kinds of parts that a row lacks.
         self._parts_from_file: dict[frozenset[str], NameParts] = {}
-        # The name of a sheet, if it has a state; else that of the file.
-        with_state = (name for name in self._grid.names if contains_state_word(name, self._state_words))
-        self._table_name = next(with_state, self._grid.names[-1])
+        self._table_name = self._grid.stem
+        sheet = self._grid.sheet_of(options.sheet) or ""
+        if (state := find_state_in_name(sheet, self._state_words)) is not None:
+            other_state = find_state_in_name(self._grid.stem, self._state_words)
+            if other_state not in (None, state):
+                reason = f"the name of the sheet {quote(sheet)} says {state}, that of the file {other_state}"
+                raise ImportFileError(Place(self._grid.file), reason, "rename the sheet or the file")
+            self._table_name = sheet
         self._file_says_state = contains_state_word(self._table_name, self._state_words)
         self._point_template: Template | None = None
         self._file_parts = NameParts()
@@ -157,7 +161,7 @@ class NameReader:
                 self._point_template = Template("point_name", options.point_name)
             if self._needed_kinds and options.file_name:
                 self._file_parts = Template("file_name", options.file_name).parse(
-                    self._grid.names[-1], self._state_words
+                    self._grid.stem, self._state_words
                 )
         except ImportFileError as fault:
             raise fault.add_place(Place(self._grid.file)) from None
@@ -173,7 +177,7 @@ class NameReader:
         # The column is left out at first, so that the point's name can be split as if the column were absent.
         column = self._text_columns.pop("target")
         self._needed_kinds.add("target")
-        parts, state = _split_name(self._table_name, self._state_words)
+        parts, state, _ = _split_name(self._table_name, self._state_words)
         names_give_target = state is not None and len(parts) == 1
         with suppress(ImportFileError):
             names_give_target = self._split_point_name(row).target is not None or names_give_target
@@ -229,11 +233,11 @@ class NameReader:
         for state_words in (self._state_words, {**STATE_OF_DIGIT, **self._state_words})[
             : 1 + (not self._file_says_state)
         ]:
-            parts, state = _split_name(name, state_words)
+            parts, state, word = _split_name(name, state_words)
             if 1 <= len(parts) <= max_parts and (state is None or "state" in self._needed_kinds):
                 if state_words is not self._state_words:
                     self._note_once("0 and 1 in names were read as `unloaded` and `loaded`")
-                self._refuse_second_word(split_words(name), state, state_words)
+                self._refuse_second_word(word, state)
                 return NameParts(parts[0], parts[1] if len(parts) > 1 else None, state)
         reason = (
             f"the name {quote(name)} does not show the observation, the target and the state of the point"
@@ -252,10 +256,10 @@ class NameReader:
             ImportFileError: the file's name does not give a kind that is needed.
         """
         if lacking not in self._parts_from_file:
-            parts, state = _split_name(self._table_name, self._state_words)
-            source = f"by the name of the {'file' if self._table_name == self._grid.names[-1] else 'sheet'}"
-            if "target" not in lacking:
-                parts, state = [], find_state_in_name(self._table_name, self._state_words) or state
+            parts, state, _ = _split_name(self._table_name, self._state_words)
+            source = f"by the name of the {'file' if self._table_name == self._grid.stem else 'sheet'}"
+            if "target" not in lacking and (found := find_state_in_name(self._table_name, self._state_words)):
+                parts, state = [], found
             if state is None and "state" in lacking and self._stated_state is not None:
                 parts = [self._table_name] if "target" in lacking else []
                 state = self._stated_state
@@ -300,25 +304,21 @@ class NameReader:
             remedy = "use `unloaded`, `loaded` or `deflection`, or give `state_words`"
             reason = f"{quote(word)} is not a known state"
             raise ImportFileError(place, reason, remedy, "state_words", (word,))
-        self._refuse_second_word([word], state, {**STATE_OF_DIGIT, **self._state_words})
+        self._refuse_second_word(word, state)
         return NameParts(None, target, state)
 
-    def _refuse_second_word(
-        self, words: Iterable[str], state: State | None, state_words: Mapping[str, State]
-    ) -> None:
+    def _refuse_second_word(self, word: str, state: State | None) -> None:
         """Refuse a second word for a state in one table: `after` next to `loaded` may be unloaded again.
 
         Args:
-            words: words of a row; one of them means the state.
+            word: word of a row that means the state.
             state: state of the row; None if the row itself has none.
-            state_words: meanings of words in addition to the built-in ones.
 
         Raises:
             ImportFileError: a row before has another word for this state, and the caller's words do not have
                 the word of this row.
         """
-        word = next((each for each in words if state and find_state(each, state_words) == state), None)
-        if word is None or state is None:
+        if state is None:
             return
         first = self._word_of_state.setdefault(state, word)
         stated = {fold_word(each) for each in self._state_words}
@@ -344,32 +344,35 @@ class NameReader:
         return row.cells[index]
 
 
-def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None]:
-    """Split a name at `::` or `_`; return (parts that name no state, state that one part names).
+def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None, str]:
+    """Split a name at `::` or `_`.
 
-    The state is None, and all parts are returned, if no part or several parts name a state. In `c01
-    unloaded::P10` and `c01::P10_loaded` the state is the last word of a part.
+    In `c01 unloaded::P10` and `c01::P10_loaded` the state is the last word of a part.
+
+    Returns:
+        Parts that name no state; the state that one part names, and its word. The state is None, and all
+        parts are returned, if no part or several parts name a state.
     """
     name = join_state_phrases(name)
     parts = name.split("::") if "::" in name else name.split("_")
     if not all(parts):
-        return [name], None
+        return [name], None, ""
     states = [find_state(part, words) for part in parts]
-    named_states = [state for state in states if state is not None]
-    if not named_states and "::" in name:
-        ends = [re.fullmatch(r"(.+)([ _])([^ _]+)", part) for part in parts]
-        last_word_states = [
-            find_state(end[3], words) if end and (end[2] == "_" or len(end[3]) >= MIN_STATE_LETTERS) else None
-            for end in ends
-        ]
-        named_states = [state for state in last_word_states if state is not None]
-        if len(named_states) == 1:
-            position = last_word_states.index(named_states[0])
-            begin = part.group(1) if (part := ends[position]) else ""
-            return [*parts[:position], begin, *parts[position + 1 :]], named_states[0]
-    if len(named_states) != 1:
-        return parts, None
-    return [part for part, state in zip(parts, states, strict=True) if state is None], named_states[0]
+    positions = [position for position, state in enumerate(states) if state is not None]
+    if not positions and "::" in name:
+        for position, part in enumerate(parts):
+            end = re.fullmatch(r"(.+)([ _])([^ _]+)", part)
+            if end and (end[2] == "_" or len(end[3]) >= MIN_STATE_LETTERS):
+                states[position] = find_state(end[3], words)
+        positions = [position for position, state in enumerate(states) if state is not None]
+        if len(positions) == 1:
+            position = positions[0]
+            begin, _, word = re.split(r"([ _])(?=[^ _]+\Z)", parts[position])
+            return [*parts[:position], begin, *parts[position + 1 :]], states[position], word
+    if len(positions) != 1:
+        return parts, None, ""
+    word = parts.pop(positions[0])
+    return parts, states[positions[0]], word
 
 
 # ---- numbers, times, uncertainties

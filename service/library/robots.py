@@ -123,7 +123,10 @@ def robot(
         _refuse_arguments("a robot file or an arm of the catalogue", of_frames | of_rows)
         document = plain_fields(read_robot(str(source)))
     else:
-        _refuse_arguments("a table or a model", {"base": base})
+        if hasattr(source, "jointPlacements"):
+            _refuse_arguments("a model of Pinocchio", {"base": base} | of_rows)
+        else:
+            _refuse_arguments("a table", of_frames)
         document = _make_robot_fields(source, flange, convention, units)
     if joint_map is not None:
         document["joint_map"] = (
@@ -181,7 +184,7 @@ def _make_robot_fields(
         if hasattr(source, "jointPlacements"):  # a Pinocchio model
             model, bodies = convert_pinocchio_model(source, flange)
             return {"name": source.name or "robot", "model": model, **({"bodies": bodies} if bodies else {})}
-        stated = units is not None
+        stated = isinstance(units, str) or {"length", "angle"} <= plain_fields(units or {}).keys()
         return {"model": convert_dh_rows(source, convention, complete_units(units), units_are_stated=stated)}
 
 

@@ -41,7 +41,7 @@ TABLES = {
     "a data frame in another order": (pd.DataFrame(reordered(ROWS)), "mm, deg, N"),
     "mappings in m and rad": (reordered(IN_SI), "m, rad, N"),
     "units in the names": (
-        pd.DataFrame(reordered(ROWS, ["θ_i [°]", "d_i (mm)", "a_{i-1} [mm]", "α_{i-1} [deg]"])),
+        pd.DataFrame(reordered(ROWS, ["θ_i [°]", "d_i (mm)", "a_i [mm]", "α_{i} [deg]"])),
         None,
     ),
     "a column of numbers": (pd.DataFrame(reordered(ROWS)).assign(i=[1, 2, 3]), "mm, deg"),
@@ -87,6 +87,17 @@ REFUSED = {
     "a word": ([["x", "0", "1", "0"]], "mm, deg", "a of row 1: 'x' is not a number"),
     "a coupled angle": ([["1", "0", "1", "q2 - q1"]], "mm, deg", "theta of row 1: 'q2 - q1' is not a number"),
     "a length with pi": ([["pi", "0", "1", "0"]], "mm, deg", "a of row 1: 'pi' is not a number"),
+    "a factor of the joint's angle": ([["1", "0", "1", "2*q2"]], "mm, deg", "'2\\*q2' is not a number"),
+    "a reversed angle": ([["1", "0", "1", "-1*q2"]], "mm, deg", "is not a number"),
+    "a division by zero": ([["1", "pi/0", "1", "0"]], "mm, deg", "alpha of row 1: 'pi/0' is not a number"),
+    "a huge number": ([[10**400, 0, 1, 0]], "mm, deg", "is not a number"),
+    "a long name": ([{"a" + " " * 9000 + "!": 1}], "mm, deg", "name the columns a, alpha"),
+    "half of the units": (IN_SI, {"angle": "rad"}, "the units of the table are in doubt"),
+    "names of the other convention": (
+        [{"a_{i-1}": 1.0, "alpha_{i-1}": 0.0, "d_i": 0.0, "theta_i": 0.0}],
+        "mm, deg",
+        "as in the modified convention",
+    ),
     "five columns": ([[1.0, 2.0, 3.0, 4.0, 5.0]], None, r"the table has the shape \(1, 5\)"),
 }
 
@@ -106,6 +117,7 @@ def test_a_table_that_is_not_certain_is_refused_with_a_remedy(form):
         ({"name": "a", "model": {"format": "catalogue", "arm": "UR5e"}}, {"units": "mm, deg, N"}),
         ("<robot/>", {"units": "mm, deg, N"}),
         (ROWS, {"convention": "standard", "base": "world"}),
+        (ROWS, {"convention": "standard", "flange": "tool0"}),
     ],
 )
 def test_an_argument_that_does_not_concern_the_source_is_refused(source, arguments):

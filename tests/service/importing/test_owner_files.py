@@ -180,7 +180,16 @@ def test_columns_may_have_the_names_of_the_robots_joints():
     [
         ("Messung_2026-03-12_ohne_Last", "unloaded"),
         ("day 1, with load", "loaded"),
-        ("c1_load_0kg", "loaded"),
+        ("run-no-load", "unloaded"),
+        ("Run 1 (no load)", "unloaded"),
+        ("x-nicht-belastet", "unloaded"),
+        ("c1_load_0kg", None),  # perhaps without a load
+        ("un-loaded", None),
+        ("load_removed", None),
+        ("last_day", None),
+        ("before_repair", None),
+        ("delta_robot_cell", None),
+        ("c-after-unloading", "unloaded_after"),
         ("robot_on_table_unloaded", None),  # `on` means loaded elsewhere
         ("cell_on_monday", None),  # a short word is not enough
         ("unloaded_and_loaded", None),
@@ -282,3 +291,88 @@ def test_a_mass_may_have_its_unit_behind_a_blank_or_an_underscore(name):
 )
 def test_a_star_stands_for_any_text(pattern, header, fits):
     assert fits_header(pattern, header) == fits
+
+
+def two_named_sheets(first, second):
+    """Return a workbook of points in two sheets, unloaded and loaded."""
+    lines = [line.split(";") for line in POINTS.splitlines()]
+    rows = {
+        state: [["name", "target", "x [mm]", "y [mm]", "z [mm]"]]
+        + [[n.split("_")[0], "P10", *map(float, xyz)] for n, *xyz in lines if n.endswith(f"_{state}")]
+        for state in ("unloaded", "loaded")
+    }
+
+    def divided(book, sheet):
+        sheet.title = first
+        other = book.create_sheet(second)
+        for row in rows["loaded"]:
+            other.append(row)
+
+    return workbook(rows["unloaded"], divided)
+
+
+def test_a_sheet_says_the_state_only_if_several_are_chosen():
+    content = two_named_sheets("no load", "with load")
+    found = read(("readings.xlsx", content), sheet="no load; with load")
+    assert points_of(found) == READ_POINTS
+    found = read(("P10_unloaded.xlsx", two_named_sheets("after", "x")), sheet="after")
+    assert {state for _, _, state in points_of(found)} == {"unloaded"}
+    (fault,) = {
+        each.partition(";")[0] for each in refusals(("unloaded.xlsx", content), sheet="no load; with load")
+    }
+    assert fault == "unloaded.xlsx: the name of the sheet 'with load' says loaded, that of the file unloaded"
+
+
+def test_repeated_readings_in_two_sheets_have_no_mean():
+    faults = refusals(
+        ("a.xlsx", two_named_sheets("with load 1", "with load 2")),
+        sheet="with load 1; with load 2",
+        mean_of_repeats=True,
+    )
+    assert all("occurs in two files or sheets" in fault for fault in faults)
+
+
+def test_a_digit_behind_a_state_may_be_a_target():
+    names = POINTS.replace("P10_unloaded", "unloaded_2").replace("P10_loaded", "loaded_2")
+    assert set(points_of(read(("p.txt", names), units=MM))) == {(a, "2", c) for a, _, c in READ_POINTS}
+
+
+def test_targets_may_be_called_as_words_for_states_are():
+    text = POINTS.replace("_P10_", "::L_")
+    assert set(points_of(read(("p.txt", text), units=MM))) == {(a, "L", c) for a, _, c in READ_POINTS}
+
+
+@pytest.mark.parametrize("end", ["gam", "loaded\n"])
+def test_a_cut_label_and_a_row_with_a_state_are_no_remarks(end):
+    assert refusals(("a.csv", CAMPAIGN + end))
+
+
+def test_rows_of_remarks_do_not_hide_an_observation_called_max():
+    lines = CAMPAIGN.replace("c02;", "max;").splitlines()
+    text = "\n".join([*lines, "end of file" + ";" * 12]) + "\n"
+    assert len(numbers_of(answered(("a.csv", text)))) == 3
+
+
+@pytest.mark.parametrize(
+    ("title", "column"),
+    [
+        ("Forces [kN]", "Fx [N]"),
+        ("Robot joints [rad]", "J1 [deg]"),
+        ("Robot joints [grad]", "J1"),
+    ],
+)
+def test_a_title_that_contradicts_its_columns_is_refused(title, column):
+    table = [line.split(";") for line in CAMPAIGN.splitlines() if line[0] != "#"]
+    named = column if column in table[0] else f"{column} [deg]"
+    table[0][table[0].index(named)] = column
+    titles = [title if name == column else "" for name in table[0]]
+    assert refusals(("a.csv", "\n".join(map(";".join, [titles, *table])) + "\n"))
+
+
+def test_names_of_the_robots_joints_come_before_numbers():
+    joints = ["joint_7", "joint_1", "joint_2"]
+    text = re.sub(r"J(\d) ", lambda match: f"{joints[int(match[1]) - 1]} ", CAMPAIGN)
+    understood = understand_files(sources_of(("a.csv", text)), ImportOptions(), joints)
+    assert [each.vector("joint") for each in understood.observations] == [
+        each.vector("joint") for each in read(("a.csv", CAMPAIGN)).observations
+    ]

@@ -128,6 +128,26 @@ STATES = (
 BOTH_STATES = (
     STATES + "c02;P10;unloaded;1102.5518;402.9017;318.4406\nc02;P10;loaded;1102.4127;402.8613;316.8891\n"
 )
+POINTS_IN_STATES = {
+    state: [["name", "target", "x [mm]", "y [mm]", "z [mm]"]]
+    + [
+        [name.split("_")[0], "P10", *map(float, place)]
+        for name, *place in (line.split(";") for line in POINTS.splitlines())
+        if name.endswith(f"_{state}")
+    ]
+    for state in ("unloaded", "loaded")
+}
+
+
+def add_loaded_sheet(book: Any, sheet: Any) -> None:
+    """Name the sheet of a workbook, and add a sheet with the loaded points."""
+    sheet.title = "no load"
+    other = book.create_sheet("with load")
+    for row in POINTS_IN_STATES["loaded"]:
+        other.append(row)
+
+
+SHEETS_OF_STATES = workbook(POINTS_IN_STATES["unloaded"], add_loaded_sheet)
 UNSURE = "name;x [mm];y [mm];z [mm];U95 x [mm];U95 y [mm];U95 z [mm]\n" + "".join(
     f"{line};0.02;0.02;0.03\n" for line in POINTS.splitlines()
 )
@@ -384,6 +404,12 @@ NAMES = {
         "c01_P10_loaded",
         POINTS,
         mean_of_repeats=True,
+    ),
+    "a sheet and a file of two states": Case(
+        "the name of the sheet 'with load' says loaded, that of the file unloaded",
+        {"j.csv": JOINTS, "unloaded.xlsx": SHEETS_OF_STATES},
+        {"j.csv": JOINTS, "readings.xlsx": SHEETS_OF_STATES},
+        options={"sheet": "no load; with load"},
     ),
     "point repeated in two files": Case(
         "occurs in two files",
