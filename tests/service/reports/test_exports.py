@@ -54,7 +54,7 @@ def numbers_of(model):
 
 @pytest.mark.parametrize(("joint", "degrees"), [(None, 0.0), (2, 90.0)])
 def test_angles_that_the_controller_shows_otherwise_are_said(document, joint, degrees):
-    offset = [degrees if j == joint else 0.0 for j in range(6)]
+    offset = [float(np.radians(degrees)) if j == joint else 0.0 for j in range(6)]
     stated = document["robot"] | {"joint_map": {"matrix": np.eye(6).tolist(), "offset": offset}}
     robot = prepare_robot(Campaign.model_validate(document | {"robot": stated}).robot).robot
     run = jointstiff.identify(document)
