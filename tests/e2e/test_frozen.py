@@ -23,7 +23,7 @@ pytestmark = [
 
 OPEN = {"queued", "running"}
 _HOOK = """
-import os, pathlib, signal, sys, threading
+import os, pathlib, signal, sys, threading, time
 
 mark = pathlib.Path({mark!r})
 
@@ -44,6 +44,7 @@ STOPPED_INSIDE_A_TRANSACTION = """
     def insert_unless_present(connection, table):
         if is_first():
             os.kill(os.getpid(), signal.SIGSTOP)
+            time.sleep(0.5)  # this thread goes on until the signal has reached it: nothing is sent meanwhile
         return before(connection, table)
     jobs.insert_unless_present = insert_unless_present
 """
