@@ -5,12 +5,14 @@ The words are in words.toml.
 
 from __future__ import annotations
 
+import glob
 import re
 import tomllib
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from importlib.resources import files
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple, TypeVar
@@ -52,8 +54,6 @@ _ADDED: Final = "plus"
 """With x, y or z: a deviation, to be added to that coordinate of the same target and state."""
 _ALONG: Final = "along"
 """With x, y or z: a displacement along that axis of R0, read by a dial gauge."""
-MIN_STATE_LETTERS: Final = 4
-"""Fewest letters of a state's word in a longer name: shorter words may be abbreviations of other things."""
 _CERTAIN_STATES: Final = frozenset(_WORD_LISTS["certain"])
 _NEGATIONS: Final = frozenset(_WORD_LISTS["negations"])
 _NO_LETTERS: Final = re.compile(r"[\W_]+")
@@ -277,8 +277,6 @@ _STATISTICS: Final = frozenset(
     word.replace("-", " ") for word in (*_WORD_LISTS["statistics"], *_WORD_LISTS["extremes"])
 )
 """Words at the beginning of rows of statistics, without full stops and hyphens."""
-
-
 _EXTREMES: Final = frozenset(_WORD_LISTS["extremes"])
 
 
@@ -560,20 +558,8 @@ class Vocabulary:
 
 def fits_header(pattern: str, header: str) -> bool:
     """Return whether a header is the one that a text names, in which * stands for any characters."""
-    header = collapse_blanks(header)
-    first, *others = collapse_blanks(pattern).split("*")
-    if not others:
-        return first == header
-    *middle, last = others
-    place, end = len(first), len(header) - len(last)
-    if place > end or not (header.startswith(first) and header.endswith(last)):
-        return False
-    for part in middle:
-        found = header.find(part, place, end)
-        if found < 0:
-            return False
-        place = found + len(part)
-    return True
+    parts = collapse_blanks(pattern).split("*")
+    return fnmatchcase(collapse_blanks(header), "*".join(map(glob.escape, parts)))
 
 
 def _apply_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:

@@ -319,8 +319,12 @@ def _combine_with_groups(
         may_contradict = (
             (bool(upper_cell) and words.find(upper_cell) is not None)
             or grammar.find_any_unit(group) is not None
-            or (None not in (unit, own_unit) and not _are_same_unit(str(unit), str(own_unit)))
-            or (own_meaning is not None and own_meaning.kind in POINTS and _says_state(upper_cell, words))
+            or (unit is not None and own_unit is not None and not _are_same_unit(unit, own_unit))
+            or (
+                own_meaning is not None
+                and own_meaning.kind in POINTS
+                and grammar.contains_state_word(upper_cell, words.states)
+            )
         )
         if may_contradict or needs_group or words.find(joined) is not None:
             texts.append(joined)
@@ -333,11 +337,6 @@ def _are_same_unit(first: str, second: str) -> bool:
     """Return whether two texts are the same known unit."""
     known = grammar.find_any_unit(first)
     return known is not None and known == grammar.find_any_unit(second)
-
-
-def _says_state(text: str, words: Vocabulary) -> bool:
-    """Return whether a text has a word for a state."""
-    return grammar.contains_state_word(text, words.states)
 
 
 def _append_unit(name: str, unit: str) -> str:

@@ -20,7 +20,6 @@ from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
     INCH,
-    MIN_STATE_LETTERS,
     POINTS,
     STATE_OF_DIGIT,
     Kind,
@@ -43,6 +42,8 @@ _FIELD: Final = re.compile(r"\{([^{}]*)\}")
 _FIELDS: Final = ("label", "target", "state", "any")
 _POINT_NAME_COLUMNS: Final[tuple[Kind, ...]] = ("collection", "group", "name")
 """Columns that make the name of a point."""
+_MIN_STATE_LETTERS: Final = 4
+"""Fewest letters of a state word at the end of a name: shorter words may be abbreviations of other things."""
 _COVERAGE_FACTOR: Final = 1.96
 """Coverage factor of the expanded uncertainties U(95) that trackers write."""
 _HALF_MICROMETRE: Final = 5e-4
@@ -362,7 +363,7 @@ def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State
     if not positions and "::" in name:
         for position, part in enumerate(parts):
             end = re.fullmatch(r"(.+)([ _])([^ _]+)", part)
-            if end and (end[2] == "_" or len(end[3]) >= MIN_STATE_LETTERS):
+            if end and (end[2] == "_" or len(end[3]) >= _MIN_STATE_LETTERS):
                 states[position] = find_state(end[3], words)
         positions = [position for position, state in enumerate(states) if state is not None]
         if len(positions) == 1:
