@@ -28,6 +28,7 @@ SIZES = {
 ARGUMENTS = [
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+    *("--renderer-process-limit=1", "--disable-gpu-rasterization"),
 ]
 
 

@@ -1,4 +1,4 @@
-"""Lanes of the suite: markers set from what a test uses, and a guard for tests that forget theirs.
+"""Lanes and groups of the suite: markers set from what a test uses, and a guard for tests that forget theirs.
 
 Registered as a plugin by `tests/conftest.py`. A test that asks for a fixture of `LANES` has its markers; one
 that starts a process by itself must say `@pytest.mark.process`, else the start is refused.
@@ -26,6 +26,12 @@ LANES = {
 
 OF_PROCESSES = ("dashboard", "e2e")
 """Folders all of whose tests start processes: not even imported where none is to be started."""
+
+PAGE, SEEING, SERVICE = "page", "seeing", "service"
+"""Groups of tests that share a browser, a filled database or a service: one worker runs all of a group."""
+
+SPREAD = ("cases", "e2e")
+"""Folders whose tests share nothing, so that any worker runs each. Other tests stay with their file."""
 
 STARTS = frozenset(
     {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.spawn", "os.system", "pty.spawn"}
@@ -101,11 +107,34 @@ def pytest_itemcollected(item: pytest.Item) -> None:
         names.add("process")
     for name in sorted(names):
         item.add_marker(name)
+    group = group_of(item)
+    if group and item.config.pluginmanager.hasplugin("xdist"):
+        item.add_marker(pytest.mark.xdist_group(group))
+
+
+def group_of(item: pytest.Item) -> str | None:
+    """Return the group of a test, whose fixtures one worker builds once; None if it shares nothing."""
+    if item.path.name == "test_seeing.py":
+        return SEEING
+    if item.path.parent.name == "dashboard":
+        return PAGE
+    if "services" in getattr(item, "fixturenames", ()):
+        return SERVICE
+    return None if item.path.parent.name in SPREAD else item.path.stem
+
+
+def rank_of(item: pytest.Item) -> int:
+    """Return the place of a test in the order: long groups, then tests that wait, then tests that compute."""
+    if item.path.parent.name == "dashboard":
+        return 0 if item.path.name == "test_seeing.py" else 1
+    if not item.get_closest_marker("process"):
+        return 4
+    return 2 if item.path.parent.name == "e2e" else 3
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Put tests with processes first, which wait while others compute; leave slow ones to `-m`."""
-    items.sort(key=lambda item: item.get_closest_marker("process") is None)
+    items.sort(key=rank_of)
     if "slow" in config.option.markexpr:
         return
     slow = [item for item in items if item.get_closest_marker("slow")]

@@ -16,7 +16,7 @@ CAMPAIGN = simulate_campaign(default_arm(), configurations=12, load="dead_weight
         {"elasticity": "joints"},
         {"elasticity": "joints", "stiffness_bounds": {"joint_2": [1e6, 2.5e6], "joint_5": [3e5, None]}},
         {"elasticity": "joints", "positive": False},
-        {"elasticity": "diagonal_links"},
+        {"elasticity": "diagonal_links", "cross_validation": {"folds": 3, "draws": 1}, "loss": "squared"},
     ],
 )
 def test_verdict_and_list_count_the_joints_that_have_a_stiffness_with_an_upper_end(options):

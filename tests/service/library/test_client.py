@@ -503,18 +503,25 @@ def test_the_verbs_of_other_sources(backend, tmp_path):
     np.testing.assert_allclose(of_table.displacement, of_cases.displacement, rtol=1e-12)
 
 
+@pytest.fixture(scope="module")
+def measured_here():
+    """A live campaign of this process: its state after three readings, and the run of the closed set."""
+    with js.measure(DOCUMENT, goal="15 %", source="simulated:1") as here:
+        state = here.run_source(most=3)
+        here.close()
+    return state, here.run
+
+
 @pytest.mark.parametrize("form", ALIKE)
-def test_a_live_campaign_is_measured_alike(backend, sources, form):
+def test_a_live_campaign_is_measured_alike(backend, sources, measured_here, form):
     """The same readings in the same order, the same state after each, and the same run of the closed set."""
-    with (
-        backend.measure(sources[form], "15 %", "simulated:1") as there,
-        js.measure(DOCUMENT, goal="15 %", source="simulated:1") as here,
-    ):
+    state_here, run_here = measured_here
+    with backend.measure(sources[form], "15 %", "simulated:1") as there:
         state = there.run_source(most=3)
-        assert state.readings == here.run_source(most=3).readings
-        assert state.next == here.state.next
-        assert there.close().joints == here.close().joints
-    assert backend.identify(there.run).joints == here.run.joints
+        assert state.readings == state_here.readings
+        assert state.next == state_here.next
+        assert there.close().joints == run_here.joints
+    assert backend.identify(there.run).joints == run_here.joints
 
 
 def test_files_are_imported_alike(backend):
