@@ -39,10 +39,9 @@ from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
 from jointstiff.solver.integrity import inspect_measurements
-from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 from jointstiff.solver.mechanics.urdf import read_inertials, read_urdf, write_urdf
 from jointstiff.solver.messages import to_rigid
 

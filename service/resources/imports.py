@@ -30,8 +30,7 @@ from jointstiff.service.problems import FilesError, reword_fault
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
-    from jointstiff.solver.integrity.other_robots import KnownRobot
-    from jointstiff.solver.mechanics.robot import Robot
+    from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
 _LENGTHS: Final = frozenset(
     ("sigma", "station", "constant", "load_point", "target_places", "drift", "position")

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 from uuid import uuid4
@@ -21,7 +21,7 @@ from jointstiff.service.conversion.prepared import (
 )
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,10 @@ class Inputs(Protocol):
         Raises:
             RequestError: no robot has this id.
         """
+        ...
+
+    def list_confusable_robots(self) -> Iterator[KnownRobot]:
+        """Yield robots that may have been measured by mistake: stored robots, then arms of the catalogue."""
         ...
 
     def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
@@ -131,6 +135,10 @@ class InMemoryInputs:
         if robot_id not in self._robots:
             raise _make_unknown_id_error("robot", robot_id, where)
         return self._robots[robot_id].robot, self._robots[robot_id].content_hash
+
+    def list_confusable_robots(self) -> Iterator[KnownRobot]:
+        """Yield the arms of the catalogue: robots in memory belong to the request."""
+        return catalogue_robots()
 
     def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
         """Return a measurement set without the observations whose labels are in `leave_out`."""

@@ -7,7 +7,7 @@ from functools import cache
 
 from jointstiff.service.conversion.catalogue import catalogue, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.solver.integrity.other_robots import KnownRobot
+from jointstiff.solver.mechanics.robot import KnownRobot
 
 
 def catalogue_robots(excluded: Collection[str] = ()) -> Iterator[KnownRobot]:

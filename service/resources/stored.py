@@ -53,9 +53,8 @@ from jointstiff.service.store.tables import (
 )
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.identification import report_drift
-from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.postures import find_wrist
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
 AnyJob = TypeVar("AnyJob", bound=Job)
 Prepared = TypeVar("Prepared")
@@ -395,6 +394,10 @@ class Resources:
         """
         with _refuse_at_field(where):
             return self.robots.load(robot_id)
+
+    def list_confusable_robots(self) -> Iterator[KnownRobot]:
+        """Yield robots that may have been measured by mistake: stored robots, then arms of the catalogue."""
+        return self.robots.list_confusable_robots()
 
     def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
         """Return a stored measurement set, prepared for computation.

@@ -22,7 +22,14 @@ import numpy as np
 from scipy import special
 
 from jointstiff.schemas import geometry as results
-from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combine_assessments
+from jointstiff.schemas.finding import (
+    ROOT_MISTAKES,
+    Assessment,
+    Finding,
+    FindingCode,
+    Verdict,
+    combine_assessments,
+)
 from jointstiff.schemas.geometry import LinkComparison, SweepEvidence
 from jointstiff.schemas.robot import JointMap as StoredJointMap
 from jointstiff.schemas.robot import RobotDocument, UrdfModel
@@ -40,7 +47,16 @@ from jointstiff.solver.geometry.frames import (
     identify_model,
     name_joints,
 )
-from jointstiff.solver.geometry.poses import Axis, CalibratedAxes, IdentifiedAxes, Poses, calibrate
+from jointstiff.solver.geometry.nominal import ComparedReadings, inspect_nominal, report_misfit
+from jointstiff.solver.geometry.poses import (
+    VAGUE_UNCERTAINTY,
+    Axis,
+    CalibratedAxes,
+    IdentifiedAxes,
+    Poses,
+    calibrate,
+    refuse_other_joint_count,
+)
 from jointstiff.solver.geometry.sweeps import (
     SWEEPS_DISAGREE_P_VALUE,
     UNEVEN_GEARS_P_VALUE,
@@ -55,7 +71,7 @@ from jointstiff.solver.geometry.sweeps import (
 )
 from jointstiff.solver.mechanics.chain import Convention, KinematicChain
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, skew
-from jointstiff.solver.mechanics.robot import JointMap
+from jointstiff.solver.mechanics.robot import JointMap, KnownRobot
 from jointstiff.solver.mechanics.urdf import write_urdf
 from jointstiff.solver.messages import build_messages, to_rigid
 from jointstiff.solver.text import length_text
@@ -82,9 +98,6 @@ CENTRES_DISAGREE_P_VALUE = 1e-4
 RUNAWAY_ANGLE = 1e-2
 """Angle of neighbouring axes [rad] below which their common perpendicular is beyond any robot's size."""
 
-VAGUE_UNCERTAINTY = 10e-3
-"""Standard uncertainty of a link parameter [m or rad] beyond which a data sheet knows it better."""
-
 _ANGLE_SCALE_TOLERANCE = 1e-3  # largest relative difference of the arcs of controller and tracker
 
 _LEAST_NEW_SHARE = 1e-8
@@ -104,6 +117,10 @@ _FINDING_WEIGHTS: Final[dict[FindingCode, Verdict]] = {
     "axes_nearly_parallel": "use",
 }
 """Weights of findings whose weight is not `use_with_care`."""
+
+
+_NOMINAL_MISTAKES: Final = ROOT_MISTAKES | {"joint_sign_suspect"}
+"""Codes of mistakes by which the readings do not fit the nominal model; other findings follow from them."""
 
 
 def _make_finding(code: FindingCode, where: str, message: str, remedy: str) -> Finding:
@@ -360,7 +377,7 @@ def report_calibration(calibrated: CalibratedAxes) -> Iterator[Finding]:
         yield _make_finding(
             "parameters_not_identified",
             "poses",
-            f"the poses do not determine {combination}{', '.join(names)}",
+            f"the poses do not determine {combination}{', '.join(names)}: nominal values are kept",
             "add poses in which all joints turn over most of their range",
         )
 
@@ -470,6 +487,7 @@ def identify_from_sweeps(
     fit: SweepFit = "together",
     angles: AngleUse = "free",
     base_targets: BaseTargets | None = None,
+    others: Iterable[KnownRobot] = (),
 ) -> results.GeometryResult:
     """Identify the kinematics of a robot from sweeps of its joints, with uncertainties and findings.
 
@@ -483,10 +501,16 @@ def identify_from_sweeps(
         angles: `free` estimates each position's angle of the turned joint from the readings; `controller`
             uses the controller's angles.
         base_targets: targets on the robot's base, read before and after the sweeps.
+        others: robots that may have been measured, tried if the nominal model does not fit.
 
     Raises:
         InputError: the sweeps do not determine the robot, or contradict the nominal model.
     """
+    mistakes: list[Finding] = []
+    if nominal is not None:
+        angles_of_sweeps = np.concatenate([sweep.angles for sweep in sweeps.sweeps])
+        compared = ComparedReadings.sample(angles_of_sweeps, sweeps.whitened.points, sweeps.present)
+        mistakes = list(inspect_nominal(nominal, sweeps.joint_map, compared, others))
     free_fits = identify_axes(sweeps)
     controller_fits = identify_axes(sweeps, angles="controller")
     separate = free_fits if angles == "free" else controller_fits
@@ -516,7 +540,7 @@ def identify_from_sweeps(
         name,
         sweeps,
         wrist_axes=wrist_axes,
-        findings=(*report_sweeps(separate, together), *report_disagreement(agreement_p_value)),
+        findings=(*mistakes, *report_sweeps(separate, together), *report_disagreement(agreement_p_value)),
         base_targets=base_targets,
     )
     return result.model_copy(
@@ -553,6 +577,7 @@ def identify_from_poses(
     nominal: KinematicChain,
     name: str = "identified",
     base_targets: BaseTargets | None = None,
+    others: Iterable[KnownRobot] = (),
 ) -> results.GeometryResult:
     """Identify a robot's kinematics from unloaded poses, starting from a nominal model.
 
@@ -562,12 +587,22 @@ def identify_from_poses(
         nominal: model of the robot, from which the fit starts.
         name: name of the identified robot.
         base_targets: targets on the robot's base, read before and after the poses.
+        others: robots that may have been measured, tried if the nominal model does not fit.
 
     Raises:
         InputError: the poses contradict the nominal model, or a pose has too few targets.
         NotObservableError: the readings are fewer than the unknown parameters.
     """
-    identified = calibrate(nominal, poses)
+    refuse_other_joint_count(nominal, poses)
+    compared = ComparedReadings.sample(poses.angles, poses.points, poses.present)
+    mistakes = list(inspect_nominal(nominal, poses.joint_map, compared, others))
+    try:
+        identified = calibrate(nominal, poses)
+    except MeasurementError as error:
+        if not mistakes:
+            raise
+        # The mistake that was found is the reason why the fit fails.
+        raise MeasurementError(mistakes[0].message, where=error.where, remedy=mistakes[0].remedy) from error
     _refuse_vanishing_sigma(identified)
     return _assemble_result(
         identified,
@@ -576,7 +611,7 @@ def identify_from_poses(
         name,
         poses,
         wrist_axes=identified,  # the uncertainties of the axes apply to the wrist centre, too
-        findings=report_calibration(identified),
+        findings=(*mistakes, *report_calibration(identified)),
         base_targets=base_targets,
     )
 
@@ -607,6 +642,8 @@ def _assemble_result(
     modified, _ = build_dh_table(model.chain, "modified")
     links = [] if nominal is None else compare_links(identified, base, flange, nominal)
     all_findings = list(findings)
+    if not any(finding.code in _NOMINAL_MISTAKES for finding in all_findings):
+        all_findings += report_misfit(float(np.sqrt(identified.rss / identified.dof)), links)
     wrist, drift = None, None
     no_wrist = None  # reason why no wrist centre was computed
     if wrist_axes.undetermined.size:
@@ -623,7 +660,9 @@ def _assemble_result(
         drift = base_targets.fit_drift(identified.sigma, identified.targets.mean(axis=0))
         all_findings += report_drift(drift, base_targets)
     all_findings += report_vague_parameters(model.chain.joint_names, "standard", pairs, links)
-    reasons = [finding for finding in all_findings if not finding.is_remark]
+    root_mistakes = [finding for finding in all_findings if finding.code in _NOMINAL_MISTAKES]
+    reasons = root_mistakes or [finding for finding in all_findings if not finding.is_remark]
+    transform_covariance = identified.compute_covariances(base.jacobian, 6)[0]
     calibrated = identified if isinstance(identified, CalibratedAxes) else None
     is_from_residuals = readings.sigma is None or (calibrated and calibrated.exceeded_sigma is not None)
     return results.GeometryResult(
@@ -641,7 +680,7 @@ def _assemble_result(
         controller_probability=None,
         base=conventions.base,
         transform_tracker_to_base=to_rigid(base.transform_tracker_to_base),
-        transform_covariance=identified.compute_covariances(base.jacobian, 6)[0],
+        transform_covariance=transform_covariance if np.isfinite(transform_covariance).all() else None,
         wrist=wrist,
         no_wrist=no_wrist,
         targets=build_messages(

@@ -30,7 +30,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -69,6 +69,10 @@ _EXACT_RMS = 1e-8
 _CONVERGED = 1e-9
 _RANK_TOLERANCE = 1e-10
 """Singular value of the column-scaled Jacobian, relative to the largest, that counts as zero."""
+VAGUE_UNCERTAINTY: Final = 10e-3
+"""Standard uncertainty of a link parameter [m or rad] beyond which a data sheet knows it better."""
+LARGEST_RESIDUAL: Final = 1e-3
+"""Residual of a coordinate [m rms] after the fit, above which no geometry explains the readings."""
 _UNDETERMINED = 1e-6
 """Share of an unknown in an unobservable direction above which it is not determined."""
 
@@ -225,7 +229,12 @@ class LinearFit:
 
     @classmethod
     def from_derivatives(
-        cls, residual: FloatArray, jacobian: FloatArray, group_derivative: FloatArray | None = None
+        cls,
+        residual: FloatArray,
+        jacobian: FloatArray,
+        group_derivative: FloatArray | None = None,
+        *,
+        noise: float = 0.0,
     ) -> LinearFit:
         """Solve the linearised problem using a QR decomposition of J and the singular values of R.
 
@@ -234,25 +243,27 @@ class LinearFit:
             jacobian: (m, p) whitened derivative J of the prediction with respect to p unknowns.
             group_derivative: (G, m / G) whitened derivative of each of G groups of readings with respect to
                 an unknown that affects this group only; None without such unknowns.
+            noise: standard deviation of a whitened residual. A combination of unknowns that this noise leaves
+                uncertain by more than `VAGUE_UNCERTAINTY` counts as undetermined.
         """
         if group_derivative is not None:
             unknowns = GroupUnknowns.from_derivatives(residual, jacobian, group_derivative)
-            reduced = cls.from_derivatives(unknowns.project_out(residual), unknowns.project_out(jacobian))
-            return replace(reduced, group_unknowns=unknowns)
+            residual, jacobian = unknowns.project_out(residual), unknowns.project_out(jacobian)
+            return replace(cls.from_derivatives(residual, jacobian, noise=noise), group_unknowns=unknowns)
         scaled_jacobian, scale = unit_columns(jacobian)
         Q, R = np.linalg.qr(scaled_jacobian)
         U, singular_values, Vt = np.linalg.svd(R, full_matrices=False)
-        rank = (
-            int((singular_values > _RANK_TOLERANCE * singular_values[0]).sum())
-            if singular_values.size and singular_values[0] > 0.0
-            else 0
-        )
-        row_space = Vt[:rank].T
+        greatest = singular_values.max(initial=0.0)
+        sizes = np.linalg.norm(Vt / scale, axis=1)  # of the combinations of unknowns, in m and rad
+        is_determined = singular_values > _RANK_TOLERANCE * greatest
+        is_determined &= noise * sizes <= VAGUE_UNCERTAINTY * singular_values
+        rank = int(is_determined.sum())
+        row_space = Vt[is_determined].T
         undetermined = np.linalg.svd(row_space)[0][:, rank:] if rank < len(scale) else np.zeros((rank, 0))
         return cls(
             residual,
-            Q @ U[:, :rank],
-            row_space / singular_values[:rank] / scale[:, None],
+            Q @ U[:, is_determined],
+            row_space / singular_values[is_determined] / scale[:, None],
             undetermined,
             scale,
         )
@@ -350,6 +361,18 @@ class GroupUnknowns:
         return np.asarray((grouped - self.directions[..., None] * components[:, None]).reshape(rows.shape))
 
 
+class StalledFitError(MeasurementError):
+    """A fit of geometry that did not converge, with its residual `rms` [m]."""
+
+    def __init__(self, where: str, rms: float) -> None:
+        super().__init__(
+            f"the fit did not converge in {_MOST_STEPS} steps; the residual is {length_text(rms)} rms",
+            where=where,
+            remedy="check the unit and the sign of the angles, the joint map, and the order of the rows",
+        )
+        self.rms = rms
+
+
 def minimise(
     state: State,
     residual: Callable[[State], FloatArray],
@@ -360,6 +383,7 @@ def minimise(
     group_jacobian: Callable[[State], FloatArray] | None = None,
     readings_norm: float = 0.0,
     sufficient_rms: float = 0.0,
+    noise: float = 0.0,
 ) -> tuple[State, LinearFit]:
     """Minimise ``‖residual(state)‖²`` using Gauss-Newton steps, damped where needed (Levenberg-Marquardt).
 
@@ -376,17 +400,19 @@ def minimise(
             to an unknown that affects this group only; None without such unknowns.
         readings_norm: norm of the whitened readings; a step below their rounding errors ends the iteration.
         sufficient_rms: residual [rms] below which a fit that used all steps counts as converged.
+        noise: standard deviation of a residual, by which vague combinations of unknowns keep their start
+            values; 0 moves all combinations.
 
     Returns:
         The state at the minimum, and the linearised fit there.
 
     Raises:
-        MeasurementError: the fit does not converge.
+        StalledFitError: the fit does not converge.
     """
     current_residual = residual(state)
     for _ in range(_MOST_STEPS):
         group_derivative = None if group_jacobian is None else group_jacobian(state)
-        linear = LinearFit.from_derivatives(current_residual, jacobian(state), group_derivative)
+        linear = LinearFit.from_derivatives(current_residual, jacobian(state), group_derivative, noise=noise)
         if linear.explained <= max(
             _CONVERGED * float(np.linalg.norm(current_residual)), _ROUNDING * readings_norm
         ):
@@ -404,11 +430,7 @@ def minimise(
     rms = float(np.sqrt(np.mean(current_residual**2)))
     if rms < max(_EXACT_RMS, sufficient_rms):
         return state, linear
-    raise MeasurementError(
-        f"the fit did not converge in {_MOST_STEPS} steps; the residual is {length_text(rms)} rms",
-        where=where,
-        remedy="check the unit and the sign of the angles, the joint map, and the order of the rows",
-    )
+    raise StalledFitError(where, rms)
 
 
 Geometry = Callable[[Sequence[Axis], FloatArray], FloatArray]
@@ -424,6 +446,7 @@ _STEP = 1e-6  # of the difference quotients [m, rad]: both truncation and roundi
 _BEYOND_NOISE_P_VALUE = 1e-6  # p-value below which residuals exceed the stated sigma
 _LEAST_NAMED_SHARE = 0.1  # least share of an unknown in a combination for which it is named
 _FOLDS = 5
+_LEAST_ENLARGEMENT: Final = 1e-9  # least singular value of a placement that is divided by
 _SIMILAR_RMS = 1.1  # residual of some of the poses, relative to that of all poses, that counts as equal
 _CHART_NAMES = ("across u", "across v", "about u", "about v")
 
@@ -647,6 +670,7 @@ def fit_poses(
     where: str,
     fitted_axes: int | None = None,
     sufficient_rms: float = 0.0,
+    noise: float = 0.0,
 ) -> tuple[PoseState, LinearFit]:
     """Fit axes, targets and corrections of angles to readings, by maximum likelihood.
 
@@ -659,12 +683,13 @@ def fit_poses(
         where: name of the readings in errors.
         fitted_axes: number of axes, base first, that are fitted; the other axes stay fixed. None fits all.
         sufficient_rms: residual [rms, whitened] below which a fit that used all steps counts as converged.
+        noise: standard deviation of a whitened residual, by which vague combinations keep their start values.
 
     Returns:
         The fitted state, and the linearised fit there.
 
     Raises:
-        MeasurementError: the fit does not converge.
+        StalledFitError: the fit does not converge.
     """
     fitted_axes = len(start.axes) if fitted_axes is None else fitted_axes
     chart_count = CHART_SIZE * fitted_axes
@@ -711,6 +736,7 @@ def fit_poses(
         group_jacobian=correction_jacobian if basis is None else None,
         readings_norm=float(np.linalg.norm(readings.weight @ readings.points[..., None])),
         sufficient_rms=sufficient_rms,
+        noise=noise,
     )
 
 
@@ -842,6 +868,22 @@ class CalibratedAxes(IdentifiedAxes):
     exceeded_sigma: float | None
 
 
+def refuse_other_joint_count(nominal: KinematicChain, poses: Poses) -> None:
+    """Refuse poses with another number of angles than the nominal model has joints.
+
+    Raises:
+        MeasurementError: the numbers differ.
+    """
+    count = len(nominal.moving)
+    if not count == poses.joint_map.n == poses.angles.shape[1]:
+        raise MeasurementError(
+            f"the nominal model has {count} revolute joints, but the poses have "
+            f"{poses.angles.shape[1]} angles",
+            where="poses",
+            remedy="give the nominal model of the robot that was measured",
+        )
+
+
 def calibrate(
     nominal: KinematicChain,
     poses: Poses,
@@ -866,22 +908,16 @@ def calibrate(
         MeasurementError: the model has another number of joints, or the fit does not converge.
         NotObservableError: the readings have no more coordinates than there are unknowns.
     """
+    refuse_other_joint_count(nominal, poses)
     axes, _ = list_chain_axes(nominal)
-    if not len(axes) == poses.joint_map.n == poses.angles.shape[1]:
-        raise MeasurementError(
-            f"the nominal model has {len(axes)} revolute joints, but the poses have "
-            f"{poses.angles.shape[1]} angles",
-            where="poses",
-            remedy="give the nominal model of the robot that was measured",
-        )
     readings = poses.whitened
-    base_to_tracker, targets_in_base = _estimate_start(axes, poses, readings, start)
+    placed = place_arm(axes, readings.angles, poses.points, poses.present, start=start)
     start_state = PoseState(
-        tuple(axis.transform(base_to_tracker) for axis in axes),
-        transform_points(base_to_tracker, targets_in_base),
+        tuple(axis.transform(placed.base_to_tracker) for axis in axes),
+        transform_points(placed.base_to_tracker, placed.targets),
         np.zeros(len(poses)),
     )
-    state, linear = fit_poses(readings, start_state, where="poses", sufficient_rms=sufficient_rms)
+    state, linear = _fit_from_nominal(readings, start_state, sufficient_rms)
     rms = float(np.sqrt(np.mean(np.square(linear.residual))))
     held_out_rms = _cross_validate(nominal, poses, start, rms) if hold_out else None
     coordinate_count, unknown_count = 3 * int(poses.present.sum()), len(linear.scale)
@@ -924,6 +960,25 @@ def calibrate(
         exceeded_sigma=poses.sigma if exceeds_sigma else None,
         undetermined=linear.undetermined / linear.scale[:, None],
     )
+
+
+def _fit_from_nominal(
+    readings: PoseReadings, start: PoseState, sufficient_rms: float
+) -> tuple[PoseState, LinearFit]:
+    """Fit axes and targets to poses; vague combinations keep their nominal values if they stall the fit.
+
+    In poses of one orientation of the tool, for instance, noise moves some combinations by metres, along a
+    valley of equal residuals: the fit stalls there, at a residual of noise.
+
+    Raises:
+        StalledFitError: the fit does not converge, and its residual is no noise.
+    """
+    try:
+        return fit_poses(readings, start, where="poses", sufficient_rms=sufficient_rms)
+    except StalledFitError as stalled:
+        if stalled.rms > LARGEST_RESIDUAL:
+            raise
+        return fit_poses(readings, start, where="poses", sufficient_rms=sufficient_rms, noise=stalled.rms)
 
 
 def _compute_influence_of_poses(linear: LinearFit, pose_count: int) -> FloatArray:
@@ -970,38 +1025,70 @@ def _cross_validate(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None
     return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
 
 
-def _estimate_start(
-    axes: tuple[Axis, ...], poses: Poses, readings: PoseReadings, start: pin.SE3 | None
-) -> tuple[pin.SE3, FloatArray]:
-    """Return rough start values: the transform from R0 to the tracker, and the targets (T, 3) [m] in R0.
+class Placement(NamedTuple):
+    """An arm with the axes of its model, placed among the readings."""
+
+    base_to_tracker: pin.SE3  # transform from R0 to the tracker's frame
+    targets: FloatArray  # (T, 3) targets at model angle zero, in R0 [m]
+    scale: float  # lengths of the readings relative to those of the model; 1 unless it was fitted
+    rms: float  # residual of a coordinate [m], in the model's lengths
+
+
+def place_arm(
+    axes: Sequence[Axis],
+    angles: FloatArray,
+    points: FloatArray,
+    present: BoolArray,
+    *,
+    start: pin.SE3 | None = None,
+    fits_scale: bool = False,
+) -> Placement:
+    """Place an arm among readings, by linear least squares.
 
     For a reading p of target t in pose k, ``Q p + s = R_k x_t + t_k`` is linear in Q = Rᵀ, s = −Rᵀ t and the
     target x_t. Q is first fitted as nine numbers and made a rotation, then s and x_t are fitted with Q fixed.
     A known transform `start` leaves only x_t to fit.
+
+    Args:
+        axes: n axes at model angle zero, in R0.
+        angles: (N, n) angles of the model [rad].
+        points: (N, T, 3) readings [m].
+        present: (N, T) mask of the targets that were read.
+        start: transform from R0 to the tracker's frame, if it is known.
+        fits_scale: whether the readings may have another unit of length than the model: the median singular
+            value of Q is then the reciprocal of the scale.
     """
-    pose_of_reading, target_of_reading = np.nonzero(poses.present)
+    pose_of_reading, target_of_reading = np.nonzero(present)
     # `Motion` needs a target; a target at the origin does not affect the postures.
-    postures = Motion(axes, np.zeros((1, 3)), readings.angles).postures
+    postures = Motion(axes, np.zeros((1, 3)), angles).postures
     flange_rotation = postures.flange_rotation[pose_of_reading]
     flange_position = postures.flange_translation[pose_of_reading]
-    points = poses.points[pose_of_reading, target_of_reading]
+    read_points = points[pose_of_reading, target_of_reading]
     coordinate_count = 3 * len(pose_of_reading)
     target_columns = np.einsum(
-        "mij,mt->mitj", flange_rotation, np.eye(len(poses.targets))[target_of_reading]
+        "mij,mt->mitj", flange_rotation, np.eye(present.shape[1])[target_of_reading]
     ).reshape(coordinate_count, -1)
     if start is not None:
-        local = transform_points(start.inverse(), points) - flange_position
-        return start, np.linalg.lstsq(target_columns, local.ravel(), rcond=None)[0].reshape(-1, 3)
+        local = (transform_points(start.inverse(), read_points) - flange_position).ravel()
+        solution = np.linalg.lstsq(target_columns, local, rcond=None)[0]
+        rms = float(np.sqrt(np.mean(np.square(local - target_columns @ solution))))
+        return Placement(start, solution.reshape(-1, 3), 1.0, rms)
     shift_columns = np.tile(np.eye(3), (len(pose_of_reading), 1))
-    rotation_columns = np.einsum("ij,mk->mijk", np.eye(3), points).reshape(coordinate_count, 9)
+    rotation_columns = np.einsum("ij,mk->mijk", np.eye(3), read_points).reshape(coordinate_count, 9)
     system = np.hstack([rotation_columns, shift_columns, target_columns])
-    U, _, Vt = np.linalg.svd(
-        np.linalg.lstsq(system, flange_position.ravel(), rcond=None)[0][:9].reshape(3, 3)
-    )
+    fitted = np.linalg.lstsq(system, flange_position.ravel(), rcond=None)[0]
+    U, singular_values, Vt = np.linalg.svd(fitted[:9].reshape(3, 3))
     Q = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    right_side = (points @ Q.T - flange_position).ravel()
-    solution = np.linalg.lstsq(np.hstack([-shift_columns, target_columns]), right_side, rcond=None)[0]
-    return pin.SE3(Q.T, -Q.T @ solution[:3]), solution[3:].reshape(-1, 3)
+    enlargement = float(singular_values[1]) if fits_scale else 1.0
+    right_side = (enlargement * read_points @ Q.T - flange_position).ravel()
+    columns = np.hstack([-shift_columns, target_columns])
+    solution = np.linalg.lstsq(columns, right_side, rcond=None)[0]
+    return Placement(
+        base_to_tracker=pin.SE3(Q.T, -Q.T @ solution[:3]),
+        targets=solution[3:].reshape(-1, 3),
+        scale=1.0 / max(enlargement, _LEAST_ENLARGEMENT),
+        rms=float(np.sqrt(np.mean(np.square(right_side - columns @ solution)))),
+    )
 
 
 def _name_combinations(linear: LinearFit, n: int, targets: Sequence[str]) -> list[list[str]]:

@@ -19,10 +19,10 @@ from jointstiff.solver.integrity.against_model import (
     inspect_response,
     inspect_rigidity,
 )
-from jointstiff.solver.integrity.other_robots import KnownRobot, inspect_other_robots
+from jointstiff.solver.integrity.other_robots import inspect_other_robots
 from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
 MAX_FINDINGS_PER_CODE: Final = 10
 """Greatest number of findings of one kind; the last one states the number of further findings."""

@@ -21,7 +21,7 @@ from jointstiff.solver.integrity.against_model import (
 from jointstiff.solver.integrity.values import View, median, transform_to_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 from jointstiff.solver.text import length_text
 
 LARGEST_NOMINAL_ERROR: Final = 5e-3
@@ -35,15 +35,6 @@ ALIKE: Final = 1.5
 """Ratio of median distances up to which positions do not distinguish two robots."""
 _MICROMETRES: Final = 6
 """Decimals to which median distances [m] are rounded before two robots are compared."""
-
-
-@dataclass(frozen=True, eq=False)
-class KnownRobot:
-    """Robot that may have been measured in place of the chosen robot."""
-
-    name: str  #: name of the robot
-    robot: Robot  #: model of the robot
-    identifier: str | None = None  #: id of the stored robot; None for an arm of the catalogue
 
 
 @dataclass(frozen=True, eq=False)

@@ -265,6 +265,15 @@ class Robot:
         return np.where(self.prismatic, np.round(joints * 1e3) / 1e3, degrees)
 
 
+@dataclass(frozen=True, eq=False)
+class KnownRobot:
+    """Robot that may have been measured in place of the chosen robot."""
+
+    name: str  #: name of the robot
+    robot: Robot  #: model of the robot
+    identifier: str | None = None  #: id of the stored robot; None for an arm of the catalogue
+
+
 def _read_kind_and_axis(model: pin.Model, index: int) -> tuple[JointKind, FloatArray]:
     """Return the kind of a joint of one degree of freedom, and its axis (3,) in its frame.
 

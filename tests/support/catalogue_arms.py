@@ -8,10 +8,9 @@ from jointstiff.service.conversion.catalogue import catalogue, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.simulator import TARGETS, SpringArm, deflections
 from jointstiff.simulator.imperfections import with_link_errors
-from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
 from .springs import SIGMA, readings_of
 

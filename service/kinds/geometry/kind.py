@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import degrees, sqrt
 from typing import TYPE_CHECKING, Any, Final
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from jointstiff.service.resources.inputs import Inputs
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.geometry.sweeps import SweepSet
-    from jointstiff.solver.mechanics.robot import Robot
+    from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
 _MILLI, _MICRO = 1e3, 1e6
 
@@ -344,15 +344,23 @@ def _prepare_work(inputs: Inputs, request: GeometryRequest) -> Work:
     # Only inputs that influence the result are hashed: names and ids do not influence it.
     options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
     return QuickWork(
-        result=lambda: _identify(request, readings, nominal),
+        result=lambda: _identify(request, readings, nominal, inputs.list_confusable_robots()),
         input_hash=hash_texts(robot_hash, options),
         robot_id=request.robot_id,
         details={"name": request.name},
     )
 
 
-def _identify(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None) -> GeometryResult:
-    """Identify the geometry from sweeps, or from poses and the robot's nominal model; return the result."""
+def _identify(
+    request: GeometryRequest,
+    readings: SweepSet | Poses,
+    robot: Robot | None,
+    others: Iterable[KnownRobot],
+) -> GeometryResult:
+    """Identify the geometry from sweeps, or from poses and the robot's nominal model; return the result.
+
+    `others` are robots that may have been measured in place of the chosen one.
+    """
     from jointstiff.service.conversion.geometry import to_conventions
     from jointstiff.service.conversion.prepared import to_base_targets
     from jointstiff.service.kinds.work import as_request_errors
@@ -372,10 +380,16 @@ def _identify(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot
                 fit=request.fit,
                 angles=request.angles,
                 base_targets=base_targets,
+                others=others,
             )
         if nominal is not None:
             return identify_from_poses(
-                readings, conventions, nominal=nominal, name=request.name, base_targets=base_targets
+                readings,
+                conventions,
+                nominal=nominal,
+                name=request.name,
+                base_targets=base_targets,
+                others=others,
             )
         raise ValueError("poses need a nominal model to calibrate, but the request has none")
 
