@@ -21,6 +21,7 @@ _NAMES: Final = {
     "alpha": "alpha",
     "α": "alpha",
     "d": "d",
+    "r": "r",
     "theta": "theta",
     "θ": "theta",
     "offset": "theta",
@@ -32,7 +33,7 @@ _NAMES: Final = {
     "type": "kind",
 }
 """Names of columns, without their index such as in `a_i`, `alpha_{i-1}` or `θ1`."""
-_NUMBERS: Final = frozenset(("i", "joint", "link", "axis", "no", "nr", "#", "name", ""))
+_NUMBERS: Final = frozenset(("i", "j", "joint", "link", "axis", "no", "nr", "#", "name", ""))
 """Names of columns that number or name the rows."""
 _HEADER: Final = re.compile(
     r"([^\W\d_]+|#|)[ _]?(?:\{?(?:[ij]|\d+)?([-\u2212]1)?\}?)? ?(?:[\[(]([^][()]+)[\])])?"
@@ -66,15 +67,19 @@ def convert_dh_rows(
     convention: str | None,
     units: Mapping[str, str],
     *,
+    columns: str | Sequence[str] | None = None,
     units_are_stated: bool = False,
 ) -> dict[str, Any]:
     """Convert the rows of a Denavit–Hartenberg table to the model of a robot document, in m and rad.
 
     Args:
-        rows: rows of a, alpha, d, theta, with or without lower and upper limit; or a data frame, an array
-            with names, or mappings, whose columns have these names, in any order, with or without units.
-            Cells are numbers, or texts such as `-90°`, `pi/2` or `θ2 - 90`. `DhRow`s are in m and rad.
-        convention: `standard` or `modified`.
+        rows: a data frame, an array with names, or mappings, whose columns are named a, alpha, d, theta, and
+            lower, upper and kind if they are known, in any order, with or without units; or rows of cells,
+            which need `columns`. Cells are numbers, or texts such as `-90°`, `pi/2` or `θ2 - 90`. `DhRow`s
+            are in m and rad.
+        convention: `standard` or `modified`. With the latter, columns d and r without a are Khalil's: r is
+            the length along z.
+        columns: names of the columns of rows without names, such as "theta d a alpha".
         units: units of the rows by `length` and `angle`.
         units_are_stated: whether the caller stated these units; columns with names need this, or units in
             their names.
@@ -89,29 +94,43 @@ def convert_dh_rows(
             remedy="state convention='standard' or 'modified' (Craig): js.robot(rows, convention='modified')",
         )
     model = {"format": "dh", "convention": convention}
-    if isinstance(rows, Sequence) and rows and all(isinstance(row, Message) for row in rows):
+    are_messages = isinstance(rows, Sequence) and rows and all(isinstance(row, Message) for row in rows)
+    if are_messages and columns is None:
         return model | {"rows": [row.model_dump() for row in rows]}
-    named = _read_named_rows(rows)
-    if named is not None and not units_are_stated:
-        _refuse_names_without_units(named)
-    if convention == "standard" and any(row.names_joint_before for row in named or ()):
+    table = _read_named_rows(rows, convention)
+    has_names = bool(table)
+    if not table:
+        table = _read_plain_rows(rows, columns, convention)
+    elif columns is not None:
+        raise RobotError(
+            "the columns of the table have names already",
+            where="columns",
+            remedy="omit `columns`, or give the rows without names",
+        )
+    if (has_names or any(row.units for row in table)) and not units_are_stated:
+        _refuse_names_without_units(table)
+    if convention == "standard" and any(row.names_joint_before for row in table):
         raise RobotError(
             "columns are named a_{i-1} or alpha_{i-1}, as in the modified convention",
             where="convention",
             remedy="state convention='modified', or rename the columns to a and alpha",
         )
-    table = named or [_Row(dict(zip(_COLUMNS, row, strict=False)), {}) for row in _read_plain_rows(rows)]
     converted = [_convert_row(row, units, number) for number, row in enumerate(table)]
-    if named is None and not units_are_stated:
+    if not (has_names or units_are_stated or any(row.units for row in table)):
         _refuse_doubtful_units(converted, units)
     return model | {"rows": converted}
 
 
-def _read_plain_rows(rows: Any) -> list[list[Any]]:  # noqa: ANN401
-    """Return the cells of rows without names.
+def _read_plain_rows(
+    rows: Any,  # noqa: ANN401 - rows of a table
+    columns: str | Sequence[str] | None,
+    convention: str,
+) -> list[_Row]:
+    """Return rows without names, by the names that `columns` states.
 
     Raises:
-        RobotError: the rows do not have four or six cells each.
+        RobotError: `columns` is missing, a name is unknown, occurs twice or is missing, or a row has another
+            number of cells.
     """
     plain = rows.tolist() if hasattr(rows, "tolist") else rows
     plain = plain.to_numpy().tolist() if hasattr(plain, "to_numpy") else plain
@@ -120,17 +139,33 @@ def _read_plain_rows(rows: Any) -> list[list[Any]]:  # noqa: ANN401
     except TypeError:
         cells = []
     widths = {len(row) for row in cells}
-    if widths not in ({4}, {6}):
+    if len(widths) == 1 and columns is None:
+        raise RobotError(
+            "the columns of the table have no names, and tables print a, alpha, d and theta in many orders",
+            where="columns",
+            remedy="state the order, such as js.robot(rows, columns='theta d a alpha', convention=…), or "
+            "give a data frame or mappings with these names",
+        )
+    names = _split_columns(columns or ())
+    if widths != {len(names)}:
         shape = f"({len(cells)}, {'/'.join(map(str, sorted(widths)))})"
         raise RobotError(
-            f"the table has the shape {shape}",
+            f"the table has the shape {shape}, but `columns` has {len(names)} names",
             where="robot",
-            remedy="give rows of a, alpha, d, theta, or of these with lower and upper limit",
+            remedy="give rows with one cell for each of a, alpha, d, theta, and of lower, upper and kind if "
+            "they are known",
         )
-    return cells
+    return [_name_cells(list(zip(names, row, strict=True)), convention) for row in cells]
 
 
-def _read_named_rows(rows: Any) -> list[_Row] | None:  # noqa: ANN401
+def _split_columns(columns: str | Sequence[str]) -> list[str]:
+    """Return the names of columns in a text, separated by commas or else by blanks, or in a list."""
+    if not isinstance(columns, str):
+        return [str(name) for name in columns]
+    return [name.strip() for name in columns.split(",")] if "," in columns else columns.split()
+
+
+def _read_named_rows(rows: Any, convention: str) -> list[_Row] | None:  # noqa: ANN401
     """Return the rows of a table whose columns have names; None if they have none.
 
     Raises:
@@ -140,26 +175,26 @@ def _read_named_rows(rows: Any) -> list[_Row] | None:  # noqa: ANN401
         names = list(rows.columns)
         if not all(isinstance(name, str) for name in names):
             return None
-        cells = [dict(zip(names, row, strict=True)) for row in rows.itertuples(index=False, name=None)]
+        cells = [list(zip(names, row, strict=True)) for row in rows.itertuples(index=False, name=None)]
     elif getattr(getattr(rows, "dtype", None), "names", None):
-        cells = [dict(zip(rows.dtype.names, row, strict=True)) for row in rows.tolist()]
-    elif isinstance(rows, Sequence) and rows and all(isinstance(row, Mapping) for row in rows):
-        cells = [dict(row) for row in rows]
+        cells = [list(zip(rows.dtype.names, row, strict=True)) for row in rows.tolist()]
+    elif isinstance(rows, Sequence) and rows and all(isinstance(row, Mapping | Message) for row in rows):
+        cells = [list(dict(row).items()) for row in rows]
     else:
         return None
-    return [_name_cells(row) for row in cells]
+    return [_name_cells(row, convention) for row in cells]
 
 
-def _name_cells(row: Mapping[str, Any]) -> _Row:
-    """Return a row with the cells under the names of this module.
+def _name_cells(row: Sequence[tuple[Any, Any]], convention: str) -> _Row:
+    """Return a row, given as pairs of a column's name and a cell, with the cells under our names.
 
     Raises:
-        RobotError: a name is unknown, occurs twice or is missing.
+        RobotError: a name is unknown, occurs twice, is missing, or has two meanings.
     """
     cells: dict[str, Any] = {}
     units: dict[str, str] = {}
     names_joint_before = False
-    for header, cell in row.items():
+    for header, cell in row:
         text = " ".join(str(header).casefold().split())
         match = _HEADER.fullmatch(text) if len(text) <= _MOST_CHARACTERS else None
         name = match and _NAMES.get(match[1])
@@ -176,6 +211,7 @@ def _name_cells(row: Mapping[str, Any]) -> _Row:
         names_joint_before |= bool(match[2])
         if match[3]:
             units[name] = "deg" if match[3].strip() in {"°", "degrees", "degree"} else match[3].strip()
+    _translate_length_along_z(cells, units, convention)
     if missing := {"a", "alpha", "d", "theta"} - cells.keys():
         raise RobotError(
             f"the table has no column {' and no column '.join(sorted(missing))}",
@@ -183,6 +219,29 @@ def _name_cells(row: Mapping[str, Any]) -> _Row:
             remedy="give a, alpha, d and theta in every row; theta and d of the joint itself are constants",
         )
     return _Row(cells, units, names_joint_before)
+
+
+def _translate_length_along_z(cells: dict[str, Any], units: dict[str, str], convention: str) -> None:
+    """Rename the columns of a table with the length r: Khalil's d and r are a and d here.
+
+    Raises:
+        RobotError: r may be the length along x or along z.
+    """
+    if "r" not in cells:
+        return
+    is_khalils = convention == "modified" and "a" not in cells
+    replaces_d = "a" in cells and "d" not in cells
+    if not (is_khalils or replaces_d):
+        raise RobotError(
+            "the column r has two meanings: in some tables it is the length along x, in others along z",
+            where="columns",
+            remedy="name the length along x a, and the length along z d",
+        )
+    renamed = {"d": "a", "r": "d"} if is_khalils else {"r": "d"}
+    for old, new in renamed.items():
+        for column in (cells, units):
+            if old in column:
+                column[new] = column.pop(old)
 
 
 def _convert_row(row: _Row, units: Mapping[str, str], number: int) -> dict[str, Any]:

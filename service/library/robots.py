@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from os import PathLike
@@ -88,6 +88,7 @@ def robot(
     base: str | None = None,
     flange: str | None = None,
     convention: str | None = None,
+    columns: str | Sequence[str] | None = None,
     units: AnyUnits = None,
     joint_map: JointMap | Mapping[str, Any] | None = None,
 ) -> RobotDocument:
@@ -95,12 +96,14 @@ def robot(
 
     Args:
         source: a robot document or a file of one; the name of an arm of the catalogue, such as "KUKA KR 210
-            R2700 extra"; a URDF, its text or file; rows of a, alpha, d, theta (and limits), or a data frame
-            or mappings with these names; or a model of Pinocchio.
+            R2700 extra"; a URDF, its text or file; a table of Denavit and Hartenberg, as a data frame,
+            mappings or rows; or a model of Pinocchio.
         name: name of the robot.
         base: link of a URDF whose frame is R0; default: its root.
         flange: link of a URDF, or frame of a model, that is the flange; default: the only tip.
-        convention: convention of the rows, `standard` or `modified` (Craig).
+        convention: convention of the rows, `standard` or `modified` (Craig, Khalil).
+        columns: names of the columns of rows without names, in their order, such as "theta d a alpha";
+            further names are r, lower, upper and kind.
         units: units of the lengths and angles of rows, such as "m, rad" or "mm, deg"; default: mm and deg.
             Columns with names need units, here or in their names.
         joint_map: map from the controller's joints to the model's, with an offset in rad or m; default:
@@ -112,7 +115,7 @@ def robot(
     """
     document: dict[str, Any]
     of_frames: dict[str, object] = {"base": base, "flange": flange}
-    of_rows: dict[str, object] = {"convention": convention, "units": units}
+    of_rows: dict[str, object] = {"convention": convention, "columns": columns, "units": units}
     if isinstance(source, Message | Mapping):
         _refuse_arguments("a robot document", of_frames | of_rows)
         document = plain_fields(source)
@@ -127,7 +130,7 @@ def robot(
             _refuse_arguments("a model of Pinocchio", {"base": base} | of_rows)
         else:
             _refuse_arguments("a table", of_frames)
-        document = _make_robot_fields(source, flange, convention, units)
+        document = _make_robot_fields(source, flange, convention, columns, units)
     if joint_map is not None:
         document["joint_map"] = (
             plain_fields(joint_map) if isinstance(joint_map, Message | Mapping) else joint_map
@@ -171,6 +174,7 @@ def _make_robot_fields(
     source: Any,  # noqa: ANN401 - a model of Pinocchio, or rows
     flange: str | None,
     convention: str | None,
+    columns: str | Sequence[str] | None,
     units: AnyUnits,
 ) -> dict[str, Any]:
     """Return the fields of a robot: from a Pinocchio model, or from rows of Denavit-Hartenberg parameters."""
@@ -185,7 +189,10 @@ def _make_robot_fields(
             model, bodies = convert_pinocchio_model(source, flange)
             return {"name": source.name or "robot", "model": model, **({"bodies": bodies} if bodies else {})}
         stated = isinstance(units, str) or {"length", "angle"} <= plain_fields(units or {}).keys()
-        return {"model": convert_dh_rows(source, convention, complete_units(units), units_are_stated=stated)}
+        model = convert_dh_rows(
+            source, convention, complete_units(units), columns=columns, units_are_stated=stated
+        )
+        return {"model": model}
 
 
 def plain_fields(fields: Message | Mapping[str, Any]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import pytest
 
 import jointstiff as js
 from jointstiff.schemas.robot import DhRow
+from jointstiff.service.conversion.catalogue import catalogue
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.solver.errors import RobotError
 
@@ -21,6 +22,8 @@ WANTED = [
 """The same in m and rad."""
 IN_SI = [[*row] for row in WANTED]
 ORDER = ["theta", "d", "a", "alpha"]
+PLAIN = "a alpha d theta"
+"""The order of the columns of ROWS."""
 
 
 def reordered(rows, names=ORDER):
@@ -51,10 +54,18 @@ TABLES = {
 }
 
 
+def has_names(rows):
+    """Return whether the columns of a table have names of their own."""
+    if isinstance(rows, pd.DataFrame):
+        return all(isinstance(name, str) for name in rows.columns)
+    return bool(getattr(getattr(rows, "dtype", None), "names", None)) or isinstance(rows[0], dict | DhRow)
+
+
 @pytest.mark.parametrize("form", TABLES)
 def test_a_table_has_the_same_rows_in_each_form(form):
     rows, units = TABLES[form]
-    model = js.robot(rows, convention="standard", units=units).model
+    columns = None if has_names(rows) else PLAIN
+    model = js.robot(rows, convention="standard", columns=columns, units=units).model
     found = [(row.a, row.alpha, row.d, row.theta) for row in model.rows]
     np.testing.assert_allclose(found, WANTED, rtol=1e-12, atol=1e-12)
 
@@ -105,8 +116,9 @@ REFUSED = {
 @pytest.mark.parametrize("form", REFUSED)
 def test_a_table_that_is_not_certain_is_refused_with_a_remedy(form):
     rows, units, reason = REFUSED[form]
+    columns = None if has_names(rows) else PLAIN
     with pytest.raises(js.CampaignError, match=reason):
-        js.robot(rows, convention="standard", units=units)
+        js.robot(rows, convention="standard", columns=columns, units=units)
 
 
 @pytest.mark.parametrize(
@@ -116,6 +128,7 @@ def test_a_table_that_is_not_certain_is_refused_with_a_remedy(form):
         ("UR5e", {"flange": "tool0"}),
         ({"name": "a", "model": {"format": "catalogue", "arm": "UR5e"}}, {"units": "mm, deg, N"}),
         ("<robot/>", {"units": "mm, deg, N"}),
+        ("UR5e", {"columns": PLAIN}),
         (ROWS, {"convention": "standard", "base": "world"}),
         (ROWS, {"convention": "standard", "flange": "tool0"}),
     ],
@@ -132,9 +145,8 @@ def test_a_joint_map_of_another_kind_is_refused(joint_map):
 
 
 def test_offsets_of_a_joint_map_in_degrees_are_refused():
-    robot = js.robot(
-        ROWS, convention="standard", joint_map={"matrix": np.eye(3).tolist(), "offset": [0, 90, 0]}
-    )
+    joint_map = {"matrix": np.eye(3).tolist(), "offset": [0, 90, 0]}
+    robot = js.robot(ROWS, convention="standard", columns=PLAIN, joint_map=joint_map)
     with pytest.raises(RobotError, match=r"the offset of joint 2 is 90 rad; it seems to be in degrees"):
         prepare_robot(robot)
 
@@ -143,6 +155,78 @@ def test_offsets_of_a_joint_map_in_degrees_are_refused():
 def test_a_table_without_rows_is_refused(rows):
     with pytest.raises(js.CampaignError, match="the table has the shape"):
         js.robot(rows, convention="standard", units="mm, deg")
+
+
+PRINTED_ORDERS = (
+    "theta d a alpha",
+    "a alpha d theta",
+    "alpha a theta d",
+    "alpha a d theta",
+    "d theta a alpha",
+    "theta alpha a d",
+)
+"""Orders in which textbooks and makers print tables."""
+ARMS = [arm.name for arm in catalogue().arms][:10]
+
+
+def printed(arm, order):
+    """Return the table of an arm in mm and degrees, its columns in an order, and the arm's model."""
+    model = next(each for each in catalogue().arms if each.name == arm).model
+    sizes = {"a": 1e3, "d": 1e3, "alpha": 180.0 / math.pi, "theta": 180.0 / math.pi}
+    table = [[getattr(row, name) * sizes[name] for name in order.split()] for row in model.rows]
+    return table, model
+
+
+@pytest.mark.parametrize("order", PRINTED_ORDERS)
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_table_in_any_order_is_read_by_its_names_and_refused_without(arm, order):
+    """Sixty tables: with names or `columns` each gives the arm, without them none is accepted."""
+    table, wanted = printed(arm, order)
+    named = pd.DataFrame(table, columns=order.split())
+    for rows, columns in ((named, None), (table, order), (np.array(table), order.split())):
+        model = js.robot(rows, convention=wanted.convention, columns=columns, units="mm, deg").model
+        for row, expected in zip(model.rows, wanted.rows, strict=True):
+            assert (row.a, row.alpha, row.d, row.theta) == pytest.approx(
+                (expected.a, expected.alpha, expected.d, expected.theta), abs=1e-12
+            )
+    for rows in (table, np.array(table), pd.DataFrame(table)):
+        with pytest.raises(js.CampaignError, match="columns of the table have no names") as refused:
+            js.robot(rows, convention=wanted.convention, units="mm, deg")
+        assert "columns='theta d a alpha'" in refused.value.problem.remedy
+
+
+def test_r_is_the_length_along_z_where_khalil_writes_it_or_a_is_named():
+    khalil = [[0.0, 0.0, 0.0, 330.0], [90.0, 50.0, 0.0, 0.0]]
+    (first, second) = js.robot(
+        khalil, convention="modified", columns="alpha_j, d_j, theta_j, r_j", units="mm, deg"
+    ).model.rows
+    assert (first.a, first.d, second.a, second.d) == pytest.approx((0.0, 0.33, 0.05, 0.0))
+    (row,) = js.robot([[100, 0, 200, 0]], convention="standard", columns="a alpha r theta").model.rows
+    assert (row.a, row.d) == pytest.approx((0.1, 0.2))
+
+
+@pytest.mark.parametrize(
+    ("columns", "convention", "reason"),
+    [
+        ("theta d r alpha", "standard", "the column r has two meanings"),
+        ("theta d r alpha a", "modified", "the column r has two meanings"),
+        ("theta d a", "standard", "the table has no column alpha"),
+        ("theta d a a", "standard", "the column 'a' of the table occurs twice"),
+        ("theta d a beta", "standard", "the column 'beta' of the table is unknown"),
+        ("theta [deg], d [mm], a, alpha", "standard", "the columns a, alpha of the table have no units"),
+        ("theta d a alpha lower", "standard", "but `columns` has 5 names"),
+    ],
+)
+def test_columns_that_are_not_certain_are_refused(columns, convention, reason):
+    width = 5 if "r alpha a" in columns else 3 if columns == "theta d a" else 4
+    with pytest.raises(js.CampaignError, match=reason):
+        js.robot([[90.0, 100.0, 200.0, 0.0, 0.0][:width]], convention=convention, columns=columns)
+
+
+@pytest.mark.parametrize("rows", [pd.DataFrame(reordered(ROWS)), [DhRow(**row) for row in reordered(IN_SI)]])
+def test_columns_of_a_table_with_names_are_refused(rows):
+    with pytest.raises(js.CampaignError, match="the columns of the table have names already"):
+        js.robot(rows, convention="standard", columns=PLAIN, units="mm, deg")
 
 
 def test_limits_need_a_unit_as_the_other_columns_do():

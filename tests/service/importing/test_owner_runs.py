@@ -344,7 +344,8 @@ def test_a_description_of_a_robot_becomes_a_run_with_the_springs_of_the_arm(form
         (path,) = write(tmp_path, {source: more})
         robot = js.robot(path)
     else:
-        robot = js.robot(source, convention="standard", units=more)
+        columns = "a alpha d theta lower upper" if len(source[0]) == 6 else "a alpha d theta"
+        robot = js.robot(source, convention="standard", columns=columns, units=more)
     assert_springs_are_found(run_of([readings], robot, STATED))
 
 

@@ -181,7 +181,8 @@ def chain_of(robot):
 def test_robots_of_a_name_of_rows_of_a_urdf_and_of_pinocchio_are_the_same_arm(tmp_path):
     named = js.robot("KUKA KR 210 R2700 extra")
     rows = [[1e3 * r.a, np.degrees(r.alpha), 1e3 * r.d, np.degrees(r.theta)] for r in named.model.rows]
-    table = js.robot(rows, convention=named.model.convention, units="mm, deg, N", joint_map=named.joint_map)
+    stated = {"convention": named.model.convention, "columns": "a alpha d theta", "units": "mm, deg, N"}
+    table = js.robot(rows, joint_map=named.joint_map, **stated)
     urdf = default_arm_urdf()
     (tmp_path / "arm.urdf").write_text(urdf)
     model = pin.buildModelFromXML(urdf)

@@ -234,8 +234,9 @@ def test_every_function_with_numbers_takes_units():
 
 def test_rows_of_a_robot_are_in_mm_and_deg():
     rows = [[350.0, -90.0, 675.0, 0.0]]
-    one = js.robot(rows, convention="modified").model.rows[0]
-    other = js.robot([[0.35, -np.pi / 2, 0.675, 0.0]], convention="modified", units="m, rad, N").model.rows[0]
+    table = {"convention": "modified", "columns": "a alpha d theta"}
+    one = js.robot(rows, **table).model.rows[0]
+    other = js.robot([[0.35, -np.pi / 2, 0.675, 0.0]], units="m, rad, N", **table).model.rows[0]
     assert (one.a, one.alpha, one.d) == pytest.approx((other.a, other.alpha, other.d))
 
 

@@ -567,7 +567,7 @@ def texts_of(drawing):
 
 def test_an_arm_is_seen_as_it_stands():
     """Two links of 2 m that turn about z: axes at right angles (Gauss); joints in a place share a label."""
-    rows = [[a, 0.0, 0.0, 0.0] for a in (0.0, 2.0, 2.0)]
+    rows = [{"a": a, "alpha": 0.0, "d": 0.0, "theta": 0.0} for a in (0.0, 2.0, 2.0)]
     robot = prepare_robot(js.robot(rows, convention="standard", units="m, rad, N")).robot
     drawing = draw_arm(robot, [0.0, 0.0, np.pi / 2]).svg
     axes = numbers_of(drawing, "line", ("x1", "y1", "x2", "y2"))

@@ -59,11 +59,11 @@ def test_offsets_of_calibrated_parallel_axes_may_be_large_if_they_cancel():
         [0.0, -half, 0.095, 0.0],
         [0.0, 0.0, 0.082, 0.0],
     ]
-    robot = js.robot(rows, convention="standard", units="m, rad, N")
+    robot = js.robot(rows, convention="standard", columns="a alpha d theta", units="m, rad, N")
     assert prepare_robot(robot).robot.n == 6
     rows[2][2] = 0.1
     with pytest.raises(RobotError, match="the flange is 512") as refused:
-        prepare_robot(js.robot(rows, convention="standard", units="m, rad, N"))
+        prepare_robot(js.robot(rows, convention="standard", columns="a alpha d theta", units="m, rad, N"))
     assert "plausible only if the offsets cancel" in refused.value.remedy
 
 
@@ -129,7 +129,7 @@ def test_a_joint_that_cannot_move_is_named():
     ],
 )
 def test_limits_in_degrees_are_converted_once(limits, read):
-    robot = js.robot(PAPER, convention="standard", units="mm, deg, N")
+    robot = js.robot(PAPER, convention="standard", columns=NAMES, units="mm, deg, N")
     chain = prepare_robot(robot).robot.chain
     bounds = {f"joint_{number}": (-limit, limit) for number, limit in enumerate(limits, 1)}
     joints = tuple(replace(joint, limits=bounds.get(joint.name)) for joint in chain.joints)
