@@ -171,6 +171,7 @@ FindingCode = Literal[
     "deflection_below_noise",
     "sigma_suspect",
     "zero_load",
+    "angle_rounded",
     # in the readings of a geometry
     "short_arc",
     "tracker_bumped",

@@ -45,20 +45,25 @@ def catalogue() -> Catalogue:
 
 
 def find_arm(name: str, where: str) -> Arm:
-    """Return the catalogue's arm with a name, or with a part of a name that only one arm has.
+    """Return the catalogue's arm with a name, or with a part of a name that no other arm has.
+
+    The part has all digits of the name: "IRB 6700" fits arms of several reaches, of which the catalogue has
+    one.
 
     Args:
         name: name as it was typed, such as `KUKA KR 210 R2700`; case, blanks and signs do not count.
         where: field or option that holds the name, for messages.
 
     Raises:
-        RequestError: no arm or several arms have the name.
+        RequestError: no arm, or several arms of the catalogue or of the maker, have the name.
     """
     wanted = _normalise_name(name)
     arms = [arm for arm in catalogue().arms if wanted and wanted in _normalise_name(arm.name)]
     exact = [arm for arm in arms if _normalise_name(arm.name) == wanted]
-    if len(exact or arms) == 1:
-        return (exact or arms)[0]
+    if len(exact) == 1:
+        return exact[0]
+    if len(arms) == 1:
+        return _refuse_lacking_digits(name, wanted, arms[0], where)
     if arms:
         shown = ", ".join(arm.name for arm in arms[:_SHOWN])
         raise RequestError(
@@ -76,6 +81,23 @@ def find_arm(name: str, where: str) -> Arm:
             "URDF"
         ),
     )
+
+
+def _refuse_lacking_digits(name: str, wanted: str, arm: Arm, where: str) -> Arm:
+    """Return the only arm that matches a name, if the rest of the arm's name has no digits.
+
+    Raises:
+        RequestError: the name lacks digits, by which the maker distinguishes payloads and reaches.
+    """
+    rest = _normalise_name(arm.name).replace(wanted, "", 1)
+    if any(character.isdigit() for character in rest):
+        raise RequestError(
+            f"'{name}' fits arms of several reaches; the catalogue has {arm.name}, with a reach of "
+            f"{arm.reach:g} m",
+            where=where,
+            remedy="give the whole name if this arm is meant; or describe the arm by a DH table or URDF",
+        )
+    return arm
 
 
 def nominal_robot(arm: Arm) -> RobotDocument:

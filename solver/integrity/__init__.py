@@ -20,6 +20,7 @@ from jointstiff.solver.integrity.against_model import (
     inspect_rigidity,
 )
 from jointstiff.solver.integrity.other_robots import inspect_other_robots
+from jointstiff.solver.integrity.rounded_angles import inspect_rounded_angles
 from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import KnownRobot, Robot
@@ -71,7 +72,7 @@ def inspect_measurements(
     if good_rows.any():
         findings += [*inspect_rigidity(view, good_rows), *inspect_drift(view, good_rows)]
         findings += inspect_response(view, good_rows) if can_compare_deflections else ()
-    findings += inspect_encoders(view)
+    findings += [*inspect_encoders(view), *inspect_rounded_angles(view)]
     findings_by_code: dict[FindingCode, list[Finding]] = {}
     for finding in findings:
         findings_by_code.setdefault(finding.code, []).append(finding)

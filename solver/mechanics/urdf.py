@@ -5,8 +5,10 @@ from the element. Document types, entities and processing instructions are refus
 expanded or fetched; text and comments are not kept.
 
 A refusal names the place of the fault and a remedy. Elements that kinematics do not need (inertial, visual,
-collision, mesh, transmission, gazebo) are ignored, and the files that they name are never opened. Branches
-off the chain are cut away: their names, types and numbers must be valid, but their joints may be of any type.
+collision, mesh, transmission, gazebo) are ignored, and the files that they name are never opened. An element
+of a link or joint on the chain that is none of the standard or of known programs is refused: it may be a
+misspelt <origin>. Branches off the chain are cut away: their names, types and numbers must be valid, but
+their joints may be of any type.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from typing import Final, Literal
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -52,6 +55,34 @@ _CHAIN_KINDS: Final[Mapping[str, JointKind | Literal["fixed"]]] = {
     "prismatic": "prismatic",
     "fixed": "fixed",
 }
+_EXTENSIONS: Final = frozenset(
+    (
+        *(
+            "gazebo",
+            "transmission",
+            "sensor",
+            "plugin",
+            "material",
+            "contact",
+            "physics",
+            "property",
+            "param",
+        ),
+        *("map", "verbose", "description", "self_collide", "self_collision_checking", "collision_checking"),
+        *("hardwareInterface", "actuator", "motor", "controller", "command_interface", "state_interface"),
+        *("implicitSpringDamper", "provideFeedback", "disableFixedJointLumping", "preserveFixedJoint"),
+        *("joint_properties", "damping", "friction", "stiffness", "rotor_inertia", "gear_ratio", "gravity"),
+        *("kinematic", "selfCollide", "turnGravityOff", "mu1", "mu2", "kp", "kd", "maxVel", "minDepth"),
+        *("capsule", "sphere", "audio_source", "light", "camera", "surface", "dampingFactor"),
+    )
+)
+"""Elements of Gazebo, ROS, Drake, PyBullet and older URDFs in links and joints, none of them kinematic."""
+_KNOWN_ELEMENTS: Final = {
+    "joint": _EXTENSIONS
+    | {"origin", "parent", "child", "axis", "calibration", "dynamics", "limit", "mimic", "safety_controller"},
+    "link": _EXTENSIONS | {"inertial", "visual", "collision"},
+}
+_SPELLED_ALIKE: Final = 0.7  # ratio of difflib from which an unknown name seems to be a misspelt one
 _ORIGIN = {"xyz": 100.0, "rpy": 1e3}  # largest magnitudes [m], [rad]
 # Largest magnitudes. The norm of an axis is checked on the chain only: exporters leave odd axes on fixed
 # joints. An axis that is turned once more (rpy) is no URDF.
@@ -91,7 +122,12 @@ def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
         raise RobotError("the robot has no link", remedy="add links and joints", where="<robot>")
     elements = _collect_named(robot, "joint", MAX_DOCUMENT_JOINTS)
     joints = [UrdfJoint.read(element, name) for name, element in elements.items()]
-    chain = tuple(joint.to_chain_joint() for joint in _find_path_down(links, joints, base, flange))
+    path = _find_path_down(links, joints, base, flange)
+    for name in (base, *(joint.child for joint in path)):
+        _refuse_unknown_elements(links[name], f"link '{name}'")
+    for joint in path:
+        _refuse_unknown_elements(elements[joint.name], f"joint '{joint.name}'")
+    chain = tuple(joint.to_chain_joint() for joint in path)
     chain = _read_limits_in_degrees(chain)
     return KinematicChain(
         name=robot.attributes.get("name") or "robot", base=base, flange=flange, joints=chain
@@ -353,6 +389,27 @@ def _read_triples(
         name: read_numbers(text, 3, largest[name], f"{place} <{tag}> {name}")
         for name, text in element.attributes.items()
     }
+
+
+def _refuse_unknown_elements(element: XmlElement, place: str) -> None:
+    """Refuse a link or joint with an element that is neither of the URDF standard nor of a known program.
+
+    Elements with a prefix, such as <drake:gear_ratio>, are extensions of the program that owns the prefix.
+
+    Raises:
+        RobotError: an element is unknown; the error names it.
+    """
+    known = _KNOWN_ELEMENTS[element.tag]
+    for child in element.children:
+        if child.tag in known or ":" in child.tag:
+            continue
+        near = get_close_matches(child.tag, known - _EXTENSIONS, n=1, cutoff=_SPELLED_ALIKE)
+        meant = f"write <{near[0]}> if this is meant, or " if near else ""
+        raise RobotError(
+            f"unknown element <{child.tag[:40]}>",
+            remedy=f"{meant}remove the element",
+            where=f"{place}, line {child.line}",
+        )
 
 
 def _find_path_down(

@@ -16,6 +16,12 @@ ADVICE = "`jointstiff robots` and GET /v1/catalogue list its arms; or describe t
             "'IRB' matches several arms of the catalogue: ABB IRB 6640-185/2.8, ABB IRB 6700-200/2.60, ABB "
             "IRB 4600-60/2.05, ABB IRB 120-3/0.6; give the whole name",
         ),
+        (
+            "ABB IRB 6700",
+            "'ABB IRB 6700' fits arms of several reaches; the catalogue has ABB IRB 6700-200/2.60, with a "
+            "reach of 2.6 m; give the whole name if this arm is meant; or describe the arm by a DH table or "
+            "URDF",
+        ),
         ("", f"the catalogue has no arm ''; {ADVICE}"),
         ("/", f"the catalogue has no arm '/'; {ADVICE}"),
         (
@@ -30,3 +36,22 @@ def test_an_unclear_name_is_answered_with_arms_that_are_meant(name, said):
     with pytest.raises(RequestError) as refused:
         find_arm(name, "model.arm")
     assert (refused.value.where, str(refused.value)) == ("model.arm", f"model.arm: {said}")
+
+
+@pytest.mark.parametrize("name", ["IRB 6700-200", "KR 210", "M-20iD", "LR Mate", "TX2-9", "GP18"])
+def test_a_name_without_the_digits_of_a_reach_is_not_chosen(name):
+    with pytest.raises(RequestError):
+        find_arm(name, "--robot")
+
+
+@pytest.mark.parametrize(
+    ("name", "whole"),
+    [
+        ("KUKA KR 210 R2700", "KUKA KR 210 R2700 extra"),
+        ("ur5e", "Universal Robots UR5e"),
+        ("irb 6700 200 2.60", "ABB IRB 6700-200/2.60"),
+        ("LR Mate 200iD", "FANUC LR Mate 200iD"),
+    ],
+)
+def test_a_part_with_all_digits_names_its_arm(name, whole):
+    assert find_arm(name, "--robot").name == whole

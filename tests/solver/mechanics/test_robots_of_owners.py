@@ -152,3 +152,52 @@ def test_a_document_that_is_no_urdf_is_named_before_its_links(text, reason):
     with pytest.raises(CampaignError) as refused:
         js.robot(text)
     assert reason in str(refused.value)
+
+
+ORIGIN = '<origin xyz="0 0 0.5"/>'
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "remedy"),
+    [
+        (ORIGIN, '<orgin xyz="0 0 0.5"/>', "write <origin> if this is meant, or remove the element"),
+        (ORIGIN, "<pose>0 0 0.5 0 0 0</pose>", "remove the element"),
+        (ORIGIN, '<translation xyz="0 0 0.5"/>', "remove the element"),
+        (
+            '<axis xyz="0 0 1"/>',
+            '<axes xyz="0 0 1"/>',
+            "write <axis> if this is meant, or remove the element",
+        ),
+        ('<link name="l1"/>', '<link name="l1"><inertail/></link>', "write <inertial> if this is meant"),
+        ('<link name="l0"/>', '<link name="l0"><pose>1 0 0 0 0 0</pose></link>', "remove the element"),
+    ],
+)
+def test_an_unknown_element_of_a_joint_or_link_on_the_chain_is_refused_by_name(right, wrong, remedy):
+    text = urdf(DEGREES)
+    assert right in text
+    with pytest.raises(RobotError, match="unknown element <") as refused:
+        read_urdf(text.replace(right, wrong, 1), "l0", "l6")
+    assert refused.value.remedy.startswith(remedy)
+
+
+def test_elements_of_other_programs_and_branches_off_the_chain_are_read_over():
+    text = urdf(DEGREES)
+    extended = text.replace(
+        ORIGIN,
+        f'{ORIGIN}<calibration rising="0"/><dynamics damping="1"/><safety_controller k_velocity="1"/>'
+        '<drake:gear_ratio value="3"/><gazebo><provideFeedback>1</provideFeedback></gazebo>'
+        "<hardwareInterface>PositionJointInterface</hardwareInterface><transmission/>",
+    ).replace(
+        '<link name="l1"/>',
+        '<link name="l1"><inertial/><visual/><collision/><contact/><self_collide/><drake:x/></link>',
+    )
+    branch = (
+        '<link name="tool"><pose/></link><joint name="t" type="fixed"><parent link="l6"/><child link="tool"/>'
+    )
+    whole = extended.replace("</robot>", f"{branch}<orgin/></joint></robot>")
+    plain, read = read_urdf(text, "l0", "l6"), read_urdf(whole, "l0", "l6")
+    assert [(each.name, each.limits) for each in read.joints] == [
+        (each.name, each.limits) for each in plain.joints
+    ]
+    with pytest.raises(RobotError, match="unknown element"):
+        read_urdf(whole, "l0", "tool")
