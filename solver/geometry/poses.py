@@ -891,6 +891,7 @@ def calibrate(
     start: pin.SE3 | None = None,
     hold_out: bool = True,
     sufficient_rms: float = 0.0,
+    noise: float = 0.0,
 ) -> CalibratedAxes:
     """Calibrate a nominal model: fit its axes and the targets to unloaded poses.
 
@@ -900,6 +901,8 @@ def calibrate(
         start: rough transform from base to tracker; estimated from the poses if None.
         hold_out: whether to compute the error of predicted poses using cross-validation.
         sufficient_rms: residual [rms, whitened] below which a fit that used all steps counts as converged.
+        noise: standard deviation of a whitened residual, by which vague combinations keep their nominal
+            values; 0 lets them keep these values only if they stall the fit.
 
     Returns:
         Axes and targets in the tracker's frame, with their covariance.
@@ -917,9 +920,19 @@ def calibrate(
         transform_points(placed.base_to_tracker, placed.targets),
         np.zeros(len(poses)),
     )
-    state, linear = _fit_from_nominal(readings, start_state, sufficient_rms)
+    try:
+        state, linear = fit_poses(
+            readings, start_state, where="poses", sufficient_rms=sufficient_rms, noise=noise
+        )
+    except StalledFitError as stalled:
+        if noise or stalled.rms > LARGEST_RESIDUAL:
+            raise
+        # The residual is that of noise, which moves some combinations by metres along a valley of equal
+        # residuals: in poses of one orientation of the tool, for instance.
+        noise = stalled.rms
+        state, linear = fit_poses(readings, start_state, where="poses", noise=noise)
     rms = float(np.sqrt(np.mean(np.square(linear.residual))))
-    held_out_rms = _cross_validate(nominal, poses, start, rms) if hold_out else None
+    held_out_rms = _cross_validate(nominal, poses, start, rms, noise) if hold_out else None
     coordinate_count, unknown_count = 3 * int(poses.present.sum()), len(linear.scale)
     if coordinate_count <= unknown_count:
         raise NotObservableError(
@@ -962,25 +975,6 @@ def calibrate(
     )
 
 
-def _fit_from_nominal(
-    readings: PoseReadings, start: PoseState, sufficient_rms: float
-) -> tuple[PoseState, LinearFit]:
-    """Fit axes and targets to poses; vague combinations keep their nominal values if they stall the fit.
-
-    In poses of one orientation of the tool, for instance, noise moves some combinations by metres, along a
-    valley of equal residuals: the fit stalls there, at a residual of noise.
-
-    Raises:
-        StalledFitError: the fit does not converge, and its residual is no noise.
-    """
-    try:
-        return fit_poses(readings, start, where="poses", sufficient_rms=sufficient_rms)
-    except StalledFitError as stalled:
-        if stalled.rms > LARGEST_RESIDUAL:
-            raise
-        return fit_poses(readings, start, where="poses", sufficient_rms=sufficient_rms, noise=stalled.rms)
-
-
 def _compute_influence_of_poses(linear: LinearFit, pose_count: int) -> FloatArray:
     """Return the contribution (p, N) of the residuals of each of N poses to each of p fitted unknowns.
 
@@ -995,12 +989,14 @@ def _compute_influence_of_poses(linear: LinearFit, pose_count: int) -> FloatArra
     return np.asarray(contributions * np.sqrt(pose_count / degrees_of_freedom))
 
 
-def _cross_validate(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None, rms: float) -> float | None:
+def _cross_validate(
+    nominal: KinematicChain, poses: Poses, start: pin.SE3 | None, rms: float, noise: float
+) -> float | None:
     """Return the root mean square error [m] of coordinates predicted by five-fold cross-validation.
 
     All poses of one posture are in the same fold. A fit that converges slowly counts as converged when its
-    residual is about `rms`, the residual of all poses. Return None if there is one posture only, or a fit
-    fails.
+    residual is about `rms`, the residual of all poses. By a `noise` above 0 vague combinations keep their
+    nominal values. Return None if there is one posture only, or a fit fails.
     """
     _, posture_of_pose = np.unique(poses.angles, axis=0, return_inverse=True)
     count = int(posture_of_pose.max()) + 1
@@ -1016,6 +1012,7 @@ def _cross_validate(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None
                 start=start,
                 hold_out=False,
                 sufficient_rms=_SIMILAR_RMS * rms,
+                noise=noise,
             )
         except (MeasurementError, NotObservableError):
             return None
