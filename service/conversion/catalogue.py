@@ -47,8 +47,7 @@ def catalogue() -> Catalogue:
 def find_arm(name: str, where: str) -> Arm:
     """Return the catalogue's arm with a name, or with a part of a name that no other arm has.
 
-    The part has all digits of the name: "IRB 6700" fits arms of several reaches, of which the catalogue has
-    one.
+    The part has all digits of the name: "IRB 6700" fits arms of several reaches, but the catalogue has one.
 
     Args:
         name: name as it was typed, such as `KUKA KR 210 R2700`; case, blanks and signs do not count.
