@@ -34,6 +34,11 @@ LARGEST_ANGLE_DIFFERENCE: Final = 0.1
 
 _UNITS: Final = {"mm": 1e-3, "cm": 1e-2, "inch": 0.0254, "ft": 0.3048, "m": 1.0}  # sizes [m]
 _DECLARED: Final = ("mm", "m")
+_UNKNOWN_RATIO: Final = (
+    "no unit has this ratio",
+    "check units.length, the unit of the nominal model, and the size of the arm that was measured",
+)
+"""Meaning of a ratio of lengths that no unit explains, and the remedy."""
 _SAME_RATIO: Final = 0.02  # relative difference of two ratios of lengths that count as equal
 _LEAST_SCALE_ERROR: Final = 0.1  # least difference of a scale from 1 that is reported
 _MOST_POSES: Final = 100  # that are compared with each model
@@ -87,15 +92,20 @@ def inspect_nominal(
     if chosen.rms <= LARGEST_NOMINAL_RMS:
         return
     scaled = readings.place(axes, joint_map, fits_scale=True)
-    if _explains(scaled, chosen) and abs(np.log(scaled.scale)) > _LEAST_SCALE_ERROR:
-        yield _report_unit(scaled)
+    is_scaled = _explains(scaled, chosen) and abs(np.log(scaled.scale)) > _LEAST_SCALE_ERROR
+    unit = _explain_ratio(scaled.scale)
+    if is_scaled and unit is not None:
+        yield _report_ratio(scaled, *unit)
         return
     for joints in _list_reversals(len(axes)):
         turned = readings.place(axes, joint_map, reversed_joints=joints)
         if _explains(turned, chosen):
             yield _report_reversal([nominal.joint_names[joint] for joint in joints], turned, chosen)
             return
-    yield from _report_other_robots(readings, chosen, others)
+    fitting = list(_report_other_robots(readings, chosen, others))
+    yield from fitting
+    if is_scaled and not fitting:
+        yield _report_ratio(scaled, *_UNKNOWN_RATIO)
 
 
 def _explains(placed: Placement, chosen: Placement) -> bool:
@@ -110,10 +120,9 @@ def _list_reversals(n: int) -> Iterator[tuple[int, ...]]:
         yield from combinations(range(n), count)
 
 
-def _report_unit(scaled: Placement) -> Finding:
-    """Report one ratio of all lengths of the readings to those of the nominal model."""
+def _report_ratio(scaled: Placement, meaning: str, remedy: str) -> Finding:
+    """Report one ratio of all lengths of the readings to those of the nominal model, and what it means."""
     ratio = figure(scaled.scale)
-    meaning, remedy = _explain_ratio(scaled.scale)
     return Finding(
         code="length_unit_suspect",
         weight="do_not_use",
@@ -124,8 +133,8 @@ def _report_unit(scaled: Placement) -> Finding:
     )
 
 
-def _explain_ratio(ratio: float) -> tuple[str, str]:
-    """Return what a ratio of lengths, readings to model, means, and the remedy."""
+def _explain_ratio(ratio: float) -> tuple[str, str] | None:
+    """Return which unit a ratio of lengths, readings to model, means, and the remedy; None if no unit."""
     pairs = [(declared, unit) for declared in _DECLARED for unit in _UNITS if unit != declared]
     for declared, unit in pairs:
         if abs(ratio * _UNITS[unit] / _UNITS[declared] - 1.0) < _SAME_RATIO:
@@ -141,10 +150,7 @@ def _explain_ratio(ratio: float) -> tuple[str, str]:
                 f"the nominal model seems to be in {unit}, not in {declared}",
                 f"multiply all lengths of the nominal model by {factor}",
             )
-    return (
-        "no unit has this ratio",
-        "check units.length, the unit of the nominal model, and the size of the arm that was measured",
-    )
+    return None
 
 
 def _report_reversal(names: Sequence[str], turned: Placement, chosen: Placement) -> Finding:

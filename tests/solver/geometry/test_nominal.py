@@ -169,6 +169,18 @@ def test_a_unit_of_the_nominal_model_is_named():
     assert finding.remedy == "multiply all lengths of the nominal model by 10"
 
 
+def test_an_arm_of_another_size_is_named_before_a_ratio_that_no_unit_has():
+    chain = ROBOTS[ARMS[3]].chain
+    large = replace(chain, joints=tuple(replace(j, translation=1.4 * j.translation) for j in chain.joints))
+    readings = poses(ARMS[3], ARMS[3])
+    (named,) = inspect_nominal(large, readings.joint_map, compared(readings), build_nominal_robots())
+    assert (named.code, named.action.robot) == ("another_robot_fits", ARMS[3])
+    (unnamed,) = inspect_nominal(large, readings.joint_map, compared(readings), ())
+    assert (unnamed.code, unnamed.weight) == ("length_unit_suspect", "do_not_use")
+    assert "are 0.714" in unnamed.message
+    assert "no unit has this ratio" in unnamed.message
+
+
 def test_readings_that_no_known_mistake_explains_have_links_far_from_the_nominal_ones():
     """The zero of joint 2 is elsewhere by 20°: the fitted lengths are right, R0 and flange may not be."""
     readings = poses(ARMS[1], ARMS[1])
