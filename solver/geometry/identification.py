@@ -507,7 +507,7 @@ def identify_from_sweeps(
         InputError: the sweeps do not determine the robot, or contradict the nominal model.
     """
     mistakes: list[Finding] = []
-    if nominal is not None:
+    if nominal is not None and len(nominal.moving) == sweeps.joint_map.n:
         angles_of_sweeps = np.concatenate([sweep.angles for sweep in sweeps.sweeps])
         compared = ComparedReadings.sample(angles_of_sweeps, sweeps.whitened.points, sweeps.present)
         mistakes = list(inspect_nominal(nominal, sweeps.joint_map, compared, others))
