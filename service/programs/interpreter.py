@@ -123,6 +123,8 @@ class Machine:
         # owners of names that do not mean data of the first file, by the index of each further file
         self.owners: dict[int, dict[str, str]] = {}
         self.shared_names: frozenset[str] = frozenset()  # names of data that files declare for all programs
+        # routines of other files that, as their declaration states, get all of their arguments by value
+        self.by_value: frozenset[str] = frozenset()
         self._initial: dict[str, Content] = {}  # values of names before the program runs
         # the same for frames that a position states: many positions share one tuple of endings and contents
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
@@ -452,9 +454,9 @@ class Machine:
             f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
         )
         is_writer = re.fullmatch(self._language.writers, str(op.name)) is not None
-        # That a routine moves neither robot nor frames says nothing of points that it gets by reference.
-        is_foreign = not (op.harmless or self._trusts_routines)
-        changes = (unknown is not None or is_foreign or is_writer) and not is_own
+        # No statement of the user about a routine covers data that the routine gets by reference.
+        gets_references = not op.harmless and op.name not in self.by_value
+        changes = (gets_references or is_writer) and not is_own
         changes = changes or any(self._changes_parameters(each, passed) for each in own)
         for parameter in {parameter for each in own for parameter in self._list_parameters(each)}:
             self._origins[parameter].update((place.scope.qualify(name), place.at) for name in op.passed)
