@@ -702,9 +702,13 @@ def _write_paper(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
 
 
 def _check_paper(values: _Values, _sources: Sequence[Any]) -> Sequence[Path | None]:
-    """Return the path of the file of --paper; refuse another ending."""
+    """Return the path of the file of --paper; refuse another ending, and a PDF without Typst."""
     if values["paper"] is not None:
         cli.check_ending(values["paper"], [".pdf", ".html", ".svg", ".csv"])
+        if values["paper"].suffix == ".pdf":
+            from jointstiff.service.reports.rendering import require_typst
+
+            require_typst()
     return [values["paper"]]
 
 
