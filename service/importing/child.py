@@ -21,7 +21,7 @@ _EXCEEDED: Final = -9
 
 @dataclass(frozen=True)
 class ChildAnswer:
-    """What a process with limits has answered."""
+    """Answer of a process with limits."""
 
     document: dict[str, Any] | None  # its answer; None if its limits, or an error, have ended it
     error: str = ""  # name of the error of the library that has ended it

@@ -21,7 +21,7 @@ WITHOUT = {
     "compare campaign.json second.json --paper paper.pdf": "reports",
     "compare campaign.json second.json --paper paper.svg": "plot",
     "plan campaign.json --readings 6": "",
-    "map campaign.json --force 0,0,-500": "",
+    "map campaign.json --force 0,0,-500 --place 0,0,250 --options map.json": "",
     "fleet campaign.json second.json": "",
     "geometry examples/sweeps.json --robot examples/nominal.json": "",
     "predict campaign.json examples/postures.csv --load-point 0,0,120": "",
@@ -41,6 +41,7 @@ WITHOUT = {
     "keys list": "service",
 }
 """Commands in their order, and the extra that each one needs; empty for none."""
+AREA = [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]]
 SCRIPT = """
 import json, sys, traceback
 libraries, commands = json.loads(sys.argv[1])
@@ -63,6 +64,7 @@ json.dump(found, open("found.json", "w"))
 def outcomes(tmp_path_factory):
     """Return exit status and standard error of each command, in a process without the libraries."""
     folder = tmp_path_factory.mktemp("bare")
+    (folder / "map.json").write_text(json.dumps({"area": AREA, "grid": [2, 2, 1]}))
     argument = json.dumps([list(EXTRAS), list(WITHOUT)])
     command = [sys.executable, "-P", "-c", SCRIPT, argument]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
