@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, StrictBool, WithJsonSchema
+from pydantic import AfterValidator, Field, StrictBool
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
 from jointstiff.schemas.finding import Assessment, Problem, ResultSummary
@@ -122,11 +122,17 @@ class JobSummary(ResultSummary):
     )
 
 
+def _require_true(value: bool) -> bool:
+    """Return True unchanged; refuse False."""
+    if not value:
+        raise ValueError("must be true: a job that was cancelled does not go on; post the job again")
+    return value
+
+
 class JobChange(Message):
     """Changes of a job. Omitted fields remain unchanged."""
 
-    # Generators for C# make an enumeration of a constant, which cannot be true: `boolean` is described.
-    cancelled: Annotated[Literal[True], WithJsonSchema({"type": "boolean"})] | None = Field(
+    cancelled: Annotated[StrictBool, AfterValidator(_require_true)] | None = Field(
         default=None, description="True to cancel the job; a job that has ended does not change."
     )
     deleted: StrictBool | None = Field(

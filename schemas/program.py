@@ -233,7 +233,8 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     trust_routines: StrictBool = Field(
         default=False,
-        description="True: no unknown routine moves the robot, frames or points.",
+        description="True: no unknown routine moves the robot, frames or points, except what it gets by "
+        "reference.",
     )
     leave_others: StrictBool = Field(
         default=False,

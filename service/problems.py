@@ -165,6 +165,7 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
         "pandas": "frames",
         "polars": "frames",
         "pyarrow": "tables",
+        "typst": "reports",
     }
 )
 """Optional library → extra of this package that installs it."""

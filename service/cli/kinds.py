@@ -702,9 +702,13 @@ def _write_paper(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
 
 
 def _check_paper(values: _Values, _sources: Sequence[Any]) -> Sequence[Path | None]:
-    """Return the path of the file of --paper; refuse another ending."""
+    """Return the path of the file of --paper; refuse another ending, and a PDF without Typst."""
     if values["paper"] is not None:
         cli.check_ending(values["paper"], [".pdf", ".html", ".svg", ".csv"])
+        if values["paper"].suffix == ".pdf":
+            from jointstiff.service.reports.rendering import require_typst
+
+            require_typst()
     return [values["paper"]]
 
 
@@ -720,25 +724,11 @@ def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]
 
 
 def _choose_program_paths(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
-    """Return name → path to write, for each file of a program.
+    """Return name → path to write, for each file of a program, by the path or folder of --output."""
+    from jointstiff.service.kinds.program.kind import choose_program_paths
 
-    If --output is a folder, the files keep their names there. Else the path is that of --output; if the
-    program has several files, it gets the ending of each file, and its name, too, if an earlier file has the
-    same ending.
-    """
-    output, program_files = (
-        values["output"],
-        [each for each in sources[1] if each.name != values.get("loads")],
-    )
-    if output.is_dir():
-        return {file.name: output / file.name for file in program_files}
-    if len(program_files) == 1:
-        return {program_files[0].name: output}
-    paths = dict[str, Path]()
-    for file in program_files:
-        path = output.with_suffix(file.suffix)
-        paths[file.name] = output.with_name(f"{output.stem}_{file.name}") if path in paths.values() else path
-    return paths
+    names = [file.name for file in sources[1] if file.name != values.get("loads")]
+    return choose_program_paths(values["output"], names)
 
 
 def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool:

@@ -176,10 +176,13 @@ def print_known_error(error: Exception) -> typer.Exit | None:
         error = explain_missing_library("this command", error)
     if not type(error).__module__.startswith("jointstiff."):
         return None
-    from jointstiff.service.problems import ProblemError, ServiceError
+    from jointstiff.service.problems import ProblemError, ServiceError, problem_from_error
+    from jointstiff.solver.errors import RequestError
 
     if isinstance(error, ProblemError):
         return print_problem(error.problem)
+    if isinstance(error, RequestError):
+        return print_problem(problem_from_error(error))
     return print_failure(error.reason, error.remedy) if isinstance(error, ServiceError) else None
 
 

@@ -6,7 +6,8 @@ reading      files to readings: the way through; rows of all files put together 
 │   └── header > grammar   where the header is, and what its columns mean, by their words
 └── grid     rows of cells, of delimited text
     ├── excel    of workbooks
-    └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own
+    └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own (child)
 
+`expansion` expands files of xacro, in such a process, too.
 `limits` has the greatest sizes of tables, for all of these.
 """

@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from collections.abc import Sequence
-from contextlib import suppress
 from importlib.util import find_spec
 from types import MappingProxyType
 from typing import Any, Final
 
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import grammar, grid, limits
+from jointstiff.service.importing.child import ask_child
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grid import ArrayFormat, CellKind, Grid, Row
-from jointstiff.service.process import build_own_command
 
 _WORDS: Final = MappingProxyType(
     {"mat": "a MATLAB file", "hdf5": "an HDF5 file", "parquet": "a Parquet file"}
 )
 LIBRARIES: Final = MappingProxyType({"hdf5": "h5py", "parquet": "pyarrow"})
 """Library of a format that the extra `tables` installs."""
-MAX_WAIT: Final = 120.0
-"""Time for which the process that reads one file is waited for [s]; `limits` has its processor time."""
-_EXCEEDED: Final = -9
-"""Status of a process that its limits have ended."""
 _AXES: Final = "xyz"
 _UNITS: Final = frozenset(("deg", "rad", "mm", "m", "N", "kN", "Nm"))
 """Endings of names of arrays that state a unit."""
@@ -77,19 +71,13 @@ def _ask_library(file: str, content: bytes, kind: ArrayFormat, wanted: list[str]
     Raises:
         ImportFileError: the process refuses the file, or has exceeded its limits.
     """
-    command = build_own_command("jointstiff.service.importing.libraries", kind, json.dumps(wanted or None))
     place, words = Place(file), _WORDS[kind]
-    status, output, errors = _EXCEEDED, b"", b""
-    with suppress(subprocess.TimeoutExpired):
-        process = subprocess.run(  # noqa: S603 - the names in the command are JSON
-            command, input=content, capture_output=True, check=False, timeout=MAX_WAIT
-        )
-        status, output, errors = process.returncode, process.stdout, process.stderr
-    if status > 0:  # an error of the library, whose name is in the last line of its traceback
-        error = errors.decode(errors="replace").strip().rpartition("\n")[2].partition(":")[0]
-        reason = f"the file is {words} that is damaged ({quote(error)})"
+    arguments = kind, json.dumps(wanted or None)
+    child = ask_child("jointstiff.service.importing.libraries", *arguments, content=content)
+    if child.error:
+        reason = f"the file is {words} that is damaged ({quote(child.error)})"
         raise ImportFileError(place, reason, "save the file again")
-    answer = _parse_answer(output) if status == 0 else None
+    answer = child.document
     if answer is None:
         reason = f"reading {words} ended without a result: {_TOO_LONG}"
         raise ImportFileError(place, reason, "save the file again with fewer arrays, or write a CSV file")
@@ -100,14 +88,6 @@ def _ask_library(file: str, content: bytes, kind: ArrayFormat, wanted: list[str]
     if "tables" in answer:
         _refuse_choice(place, answer["tables"], answer["missing"])
     return answer
-
-
-def _parse_answer(output: bytes) -> _Answer | None:
-    """Return the answer that a process wrote; None if its output is no whole answer."""
-    with suppress(ValueError):
-        answer = json.loads(output)
-        return answer if isinstance(answer, dict) else None
-    return None
 
 
 def _refuse_choice(place: Place, tables: list[str], missing: list[str]) -> None:

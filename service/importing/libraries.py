@@ -10,15 +10,12 @@ from __future__ import annotations
 import io
 import json
 import os
-import resource
 import sys
-from contextlib import suppress
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.service.importing import limits
+from jointstiff.service.importing.child import limit_this_process
 from jointstiff.service.importing.columns import (
     ByteCount,
     NamedArray,
@@ -43,7 +40,7 @@ def main(kind: str, wanted: list[str] | None) -> dict[str, Any]:
     """
     content = sys.stdin.buffer.read()
     try:
-        _limit_this_process()
+        limit_this_process()
         tables = _read_tables(kind, content)
         names = list(tables) if wanted is None else wanted
         missing = [name for name in names if name not in tables]
@@ -71,18 +68,6 @@ def _read_tables(kind: str, content: bytes) -> Tables:
 
         return read_parquet(content)
     return _read_matlab(content)
-
-
-def _limit_this_process() -> None:
-    """Limit memory and processor time of this process."""
-    with suppress(OSError, ValueError):  # without /proc there is no limit of memory
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
-        most = pages * resource.getpagesize() + limits.MAX_MEMORY
-        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
-    with suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_CPU, (limits.MAX_SECONDS, limits.MAX_SECONDS))
-    with suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 def _read_matlab(content: bytes) -> Tables:

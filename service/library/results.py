@@ -201,7 +201,7 @@ class Presented(ABC):
                 first table), `.xlsx` (all tables), `.svg` or `.png` (the plot); of jobs `.pdf` or `.html`
                 (the report); of a map `.npz`; of a run `.mjcf` (the model) and `.xml` (the
                 certificate); of a program as the program itself (the corrected file, with its .dat next to
-                it).
+                it); or is a folder, in which the files of a program keep their names.
 
         Raises:
             ValueError: the result has no file with this ending.
@@ -357,9 +357,9 @@ class PresentedJob(Presented):
         elif suffix == "npz":
             path.write_bytes(self.table(suffix))
         elif import_kind(job.kind).is_form and job.result is not None:
-            names = [file.name for file in job.result.files]
-            for name in names:
-                target = path if len(names) == 1 else path.with_suffix(Path(name).suffix)
+            from jointstiff.service.kinds.program.kind import choose_program_paths
+
+            for name, target in choose_program_paths(path, [file.name for file in job.result.files]).items():
                 target.write_bytes(self._require_origin().file(job, "program", {"file": name}))
         else:
             super()._save_other(path, suffix)

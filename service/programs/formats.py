@@ -58,7 +58,8 @@ def read_program(
         leave_others: whether moves that are not certain are kept unchanged; if not, they raise an error.
         external_axes: what the user states on external axes; moves with an axis away from zero are kept
             unchanged, unless the axes are joints of the robot or carry nothing.
-        trust_routines: whether routines of other files are assumed to move neither robot, frames nor points.
+        trust_routines: whether routines of other files are assumed to move neither robot, frames nor points;
+            what the program hands to them by reference may change all the same.
 
     Raises:
         ProgramError: the text is not understood; or a move is not certain, and `leave_others` is false.

@@ -13,6 +13,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, reduce
+from itertools import chain
 from sys import intern
 from typing import Final, NoReturn, TypeAlias
 
@@ -75,6 +76,29 @@ _LEFT: Final = ir.Note("")
 """In place of a move of a further file, which is not corrected."""
 
 
+def _get_variable(name: str) -> str:
+    """Return the name of the variable that a name belongs to: `P` for `P[1].UF`."""
+    return get_array_name(get_structure_name(name))
+
+
+def _list_names(value: Value | ir.Product | Name) -> list[Name]:
+    """Return the names that are looked up for a value, or for a target that a move states."""
+    match value:
+        case ir.Product(names=names):
+            return list(names)
+        case ir.Element(table=table, number=number):
+            return [table, number]
+        case ir.Copy(name=name) | ir.Named(name=name):
+            return [name]
+        case ir.Stated():
+            return ["pi"]
+        case Literal(axes_name=axes_name):
+            return [axes_name] if axes_name else []
+        case ir.Unknown():
+            return []
+    return [value]
+
+
 def _leave_moves(op: Op) -> list[Op]:
     """Return an operation of a further file: its moves are not corrected, so that their targets must stay."""
     if isinstance(op, ir.Move):
@@ -123,6 +147,8 @@ class Machine:
         # owners of names that do not mean data of the first file, by the index of each further file
         self.owners: dict[int, dict[str, str]] = {}
         self.shared_names: frozenset[str] = frozenset()  # names of data that files declare for all programs
+        # routines of other files that, as their declaration states, get all of their arguments by value
+        self.by_value: frozenset[str] = frozenset()
         self._initial: dict[str, Content] = {}  # values of names before the program runs
         # the same for frames that a position states: many positions share one tuple of endings and contents
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
@@ -155,6 +181,9 @@ class Machine:
         self._lasting: dict[str, None] = {ir.MODE: None}
         self._anytime: dict[str, Cause] = {}  # names that routines change which may run at any time
         self._changed: dict[str, dict[str, Cause]] = defaultdict(dict)  # names that each routine may change
+        # indices of operations that change only names which nothing reads, such as counters
+        self._unread: set[int] = set()
+        self._protected: dict[str, bool] = {}  # whether unknown routines leave a name, once all is read
         self._callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
         self._incoming: dict[int, State] = {}  # joined states of all jumps to an operation
         self._exits: dict[str, State | None] = {}  # state at the end of each routine
@@ -452,9 +481,9 @@ class Machine:
             f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
         )
         is_writer = re.fullmatch(self._language.writers, str(op.name)) is not None
-        # That a routine moves neither robot nor frames says nothing of points that it gets by reference.
-        is_foreign = not (op.harmless or self._trusts_routines)
-        changes = (unknown is not None or is_foreign or is_writer) and not is_own
+        # No statement of the user about a routine covers data that the routine gets by reference.
+        gets_references = not op.harmless and op.name not in self.by_value
+        changes = (gets_references or is_writer) and not is_own
         changes = changes or any(self._changes_parameters(each, passed) for each in own)
         for parameter in {parameter for each in own for parameter in self._list_parameters(each)}:
             self._origins[parameter].update((place.scope.qualify(name), place.at) for name in op.passed)
@@ -546,10 +575,45 @@ class Machine:
         self._count_work(len(self._flow.begins))
         return [each for each in self._flow.begins if each.startswith(op.prefix)]
 
+    def _find_unread_operations(self) -> None:
+        """Find the operations that change only names which no move, frame or copy reads.
+
+        States leave these names out: with them, the time grows with the square of the program's length.
+        """
+        read = self._list_read_variables()
+        for i, (place, op) in enumerate(zip(self._places, self._ops, strict=True)):
+            changed: Iterable[Name] = ()
+            if isinstance(op, ir.Assign):
+                changed = (op.name,)
+            elif isinstance(op, ir.MakeUnknown):
+                changed = op.names
+            variables = {_get_variable(place.qualify(name)) for name in changed}
+            if variables and variables.isdisjoint(read):
+                self._unread.add(i)
+
+    def _list_read_variables(self) -> set[str]:
+        """Return the names, without fields and indices, whose contents are looked up in states."""
+        names = {*self._lasting, *self._language.active, *self._language.active.values()}
+        declared = chain(self._initial.values(), (each for pairs in self._shared_fields for _, each in pairs))
+        names |= {content for content in declared if isinstance(content, str)}
+        for place, offset in self._offsets:
+            names |= {place.qualify(offset.name), place.qualify(offset.target)}
+        for place, op in zip(self._places, self._ops, strict=True):
+            if isinstance(op, ir.Assign):
+                names.update(map(place.qualify, _list_names(op.value)))
+            elif isinstance(op, ir.Move):
+                near = op.near_target or op
+                read = (*op.matched_frames, *op.offset_from, *near.offset_from)
+                values = (*op.targets, *op.bases, *op.tools, *near.bases, *near.tools)
+                names.update(map(place.qualify, (*read, *chain(*map(_list_names, values)))))
+        return set(map(_get_variable, names))
+
     def _summarise_routines(self) -> None:
         """Find the names that each routine may change, also through the routines that it calls."""
         callers = self._callers
-        for i, op in enumerate(self._ops):
+        self._find_unread_operations()
+        read = [(i, op) for i, op in enumerate(self._ops) if i not in self._unread]
+        for i, op in read:
             routine = self._flow.routine_of[i]
             state: State = {}  # an operation on an empty state leaves the names that it changes
             called = self._list_called(op) if isinstance(op, ir.Call) else []
@@ -592,6 +656,7 @@ class Machine:
 
     def _enter_routines(self) -> None:
         """Set the states in which the main routine, and routines that other programs may call, begin."""
+        self._protected.clear()  # from here on, all changes are known
         main = next((name for name in self._flow.begins if name not in self._flow.anytime_routines), "")
         # The program does not show when statements outside of its routines run: they may run at any time.
         if main and (self._language.callable_from_outside or main not in self._callers):
@@ -717,6 +782,8 @@ class Machine:
         joined = dict(first)
         self._count_work(len(second) + len(first))
         for name in {**first, **second}:
+            if name in first and name in second and first[name] == second[name]:
+                continue
             first_content, first_place = self._look_up(first, name)
             second_content, second_place = self._look_up(second, name)
             if first_content == second_content or self._have_equal_frames(
@@ -785,9 +852,15 @@ class Machine:
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
-        for name in [name for name in state if not self._is_protected(name)]:
+        for name in [name for name in state if not self._keeps_content(name)]:
             del state[name]
         state[UNKNOWN] = cause, find_place(cause)
+
+    def _keeps_content(self, name: str) -> bool:
+        """Return whether unknown routines leave the content of a name; each name is judged once."""
+        if name not in self._protected:
+            self._protected[name] = self._is_protected(name)
+        return self._protected[name]
 
     def _is_protected(self, name: str) -> bool:
         """Return whether the content of a name is safe from changes by unknown routines.
@@ -881,7 +954,7 @@ class Machine:
         fixed = self._find_fixed_content(name)
         if fixed is not None:
             return fixed, find_place(fixed) if isinstance(fixed, Cause) else At()
-        protected = self._is_protected(name)
+        protected = self._keeps_content(name)
         # A change that may happen at any time comes first, then the state, then the value before the program.
         content: Content | None = self._anytime.get(name)
         if content is None and not protected:
@@ -989,7 +1062,9 @@ class Machine:
         self._note_names_of_several_routines()
         self._collect_targets()
         self._enter_routines()
-        bodies = self._flow.bodies
+        bodies = {
+            name: [i for i in body if i not in self._unread] for name, body in self._flow.bodies.items()
+        }
         for name, body in bodies.items():
             self._state_operations[name] = [
                 i for i in body if not isinstance(self._ops[i], ir.Move | ir.MoveToStored)

@@ -521,6 +521,12 @@ _LINE: Final = r"(?i)(?:\A|(?<=[\r\n]))[ \t]*+"
 _ROUTINES: Final = re.compile(rf"{_LINE}(GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++(?:\[\])?)?[ \t]++({_NAME})")
 _CALLED: Final = re.compile(rf"(?<![\w$.])(?:{_NAME})(?=[ \t]*+\()")
 _DEFINED: Final = re.compile(rf"{_LINE}(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})")
+_DECLARED: Final = re.compile(
+    rf"{_LINE}EXT(?:P|FCTP?[ \t]++\w++(?:\[\])?)?[ \t]++({_NAME})[ \t]*+\(([^()\r\n;]*+)\)"
+)
+"""Declaration of a routine of another file, with the types of its parameters."""
+_BY_VALUE: Final = re.compile(r"(?i)[^:]+:[ \t]*+IN[ \t]*+")
+"""Parameter that gets a copy. KSS: any other one gets a reference, through which the routine may write."""
 _DATA: Final = re.compile(rf"{_LINE}DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?")
 _GLOBAL: Final = re.compile(r"(?i)[^;\r\n\"={]*\bGLOBAL\b")
 _IMPORT: Final = re.compile(
@@ -568,6 +574,7 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
     """
     programs = [_DEFINED.search(each.text) for each in sources if not each.name.lower().endswith(".dat")]
     main, *others = [capitalise(match[1]) if match else "" for match in programs] or [""]
+    machine.by_value = _find_routines_by_value(sources)
     renamed = dict[int, dict[str, str]]()
     if len(sources) > 1:
         _note_names(machine, sources)
@@ -599,6 +606,15 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
     owners = {f"{OF_ROUTINE}{owner}" for each in machine.owners.values() for owner in each.values()}
     names = frozenset(f"{name}{owner}" for name in imported for owner in ("", *owners))
     machine.forget_anytime(names, "a program imports the name of another one, and may change it", _REMEDY)
+
+
+def _find_routines_by_value(sources: tuple[Source, ...]) -> frozenset[str]:
+    """Return the routines whose declarations by EXT or EXTFCT all state `:IN` for each parameter."""
+    by_value, by_reference = set[str](), set[str]()
+    for name, parameters in (found for source in sources for found in _DECLARED.findall(source.text)):
+        are_copies = all(_BY_VALUE.fullmatch(each) for each in parameters.split(","))
+        (by_value if are_copies else by_reference).add(capitalise(name))
+    return frozenset(by_value - by_reference)
 
 
 def _rename_local_routines(sources: tuple[Source, ...]) -> dict[int, dict[str, str]]:

@@ -503,9 +503,12 @@ _ENDS: Final = re.compile(
     r"\"[^\"\r\n]*+\"|![^\r\n]*+|%%%[^%;!]*+%%%|(?i:(;|:(?!=)|<(?:SMT|DDN|TDN|RDL|EIT|CSE)>"
     r"|\b(?:THEN|DO|ELSE|END(?:IF|FOR|WHILE|TEST|PROC|FUNC|TRAP|MODULE|RECORD))\b"
     r"|(?<![\w\\.])(?:ERROR|UNDO|BACKWARD)\b(?!\s*+:?=)(?:\s*+\([^()]*\))?"
-    r"|\b(?:PROC|FUNC\s++\w++)\s++\w++\s*+\([^()]*\)|\bTRAP\s++\w++|\bMODULE\s++\w++(?:\s*+\([^()]*\))?)))"
+    r"|\b(?:PROC|FUNC\s++\w++)\s++\w++\s*+\([^()]*\)|\bTRAP\s++\w++"
+    r"|(?P<head>\bMODULE\s++\w++(?:\s*+\([^()]*\))?))))"
 )
-"""End of a statement; texts and comments match without group 1, because no statement ends in them."""
+"""End of a statement; texts and comments match without group 1, because no statement ends in them.
+
+The head of a module is a statement of its own, also behind other text."""
 
 
 def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
@@ -517,9 +520,8 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
     machine.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
     texts, parts = list[str](), list[tuple[int, IndexArray, IndexArray]]()
     for index, source in enumerate(sources):
-        begins = [match.start() for match in re.finditer(r"(?im)^[ \t]*+MODULE\b", source.text)][1:]
-        starts, ends = _find_statements(source.text)
-        for begin, end in pairwise((0, *begins, len(source.text))):
+        starts, ends, heads = _find_statements(source.text)
+        for begin, end in pairwise((0, *heads[1:], len(source.text))):
             first, last = np.searchsorted(starts, (begin, end)).tolist()
             texts.append(capitalise(source.text[begin:end]))
             parts.append((index, starts[first:last], ends[first:last]))
@@ -561,16 +563,27 @@ def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, 
     return LANGUAGE.translate(_TEXT_OR_NAME.sub(rename, masked))
 
 
-def _find_statements(text: str) -> tuple[IndexArray, IndexArray]:
-    """Return the first and the last + 1 character of each statement of a file."""
-    starts, ends, place = list[int](), list[int](), 0
-    for end in (*(match.end() for match in _ENDS.finditer(text) if match[1]), len(text)):
+def _find_statements(text: str) -> tuple[IndexArray, IndexArray, list[int]]:
+    """Return the first and the last + 1 character of each statement of a file, and where modules begin."""
+    starts, ends, heads = list[int](), list[int](), list[int]()
+    place = 0  # behind the last statement
+
+    def end_statement(end: int) -> int:
+        """Add the statement that ends before a character, unless it is blank; return the character."""
         start = end - len(text[place:end].lstrip())
         if start < end:
             starts.append(start)
             ends.append(end)
-        place = end
-    return np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp)
+        return end
+
+    for match in _ENDS.finditer(text):
+        if match["head"]:
+            heads.append(match.start())
+            place = end_statement(match.start())
+        if match[1]:
+            place = end_statement(match.end())
+    end_statement(len(text))
+    return np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp), heads
 
 
 LANGUAGE: Final = ir.Language(

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
+from array import array
 from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
 
 from jointstiff.service.programs import language as ir
+from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Line, Misread, Op, split_outside_brackets
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import Literal, Motion
+from jointstiff.service.programs.program import Literal, Motion, Source
 
 POSE: Final = Notation(Orientation.ROTATION_VECTOR, length=1, angle=1, length_decimals=7, angle_decimals=7)
 JOINTS: Final = Notation(Orientation.JOINTS, length=1, angle=1, length_decimals=7, angle_decimals=7)
@@ -240,11 +242,47 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
     return text if literal is None else literal, _ROBOT_BASE
 
 
+_BRACKET_OR_LINE_END: Final = re.compile(r"\"[^\"\r\n]*+\"|#[^\r\n]*+|([(\[{])|([)\]}])|(\r\n?+|\n)")
+_BEGINS_STATEMENT: Final = re.compile(rf"[ \t]*+(?:{_RESERVED})(?!\w)")
+_MAX_JOINED: Final = 8192
+"""Largest number of characters of lines that an open bracket joins."""
+
+
+def read_urscript(machine: Machine, sources: tuple[Source, ...]) -> None:
+    """Add the statements of a program to a machine: lines, which are joined while a bracket is open.
+
+    Where a word begins a statement before the bracket is closed, or the text is too long, each line is a
+    statement of its own: then only the line with the open bracket is not understood.
+    """
+    text, starts, ends = sources[0].text, array("q"), array("q")
+    lines, depth = [0], 0  # first characters of the statement's lines; count of its open brackets
+
+    def end_statement(end: int) -> None:
+        """Add the statement that ends before a character; its lines one by one if a bracket is open."""
+        starts.extend(lines if depth else lines[:1])
+        ends.extend([*lines[1:], end] if depth else [end])
+
+    for match in _BRACKET_OR_LINE_END.finditer(text):
+        if match[1] or match[2]:
+            depth = max(depth + (1 if match[1] else -1), 0)
+        elif match[3]:
+            end = match.end()
+            goes_on = end - lines[0] <= _MAX_JOINED and not _BEGINS_STATEMENT.match(text, end)
+            if depth and goes_on:
+                lines.append(end)
+                continue
+            end_statement(end)
+            lines, depth = [end], 0
+    end_statement(len(text))
+    machine.add_statements(0, *(np.asarray(memoryview(each), dtype=np.intp) for each in (starts, ends)))
+
+
 LANGUAGE: Final = ir.Language(
     opening=r"(?<!\w)p?\s*\[\s*(?:d2r\s*\(\s*)?",
     fixed_words=frozenset({"d2r", "get_inverse_kin", "pose_trans"}),
     suffixes=".script .urscript",
     pose=POSE,
+    read=read_urscript,
     comment=r"#[^\r\n]*+",
     ignores_case=False,
     operators="and|or|xor|not|run",

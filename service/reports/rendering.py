@@ -126,9 +126,21 @@ class NoTypstError(RequestError):
 
     def __init__(self) -> None:
         super().__init__(
-            "reports as PDF need Typst, which is not installed",
-            remedy="install jointstiff[reports], or request the report as HTML",
+            "a report as PDF needs the extra `reports`, which is not installed",
+            remedy='pip install "jointstiff[reports]", or request the report as HTML',
         )
+
+
+def require_typst() -> None:
+    """Refuse a report as PDF before its work begins.
+
+    Raises:
+        NoTypstError: Typst is not installed.
+    """
+    try:
+        import typst  # noqa: F401
+    except ImportError as error:
+        raise NoTypstError from error
 
 
 def render_pdf(document: Document) -> bytes:
@@ -140,10 +152,9 @@ def render_pdf(document: Document) -> bytes:
     Raises:
         NoTypstError: Typst is not installed.
     """
-    try:
-        import typst
-    except ImportError as error:
-        raise NoTypstError from error
+    require_typst()
+    import typst
+
     data = _template_data(document)
     try:
         return _compile_pdf(data, document)

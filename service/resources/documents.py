@@ -247,7 +247,10 @@ def read_urdf_file(path: Path, base: str | None = None, flange: str | None = Non
     from jointstiff.service.conversion.arrays import convert_urdf
 
     if path.suffix.lower() == ".xacro":
-        urdf = _expand_xacro(path)
+        from jointstiff.service.importing.expansion import expand_xacro
+
+        with as_campaign_error("robot"):
+            urdf = expand_xacro(path)
     else:
         with as_campaign_error("robot"):
             try:
@@ -258,32 +261,6 @@ def read_urdf_file(path: Path, base: str | None = None, flange: str | None = Non
                 ) from None
     with as_campaign_error("robot"):
         return {"name": path.stem.removesuffix(".urdf"), "model": convert_urdf(urdf, base, flange)}
-
-
-def _expand_xacro(path: Path) -> str:
-    """Return the URDF of a xacro file, by the package `xacro`.
-
-    Raises:
-        CampaignError: the package is not installed, or the file cannot be expanded.
-    """
-    with as_campaign_error("robot"):
-        try:
-            import xacro
-        except ImportError:
-            raise RobotError(
-                "a xacro file needs the package xacro, which is not installed",
-                where="robot",
-                remedy="pip install xacro, or expand the file first: xacro robot.urdf.xacro > robot.urdf",
-            ) from None
-        try:
-            return str(xacro.process_file(str(path)).toxml())
-        except Exception as error:
-            reason = f"the xacro file cannot be expanded: {error}"
-            remedy = (
-                "check the file with the program xacro; without ROS, replace $(find PACKAGE) by a relative "
-                "path, and give each argument a default"
-            )
-            raise RobotError(reason, where="robot", remedy=remedy) from error
 
 
 def read_robot(text: str) -> RobotDocument:

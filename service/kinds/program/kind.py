@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.program import (
@@ -69,6 +71,25 @@ def make_points_sheet(job: Program | Process) -> Sheet:
 
 CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
 """Pattern of a file's content in a job's JSON; texts of users cannot match: their quotes are escaped."""
+
+
+def choose_program_paths(path: Path, names: Iterable[str]) -> dict[str, Path]:
+    """Return name → path to write, for each file of a program.
+
+    If `path` is a folder, the files keep their names there. Else a single file gets this path; each of
+    several files gets the path with its own ending, and with its name, too, if an earlier file has the same
+    ending.
+    """
+    plain = {name: Path(name).name for name in names}
+    if path.is_dir():
+        return {name: path / file for name, file in plain.items()}
+    if len(plain) == 1:
+        return dict.fromkeys(plain, path)
+    paths = dict[str, Path]()
+    for name, file in plain.items():
+        own = path.with_suffix(Path(file).suffix)
+        paths[name] = path.with_name(f"{path.stem}_{file}") if own in paths.values() else own
+    return paths
 
 
 _SHOWN_POINTS = 8

@@ -5,14 +5,17 @@ import csv
 import gzip
 import json
 import re
+from typing import Literal, get_args, get_origin
 
 import pytest
 from fastapi.routing import iter_route_contexts
 from pydantic import ValidationError
 from support.in_process import Client, description
+from typing_extensions import TypeAliasType
 
 from jointstiff.schemas import query
 from jointstiff.schemas.fields import Message
+from jointstiff.schemas.job import JobChange
 from jointstiff.schemas.trend import TrendQuery
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.app import all_routes
@@ -82,14 +85,24 @@ def test_each_parameter_that_is_true_or_false_is_read_from_an_address(client):
         assert client.get(f"{address}?{name}=perhaps").status_code == 422
 
 
+def states_a_boolean(annotation):
+    """Return whether true or false, or one of them, is a value of a type."""
+    if isinstance(annotation, TypeAliasType):
+        return states_a_boolean(annotation.__value__)
+    if get_origin(annotation) is Literal:
+        return any(isinstance(each, bool) for each in get_args(annotation))
+    return annotation is bool or any(map(states_a_boolean, get_args(annotation)))
+
+
 def test_no_field_of_a_message_takes_a_number_or_a_word_for_a_boolean():
     fields = [
         (message, name)
         for message in messages()
         for name, field in message.model_fields.items()
-        if "bool" in re.findall(r"\w+", str(field.annotation))
+        if states_a_boolean(field.annotation)
     ]
     assert len(fields) > 30
+    assert (JobChange, "cancelled") in fields
     for message, name in fields:
         for value in TRUE_TO_OTHERS:
             with pytest.raises(ValidationError, match="bool"):
@@ -103,6 +116,13 @@ def test_what_is_no_boolean_deletes_nothing(client, value):
     body = json.dumps({"deleted": value}).encode()
     assert client.request("PATCH", address, content=body, headers=JSON).status_code == 422
     assert client.get(address).status_code == 200
+
+
+@pytest.mark.parametrize("value", [*TRUE_TO_OTHERS, False])
+def test_what_is_no_true_cancels_nothing(value):
+    with pytest.raises(ValidationError, match=r"boolean|must be true"):
+        JobChange.model_validate_json(json.dumps({"cancelled": value}))
+    assert JobChange.model_validate_json('{"cancelled": true}').cancelled is True
 
 
 def test_json_with_a_byte_order_mark_is_taken(client):

@@ -257,7 +257,8 @@ HELP = {
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
-        "--trust-routines / --no-trust-routines True: no unknown routine moves the robot, frames or points.",
+        "--trust-routines / --no-trust-routines True: no unknown routine moves the robot, frames or points, "
+        "except what it gets by reference.",
         "--mark / --no-mark True: write run, verdict and date as a comment (always for the verdict "
         "do_not_use). A program with this comment is not corrected again.",
         "--explain Only print target, base and tool of each move, and the reason why a move is not "

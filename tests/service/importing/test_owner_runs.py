@@ -349,6 +349,7 @@ def test_a_description_of_a_robot_becomes_a_run_with_the_springs_of_the_arm(form
     assert_springs_are_found(run_of([readings], robot, STATED))
 
 
+@pytest.mark.process
 def test_a_file_of_xacro_becomes_a_run_with_the_springs_of_the_arm(tmp_path):
     pytest.importorskip("xacro")
     macro = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)

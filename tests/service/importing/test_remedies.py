@@ -710,7 +710,7 @@ ARRAYS = {
     ),
     "damaged arrays": Case("a MATLAB file that is damaged", {"a.mat": READINGS[:150]}, {"a.mat": READINGS}),
     "slow arrays": Case(
-        "ended without a result", {"a.mat": READINGS}, {"a.csv": CAMPAIGN}, limits={"arrays.MAX_WAIT": 0}
+        "ended without a result", {"a.mat": READINGS}, {"a.csv": CAMPAIGN}, limits={"child.MAX_WAIT": 0}
     ),
     "large arrays": Case(
         "larger than 64 MiB", {"a.mat": arrays(q=np.zeros((3000, 3000)))}, {"a.mat": READINGS}

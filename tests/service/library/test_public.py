@@ -451,6 +451,26 @@ def test_each_kind_has_a_plot(results):
         assert all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes[:1]), name
 
 
+def test_files_of_a_program_keep_their_names_in_a_folder_and_none_takes_the_place_of_another(
+    results, tmp_path
+):
+    sent, saved = tmp_path / "sent", tmp_path / "saved"
+    sent.mkdir()
+    saved.mkdir()
+    (sent / "pocket.src").write_bytes((EXAMPLES / "pocket.src").read_bytes())
+    (sent / "more.src").write_text("DEF more( )\nWAIT SEC 1\nEND\n")
+    paths = [sent / "pocket.src", sent / "more.src"]
+    program = js.compensate(results["run"], *paths, accuracy_option="off", force=(0.0, 300.0, -500.0))
+    program.save(saved)
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["saved", "sent"]
+    assert sorted(each.name for each in saved.iterdir()) == ["more.src", "pocket.src"]
+    assert (saved / "more.src").read_text() == (sent / "more.src").read_text()
+    assert (saved / "pocket.src").read_text() != (sent / "pocket.src").read_text()
+    program.save(tmp_path / "both.src")
+    for name, kept in (("both.src", "pocket.src"), ("both_more.src", "more.src")):
+        assert (tmp_path / name).read_text() == (saved / kept).read_text()
+
+
 def test_only_a_run_has_a_certificate_and_a_single_program_the_name_that_it_is_given(results, tmp_path):
     results["program"].save(tmp_path / "out.txt")
     assert "LIN" in (tmp_path / "out.txt").read_text()

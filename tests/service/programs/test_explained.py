@@ -445,3 +445,20 @@ def test_local_data_that_get_numbers_in_one_of_two_modules_are_others_elsewhere(
     first = f"MODULE a\nLOCAL PERS tooldata t1:={tool};\nPROC a()\nt1:={tool};\nb;\nENDPROC\nENDMODULE\n"
     second = f"MODULE b\nPROC b()\n{move}ENDPROC\nENDMODULE\n"
     assert frames_of(first + second) == [("t1", False)]
+
+
+STRAY = ("0}0 ", "0}0\n", "x y ", "%%% ", "x:= ", '"text" ', "} ", "7 ")
+
+
+@pytest.mark.parametrize("stray", STRAY)
+@pytest.mark.parametrize("place", ["first", "second"])
+def test_the_head_of_a_module_behind_stray_text_costs_its_own_line(stray, place):
+    tool = "LOCAL PERS tooldata t1:=[TRUE,[[0,0,{}],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+    body = f"PROC {{0}}()\nMoveL {ROB},v1,z1,t1;\nENDPROC\nENDMODULE\n"
+    first = f"MODULE a\n{tool.format(9)}{body.format('a')}"
+    second = f"MODULE b\n{tool.format(7)}{body.format('b')}"
+    text = f"{stray}{first}{second}" if place == "first" else f"{first}{stray}{second}"
+    program = read_program([("a.mod", text.encode())], leave_others=True)
+    lines = [i for i, line in enumerate(text.splitlines(), 1) if line.startswith("MoveL")]
+    assert [move.line for move in moves_of(program)] == lines
+    assert [round(each.tool.pose[2, 3], 9) for each in targets_of(program)] == [0.009, 0.007]

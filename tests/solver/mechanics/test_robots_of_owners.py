@@ -3,7 +3,6 @@
 import math
 import sys
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ import pytest
 import jointstiff as js
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.importing import child
 from jointstiff.service.problems import CampaignError
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.mechanics.urdf import read_urdf, write_urdf
@@ -101,15 +101,39 @@ def test_a_robot_without_a_name_and_an_axis_with_a_rotation_of_zero_are_read():
         read_urdf(urdf(DEGREES, axis='<axis xyz="0 0 1" rpy="0 0 1.57"/>'), "l0", "l6")
 
 
+@pytest.mark.process
 def test_xacro_is_expanded_by_its_package_or_refused_in_one_sentence(tmp_path, monkeypatch):
     path = tmp_path / "arm.urdf.xacro"
     path.write_text("<robot/>")
-    monkeypatch.setitem(sys.modules, "xacro", None)
-    with pytest.raises(CampaignError, match="needs the package xacro"):
-        js.robot(path)
-    expanded = SimpleNamespace(process_file=lambda _: SimpleNamespace(toxml=lambda: urdf(DEGREES)))
-    monkeypatch.setitem(sys.modules, "xacro", expanded)
+    with monkeypatch.context() as patched:
+        patched.setitem(sys.modules, "xacro", None)
+        with pytest.raises(CampaignError, match="needs the package xacro"):
+            js.robot(path)
+    path.write_text(urdf(DEGREES).replace("<robot ", f"<robot {NAMESPACE} ", 1))
     assert prepare_robot(js.robot(path)).robot.n == 6
+
+
+NAMESPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+ENDLESS = {
+    "a power": '<link name="a${9**9**9}"/>',
+    "a large list": '<link name="${len(list(range(10**12)))}"/>',
+    "a macro that calls itself": '<xacro:macro name="m"><xacro:m/><xacro:m/></xacro:macro><xacro:m/>',
+    "an unknown name": '<link name="${reach}"/>',
+    "no XML": "<link",
+    "a package of ROS": '<xacro:include filename="$(find arm)/arm.xacro"/>',
+}
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("title", ENDLESS)
+def test_expressions_of_xacro_have_limits_of_time_and_memory(title, tmp_path, monkeypatch):
+    monkeypatch.setattr(child, "MAX_WAIT", 40.0)
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text(f"<robot name='a' {NAMESPACE}>{ENDLESS[title]}</robot>")
+    with pytest.raises(CampaignError, match=r"takes over 5 s or 384 MiB|cannot be expanded: ") as refused:
+        js.robot(path)
+    assert "Traceback" not in str(refused.value)
+    assert refused.value.problem.remedy
 
 
 def test_a_joint_that_cannot_move_is_named():

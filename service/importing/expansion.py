@@ -1,0 +1,74 @@
+"""Expand files of xacro by their package, in a process of its own with limits.
+
+Expressions of xacro are Python: `${9**9**9}` never ends, and macros may call themselves.
+`python -P -m jointstiff.service.importing.expansion FILE` writes one JSON document.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import redirect_stdout
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from jointstiff.service.importing import limits
+from jointstiff.service.importing.child import ask_child, limit_this_process
+from jointstiff.solver.errors import RobotError
+
+MAX_SECONDS: Final = 5
+"""Processor time of the process that expands a file [s]; files of arms need less than one."""
+_MAX_REASON: Final = 300
+"""Characters of a reason that the package gives."""
+_CHECK: Final = (
+    "check the file with the program xacro; without ROS, replace $(find PACKAGE) by a relative path, and "
+    "give each argument a default"
+)
+
+
+def expand_xacro(path: Path) -> str:
+    """Return the URDF of a xacro file, by the package `xacro`.
+
+    Raises:
+        RobotError: the package is not installed, the file cannot be expanded, or this takes too much memory
+            or time.
+    """
+    if find_spec("xacro") is None:
+        raise RobotError(
+            "a xacro file needs the package xacro, which is not installed",
+            where="robot",
+            remedy="pip install xacro, or expand the file first: xacro robot.urdf.xacro > robot.urdf",
+        )
+    answer = ask_child("jointstiff.service.importing.expansion", str(path))
+    if answer.document is None:
+        error = f" ({answer.error})" if answer.error else ""
+        raise RobotError(
+            f"expanding the xacro file ended without a result{error}: it takes over {MAX_SECONDS} s or "
+            f"{limits.MAX_MEMORY >> 20} MiB",
+            where="robot",
+            remedy="look for an expression that calculates without end, or a macro that calls itself",
+        )
+    if "reason" in answer.document:
+        reason = f"the xacro file cannot be expanded: {answer.document['reason']}"
+        raise RobotError(reason, where="robot", remedy=_CHECK)
+    return str(answer.document["urdf"])
+
+
+def main(file: str) -> dict[str, Any] | None:
+    """Return the URDF of a xacro file, or the reason why there is none; None if it takes too much memory."""
+    import xacro
+
+    limit_this_process(MAX_SECONDS)
+    try:
+        with redirect_stdout(sys.stderr):  # which has the remarks of the package
+            urdf = str(xacro.process_file(file).toxml())
+    except MemoryError:
+        return None
+    except Exception as error:  # noqa: BLE001 - the package raises errors of many kinds
+        return {"reason": str(error)[:_MAX_REASON] or type(error).__name__}
+    return {"urdf": urdf} if len(urdf) <= limits.MAX_UNPACKED_BYTES else None
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(main(sys.argv[1])))
