@@ -124,7 +124,11 @@ class TrackerBridge:
         """
         self._changed.wait(_ALIVE_SECONDS)
         self._changed.clear()
-        task = self._post(self._reading.model_copy(update={"unknown": self._unknown_points()}))
+        read = self._reading
+        unknown = self._unknown_points()
+        task = self._post(
+            BridgePoints(number=read.number, points=read.points, unknown=unknown, trouble=read.trouble)
+        )
         time.sleep(_POST_SECONDS)
         return task
 

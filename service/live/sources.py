@@ -283,7 +283,7 @@ class CheckedSource:
             return SourceError(
                 f"the source sent nothing of the next target for {self._patience:g} s, but positions of "
                 f"other names: {', '.join(self.unknown)[:80]}",
-                remedy=f"name the targets {', '.join(self._setting.targets)} at the instrument, then read again",
+                remedy=f"name the targets at the instrument {', '.join(self._setting.targets)}, then read on",
             )
         return SourceError(
             f"the source sent nothing for {self._patience:g} s",
@@ -734,15 +734,11 @@ class Lines(Source):
                 useless_lines += 1
                 continue
             sent_name, point = reading
-            if sent_name is None:  # a line without a target belongs to the requested target
+            target = self.names.get(sent_name, sent_name) if sent_name is not None else name
+            if target == name:  # a line without a name belongs to the requested target
                 return point
-            target = self.names.get(sent_name, sent_name)
-            if target == name:
-                return point
-            if target in self._targets:
-                self._kept_points[target] = point
-            elif target is not None:
-                self._note_unknown(target, point[0])
+            if target is not None:
+                self._keep(target, point)
         raise SourceError(
             f"the source sent {_MOST_USELESS_LINES} lines that are no readings",
             remedy="state the form of a line with `columns` or `pattern`",
@@ -752,14 +748,17 @@ class Lines(Source):
         """Close the connection."""
         self._disconnect()
 
-    def _note_unknown(self, name: str, place: Place) -> None:
-        """Store the position [m] of a name that is no target; warn the user of the name once."""
+    def _keep(self, name: str, point: Point) -> None:
+        """Keep the reading of a target until it is requested; warn once of a name that is no target."""
+        if name in self._targets:
+            self._kept_points[name] = point
+            return
+        self.unknown[name] = point[0]
         if name not in self._warned_names:
             self._warned_names.add(name)
             self._warn(
                 f"{name!r} is no target of this campaign, whose targets are {', '.join(self._targets)}"
             )
-        self.unknown[name] = place
 
     def _warn_of(self, line: str) -> None:
         """Warn the user of a line that is no reading."""

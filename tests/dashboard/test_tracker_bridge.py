@@ -23,7 +23,7 @@ COUNT = """
 """
 
 
-SENT = dict(zip(TARGETS, ["P1", "P2", "SMR-7"], strict=True))
+SENT = dict(zip(TARGETS, ["P10", "P11", "SMR-7"], strict=True))
 """Target → its name at the tracker: the last one has another name there."""
 
 
@@ -75,7 +75,7 @@ def paired(page: Page) -> str:
 def name_of_the_last(page: Page) -> None:
     """Answer once which target the tracker's other name is."""
     question = page.get_by_label("Which target is “SMR-7”")
-    question.select_option("P3")
+    question.select_option("P12")
     expect(question).to_have_count(0)
     page.evaluate("scrollTo(0, 0)")
     page.wait_for_timeout(300)
@@ -103,6 +103,7 @@ def measured(visited, api, stream):
         boxes = page.locator(".live-readings input")
         jumped = page.get_by_role("status").filter(has_text="the source has jumped")
         expect(jumped).to_be_visible()  # the arm is not in its posture yet
+        stream.drive(api.get(address).json()["next"], "unloaded")
         name_of_the_last(page)
         page.evaluate(COUNT)
         for number in range(1, 6):

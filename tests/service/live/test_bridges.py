@@ -282,7 +282,7 @@ def test_a_stream_of_lines_is_read_where_the_page_stands(tmp_path):
 
 def test_the_page_is_asked_which_target_an_unknown_name_is(tmp_path):
     """No position is swallowed: the page gets each other name, and names its target or leaves it out."""
-    arm, names = default_arm(), {"P2": "SMR-2", "P3": "nest"}
+    arm, names = default_arm(), {"P11": "SMR-2", "P12": "nest"}
     with (
         Instrument(names) as instrument,
         Store.open(f"sqlite:///{tmp_path / 'jointstiff.db'}") as store,
@@ -307,19 +307,19 @@ def test_the_page_is_asked_which_target_an_unknown_name_is(tmp_path):
         instrument.places = dict(zip(TARGETS, places, strict=True))
         client._http.put(f"{bridge}/stand", json=stand(1, **shown))
         reading = followed(client, bridge, lambda got: len(got["unknown"]) == 2)
-        assert reading["unknown"]["SMR-2"] == pytest.approx(instrument.places["P2"], abs=1e-9)
-        assert list(reading["points"]) in ([], ["P1"])
-        client._http.put(f"{bridge}/stand", json=stand(2, **shown, names={"SMR-2": "P2", "nest": None}))
+        assert reading["unknown"]["SMR-2"] == pytest.approx(instrument.places["P11"], abs=1e-9)
+        assert list(reading["points"]) in ([], ["P10"])
+        client._http.put(f"{bridge}/stand", json=stand(2, **shown, names={"SMR-2": "P11", "nest": None}))
         reading = followed(client, bridge, lambda got: got["number"] == 2 and len(got["points"]) == 2)
-        assert reading["points"]["P2"] == pytest.approx(instrument.places["P2"], abs=1e-9)
+        assert reading["points"]["P11"] == pytest.approx(instrument.places["P11"], abs=1e-9)
         assert reading["unknown"] == {}
-        client._http.put(f"{bridge}/stand", json=stand(3, **shown, names={"SMR-2": "P2", "nest": "P3"}))
+        client._http.put(f"{bridge}/stand", json=stand(3, **shown, names={"SMR-2": "P11", "nest": "P12"}))
         reading = followed(client, bridge, lambda got: got["number"] == 3 and len(got["points"]) == 3)
-        assert reading["points"]["P3"] == pytest.approx(instrument.places["P3"], abs=1e-9)
+        assert reading["points"]["P12"] == pytest.approx(instrument.places["P12"], abs=1e-9)
         assert client._http.delete(bridge).status_code == 204
         thread.join(30.0)
         assert sorted(warnings) == [
-            f"{name!r} is no target of this campaign, whose targets are P1, P2, P3"
+            f"{name!r} is no target of this campaign, whose targets are P10, P11, P12"
             for name in ("SMR-2", "nest")
         ]
 
