@@ -129,7 +129,7 @@
     }
     for (const input of document.querySelectorAll("main input")) {
       if (!shown(input) || !NUMBER.test(input.value) || !/number|text/.test(input.type)) continue;
-      const label = [...(input.labels ?? []), input.closest("td, .field, label, .row")].filter(Boolean).map(said);
+      const label = [...(input.labels ?? []), input.closest("td, .field, label, .row"), input.closest("fieldset")?.querySelector("legend")].filter(Boolean).map(said);
       const around = [...label, ...near(input).map(said), input.getAttribute("aria-label") ?? ""].join(" ");
       if (!UNIT.test(around) && !ALONE.test(around)) faults.add(`no unit beside the field ${input.outerHTML.slice(0, 90)}`);
     }
@@ -186,8 +186,9 @@
   /** Numbers that are wider than their field. */
   function cutFields() {
     const faults = new Set();
-    for (const field of document.querySelectorAll("main input")) {
-      if (!shown(field) || !FIGURES.test(field.value) || field.scrollWidth <= field.clientWidth + 1) continue;
+    for (const field of document.querySelectorAll("main :is(input, textarea)")) {
+      const isCut = field.scrollWidth > field.clientWidth + 1 || (field.rows && field.scrollHeight > field.clientHeight + 1);
+      if (!isCut || !shown(field) || !FIGURES.test(field.value)) continue;
       const label = field.getAttribute("aria-label") ?? [...(field.labels ?? [])].map(words).join();
       faults.add(`"${field.value}" is cut off by its field "${label}"`);
     }
@@ -308,8 +309,8 @@ window.typed = async () => {
     if (box.value) continue;
     box.value = "-1726.4830";
     box.dispatchEvent(new Event("input", { bubbles: true }));
+    await new Promise((done) => requestAnimationFrame(done));
   }
-  await new Promise((done) => requestAnimationFrame(done));
 };
 
 /* Wait until charts have the width of their place for some frames. */

@@ -693,6 +693,7 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
         )}
         <TextField
           label={`${later.predict.labels.joints} [${text.units.deg}]: ${robot.joints.map(({ name }) => name).join(", ")}`}
+          lines={1}
           value={joints}
           change={setJoints}
           help={understood(OF_NUMBERS, joints, text.units.deg)}
@@ -700,6 +701,7 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
         <TextField
           label={words.forceOf}
           unit={text.units.newton}
+          lines={1}
           value={force}
           change={setForce}
           help={understood(OF_VECTOR, force, text.units.newton)}

@@ -184,7 +184,7 @@ function JobStanding({ job, live }: { job: JobSummary; live: boolean }) {
   return (
     <>
       <State state={standing.state} />
-      {goesOn(standing.state) && standing.progress && <small>{text.run.progressOf(standing.progress)}</small>}
+      {standing.state === "running" && standing.progress && <small>{text.run.progressOf(standing.progress)}</small>}
     </>
   );
 }
