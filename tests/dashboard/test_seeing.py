@@ -275,6 +275,45 @@ def test_one_of_two_thousand_runs_is_found_by_its_name(visit, stored):
     expect(page.locator(".rows .item")).to_contain_text("KR 240 cell 12")
 
 
+def test_back_keeps_place_and_ticks(visit, stored):
+    """From a long list to a run and back: the list is where it was, and what was ticked is ticked."""
+    visited = visit("phone", view="#/runs")
+    page = visited.page
+    ticks = page.locator(".pick input")
+    ticks.nth(2).check()
+    ticks.nth(40).check()
+    place = page.evaluate("scrollY")
+    assert place > 1_000
+    page.wait_for_timeout(500)  # the place is kept once a person has stopped to scroll
+    page.locator(".rows a.main").nth(42).click()
+    page.get_by_role("navigation", name="Parts of the result").wait_for()
+    assert page.evaluate("scrollY") == 0
+    page.go_back()
+    expect(page.get_by_role("region", name="2 selected")).to_be_visible()
+    page.wait_for_function("(place) => Math.abs(scrollY - place) < 2", arg=place)
+    assert [ticks.nth(i).is_checked() for i in (2, 40, 41)] == [True, True, False]
+
+
+@pytest.mark.parametrize("section", ["runs", "robots", "sets"])
+def test_the_address_and_the_list_agree(visit, stored, section):
+    """A search is in the address; another address of the list, or *Back*, is another search."""
+    visited = visit("tablet", view=f"#/{section}")
+    page = visited.page
+    search, count = page.get_by_label("Search"), page.locator(".list > [role=status]")
+    expect(count).to_be_visible()
+    everything_there = count.inner_text()
+    search.fill("cell 12")
+    page.wait_for_url(re.compile(rf"#/{section}\?q=cell\+12$"))
+    expect(count).not_to_have_text(everything_there)
+    found = count.inner_text()
+    page.evaluate(f"location.hash = '#/{section}'")
+    expect(search).to_have_value("")
+    expect(count).to_have_text(everything_there)
+    page.go_back()
+    expect(search).to_have_value("cell 12")
+    expect(count).to_have_text(found)
+
+
 START_BUDGET, START_REQUESTS = 140_000, 12
 """Most bytes over the wire and requests of the start view with thousands of runs."""
 
