@@ -270,7 +270,7 @@ def test_one_of_two_thousand_runs_is_found_by_its_name(visit, stored):
     visited = visit("phone", view="#/runs")
     page = visited.page
     expect(page.get_by_text(re.compile(r"^100 of 2[ ,\u202f]?0\d\d$"))).to_be_visible()
-    page.get_by_label("Search").fill("check 0012")
+    page.get_by_label("Search", exact=True).fill("check 0012")
     expect(page.locator(".rows .item")).to_have_count(1)
     expect(page.locator(".rows .item")).to_contain_text("KR 240 cell 12")
 
@@ -299,7 +299,7 @@ def test_the_address_and_the_list_agree(visit, stored, section):
     """A search is in the address; another address of the list, or *Back*, is another search."""
     visited = visit("tablet", view=f"#/{section}")
     page = visited.page
-    search, count = page.get_by_label("Search"), page.locator(".list > [role=status]")
+    search, count = page.get_by_label("Search", exact=True), page.locator(".list > [role=status]")
     expect(count).to_be_visible()
     everything_there = count.inner_text()
     search.fill("cell 12")
