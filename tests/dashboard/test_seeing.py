@@ -41,7 +41,7 @@ new PerformanceObserver((list) => {
 ASKING = (
     *("/report", "}/map", "/program", "/process", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
     *("of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
-    *("{cancelled}", "{deleted}", "{empty_map}", "{live_fresh}"),
+    *("{cancelled}", "{deleted}", "{running}", "{queued}", "{empty_map}", "{live_fresh}"),
 )
 """Views that ask, hand out files, or have nothing to show: they have no number of their own to show first."""
 IS_RUN = re.compile(r"#/runs/\{\w+\}$")
