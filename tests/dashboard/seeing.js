@@ -222,11 +222,11 @@
     return new Set(tops).size;
   }
 
-  /** More words than a person reads before the first scroll. */
+  /** More words of ours than a person reads before the first scroll: names are those of others. */
   function wordsAbove(most) {
     let count = 0;
-    for (const { node, box, bar } of texts(document.querySelector("main"))) {
-      if (bar || box.top + scrollY > innerHeight) continue;
+    for (const { node, element, box, bar } of texts(document.querySelector("main"))) {
+      if (bar || element.closest("bdi") || box.top + scrollY > innerHeight) continue;
       const range = document.createRange();
       range.selectNodeContents(node);
       count += (node.textContent.match(/\p{L}{2,}/gu) ?? []).length / range.getClientRects().length;
