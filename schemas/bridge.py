@@ -23,6 +23,8 @@ from jointstiff.schemas.robot import MAX_JOINTS
 MAX_CODE_LENGTH = 32
 """Greatest length of a code as a person types it, with blanks and hyphens."""
 MAX_TROUBLE_LENGTH = 500
+MAX_NAMES = 4 * MAX_TARGETS
+"""Greatest number of names that a tracker sends and that are not names of targets."""
 
 
 class BridgeStand(Message):
@@ -35,6 +37,11 @@ class BridgeStand(Message):
     joints: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)]]
     force: Newtons[Vector3]
     loaded: StrictBool = Field(description="True if the load acts while the targets are read.")
+    names: Annotated[dict[Name, Name | None], Field(max_length=MAX_NAMES)] = Field(
+        default_factory=dict,
+        description="Target of each other name that the tracker sends; null: positions of this name are "
+        "left out.",
+    )
 
 
 class BridgePoints(Message):
@@ -48,6 +55,11 @@ class BridgePoints(Message):
     )
     points: Annotated[dict[Name, Metres[Vector3]], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict, description="Last position of each target, in the frame of the readings."
+    )
+    unknown: Annotated[dict[Name, Metres[Vector3]], Field(max_length=MAX_NAMES)] = Field(
+        default_factory=dict,
+        description="Last position of each name that is no target, in the frame of the readings: the page "
+        "asks which target the name is.",
     )
     trouble: Annotated[str, Field(max_length=MAX_TROUBLE_LENGTH)] | None = Field(
         default=None, description="Reason why the tracker gives no position; null if the tracker reads."

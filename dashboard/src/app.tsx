@@ -19,6 +19,7 @@ import {
 } from "./components/basics";
 import { TextField, Select } from "./components/fields";
 import { useAction, go, type Route, useRoute, dismiss, toast, useToasts } from "./state/action";
+import { goToPlace, keepPlaces } from "./state/entry";
 import { text } from "./i18n";
 import { listen } from "./lib/events";
 import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/stiffness";
@@ -47,7 +48,7 @@ export function SignInView({ link, signedIn }: { link: string | undefined; signe
   });
   useEffect(() => {
     if (link === undefined) return;
-    history.replaceState(null, "", "#/sign-in");
+    history.replaceState(history.state, "", "#/sign-in");
     run({ link });
   }, [link]);
   const enter = { run: () => void (key.trim() && run({ key: key.trim() })), busy, problem };
@@ -109,9 +110,10 @@ export function App() {
   const main = useRef<HTMLElement>(null);
   const address = route.parts.join("/");
   const first = useRef(true);
+  useEffect(keepPlaces, []);
   useEffect(() => {
+    goToPlace();
     if (!first.current) {
-      scrollTo(0, 0);
       main.current?.querySelector("h1")?.focus({ preventScroll: true });
     }
     first.current = false;
@@ -164,12 +166,12 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["programs", [RunsView, ProgramView, "runs"]],
   ["maps", [RunsView, MapView, "runs"]],
   ["processes", [ProcessesView, ProcessView, "runs"]],
-  ["sets", [() => <RobotsView list="sets" />, SetView, "robots"]],
+  ["sets", [({ query }) => <RobotsView list="sets" query={query} />, SetView, "robots"]],
   ["geometries", [GeometriesView, GeometryView, "robots"]],
   ["fleets", [FleetsView, FleetView, "robots"]],
   ["plans", [PlansView, PlanView, "robots"]],
   ["measure", [MeasureView, LiveView, ""]],
-  ["robots", [() => <RobotsView list="robots" />, OneRobot]],
+  ["robots", [({ query }) => <RobotsView list="robots" query={query} />, OneRobot]],
   ["compare", [Compared, Compared]],
 ]);
 
@@ -191,7 +193,7 @@ function Compared({ id: kind, part: id, query }: Place) {
     return id ? (
       <TrendView key={query.get("serial")} robot={id} serial={query.get("serial")} />
     ) : (
-      <RobotsView list="robots" />
+      <RobotsView list="robots" query={query} />
     );
   return <CompareView kind={kind || "methods"} />;
 }

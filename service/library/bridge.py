@@ -7,12 +7,15 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from itertools import islice
 from typing import Any, Final
 from urllib.parse import quote
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from jointstiff.schemas.bridge import (
+    MAX_NAMES,
     MAX_TROUBLE_LENGTH,
     Bridge,
     BridgeCode,
@@ -20,6 +23,7 @@ from jointstiff.schemas.bridge import (
     BridgeStand,
     BridgeTask,
 )
+from jointstiff.schemas.fields import Name
 from jointstiff.schemas.live import MeasurementSet
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.library.client import Client, parse_resource
@@ -120,9 +124,18 @@ class TrackerBridge:
         """
         self._changed.wait(_ALIVE_SECONDS)
         self._changed.clear()
-        task = self._post(self._reading)
+        read = self._reading
+        unknown = self._unknown_points()
+        task = self._post(
+            BridgePoints(number=read.number, points=read.points, unknown=unknown, trouble=read.trouble)
+        )
         time.sleep(_POST_SECONDS)
         return task
+
+    def _unknown_points(self) -> dict[str, Place]:
+        """Return the last positions [m] of names that are no targets; the page asks for their targets."""
+        points = {name: place for name, place in self._checked.unknown.items() if _is_name(name)}
+        return dict(islice(points.items(), MAX_NAMES))
 
     def _post(self, reading: BridgePoints) -> BridgeTask | None:
         """Send the last positions; return what the page wants, None if the bridge has ended.
@@ -146,6 +159,7 @@ class TrackerBridge:
         """Read the targets in a stand of the page again and again, until this task is cancelled."""
         stand, number = Stand(asked.label, tuple(asked.joints), asked.force, asked.loaded), asked.number
         self._warn(f"{asked.label}: reading {'with the load' if asked.loaded else 'without load'}")
+        self._checked.rename(asked.names)
         self._put(BridgePoints(number=number))
 
         def take(name: str, place: Place) -> None:
@@ -171,6 +185,18 @@ class TrackerBridge:
         """Set the reading that is sent next."""
         self._reading = reading
         self._changed.set()
+
+
+_NAME: Final = TypeAdapter(Name)
+
+
+def _is_name(text: str) -> bool:
+    """Return whether a text that a source sent can be the name of a target."""
+    try:
+        _NAME.validate_python(text)
+    except ValidationError:
+        return False
+    return True
 
 
 def _make_setting(measured_set: MeasurementSet, robot: Robot) -> Setting:

@@ -96,6 +96,10 @@ class Source(ABC):
 
     Then no question is asked before each reading.
     """
+    names: Mapping[str, str | None] = {}
+    """Target of each other name that the source sends; None: positions of this name are left out."""
+    unknown: Mapping[str, Place] = {}
+    """Last position [m] of each name that the source sent and that is no target."""
     stiffness: FloatArray | None = None
     """(n,) planted stiffnesses of a simulated arm [N·m/rad, N/m of a prismatic joint]; None for other
     sources, and before the source is open."""
@@ -178,6 +182,19 @@ class CheckedSource:
         self._announced_stand: Stand | None = None  # posture announced to the source and not read yet
         self._unloaded: dict[str, FloatArray] = {}  # target → last position without load (3,) [m]
         self._unloaded_joints: tuple[float, ...] = ()  # joint values of `_unloaded` [rad or m]
+
+    @property
+    def unknown(self) -> dict[str, Place]:
+        """Last position [m] of each name that the source sent and whose target is not known."""
+        if not isinstance(self._source, Source):
+            return {}
+        points = dict(self._source.unknown)  # at once: another thread may read on
+        return {name: place for name, place in points.items() if name not in self._source.names}
+
+    def rename(self, names: Mapping[str, str | None]) -> None:
+        """State the target of each other name that the source sends; None leaves its positions out."""
+        if isinstance(self._source, Source):
+            self._source.names = names
 
     async def open(self) -> None:
         """Get the source ready."""
@@ -262,6 +279,12 @@ class CheckedSource:
 
     def _silent_error(self) -> SourceError:
         """Return the error of a source that sent nothing in time."""
+        if self.unknown:
+            return SourceError(
+                f"the source sent nothing of the next target for {self._patience:g} s, but positions of "
+                f"other names: {', '.join(self.unknown)[:80]}",
+                remedy=f"name the targets at the instrument {', '.join(self._setting.targets)}, then read on",
+            )
         return SourceError(
             f"the source sent nothing for {self._patience:g} s",
             remedy="check the instrument and its cable, then read again",
@@ -653,6 +676,9 @@ class Lines(Source):
             )
         self._lines: deque[str] = deque(maxlen=_KEPT_LINES)  # received lines that were not read yet
         self._kept_points: dict[str, Point] = {}  # target → reading that was received before its request
+        self.names: Mapping[str, str | None] = {}
+        self.unknown: dict[str, Place] = {}
+        self._warned_names: set[str] = set()  # names that are no targets, of which the user was warned
         self._buffer = b""  # received bytes of a line that is not complete yet
         self._end_reason: str | None = "not open"  # why no lines come; None while connected
         self._stand: Stand | None = None  # posture and load of the targets that are read now
@@ -662,6 +688,7 @@ class Lines(Source):
     async def open(self, setting: Setting) -> None:
         """Connect to the address."""
         self._has_changed = asyncio.Event()  # set when lines were received or the source has ended
+        self._targets = tuple(setting.targets)
         self._first_target = next(iter(setting.targets), "")
         await self._connect()
 
@@ -681,6 +708,8 @@ class Lines(Source):
         """Drop the lines received so far: they belong to another posture or another load."""
         if self._end_reason is not None:
             await self._connect()
+        if stand != self._stand:
+            self.unknown.clear()
         self._stand = stand
         self._lines.clear()
         self._kept_points.clear()
@@ -704,10 +733,12 @@ class Lines(Source):
                 self._warn_of(line)
                 useless_lines += 1
                 continue
-            target, point = reading
-            if target in (None, name):  # a line without a target belongs to the requested target
+            sent_name, point = reading
+            target = self.names.get(sent_name, sent_name) if sent_name is not None else name
+            if target == name:  # a line without a name belongs to the requested target
                 return point
-            self._kept_points[str(target)] = point
+            if target is not None:
+                self._keep(target, point)
         raise SourceError(
             f"the source sent {_MOST_USELESS_LINES} lines that are no readings",
             remedy="state the form of a line with `columns` or `pattern`",
@@ -716,6 +747,18 @@ class Lines(Source):
     async def close(self) -> None:
         """Close the connection."""
         self._disconnect()
+
+    def _keep(self, name: str, point: Point) -> None:
+        """Keep the reading of a target until it is requested; warn once of a name that is no target."""
+        if name in self._targets:
+            self._kept_points[name] = point
+            return
+        self.unknown[name] = point[0]
+        if name not in self._warned_names:
+            self._warned_names.add(name)
+            self._warn(
+                f"{name!r} is no target of this campaign, whose targets are {', '.join(self._targets)}"
+            )
 
     def _warn_of(self, line: str) -> None:
         """Warn the user of a line that is no reading."""

@@ -1,6 +1,7 @@
 /* What eyes see of the view as it stands: most functions return faults in words. */
 (() => {
   const NUMBER = /\d[.,]\d|\d\s*·\s*10/; // a fraction is a quantity; whole numbers may count things
+  const FIGURES = /^[-−+\d.,;\s]*\d[-−+\d.,;\se]*$/; // a number or several
   const NOTATION = /3\.188\(17\): .*/; // says how uncertainties are written
   const UNIT =
     /%|°|‰|\b(?:mm|µm|μm|m|km|rad|mrad|µrad|deg|N|kN|kg|g|s|ms|min|h|Hz|MB|kB|m²|s²)\b|N·m|Nm|\/rad|\/m\b|\/N\b/;
@@ -128,7 +129,7 @@
     }
     for (const input of document.querySelectorAll("main input")) {
       if (!shown(input) || !NUMBER.test(input.value) || !/number|text/.test(input.type)) continue;
-      const label = [...(input.labels ?? []), input.closest("td, .field, label, .row")].filter(Boolean).map(said);
+      const label = [...(input.labels ?? []), input.closest("td, .field, label, .row"), input.closest("fieldset")?.querySelector("legend")].filter(Boolean).map(said);
       const around = [...label, ...near(input).map(said), input.getAttribute("aria-label") ?? ""].join(" ");
       if (!UNIT.test(around) && !ALONE.test(around)) faults.add(`no unit beside the field ${input.outerHTML.slice(0, 90)}`);
     }
@@ -182,6 +183,63 @@
     return [...faults];
   }
 
+  /** Numbers that are wider than their field. */
+  function cutFields() {
+    const faults = new Set();
+    for (const field of document.querySelectorAll("main :is(input, textarea)")) {
+      const isCut = field.scrollWidth > field.clientWidth + 1 || (field.rows && field.scrollHeight > field.clientHeight + 1);
+      if (!isCut || !shown(field) || !FIGURES.test(field.value)) continue;
+      const label = field.getAttribute("aria-label") ?? [...(field.labels ?? [])].map(words).join();
+      faults.add(`"${field.value}" is cut off by its field "${label}"`);
+    }
+    return [...faults];
+  }
+
+  /** Sentences that share their width with a button whose words take several lines. */
+  function squeezedSentences() {
+    const faults = new Set();
+    const blocks = "li, .note, .toast, .selection, .card, section, form";
+    const sentences = [...texts()].filter(
+      ({ node, element }) => node.textContent.trim().split(/\s+/).length > 3 && !element.closest("button, a, summary, label, table"),
+    );
+    for (const button of document.querySelectorAll("button.button, a.button")) {
+      if (!shown(button) || linesOf(button) < 2) continue;
+      const box = button.getBoundingClientRect();
+      for (const { node, element, box: other } of sentences) {
+        const beside = Math.min(box.bottom, other.bottom) - Math.max(box.top, other.top) > 2;
+        if (beside && element.closest(blocks) === button.closest(blocks))
+          faults.add(`"${words(node)}" shares its width with the button "${words(button)}"`);
+      }
+    }
+    return [...faults];
+  }
+
+  /** In how many lines the words of an element are. */
+  function linesOf(element) {
+    const range = document.createRange();
+    range.selectNodeContents(element);
+    const tops = [...range.getClientRects()].map(({ top }) => Math.round(top));
+    return new Set(tops).size;
+  }
+
+  /** More words of ours than a person reads before the first scroll: names are those of others. */
+  function wordsAbove(most) {
+    let count = 0;
+    for (const { node, element, box, bar } of texts(document.querySelector("main"))) {
+      if (bar || element.closest("bdi") || box.top + scrollY > innerHeight) continue;
+      const range = document.createRange();
+      range.selectNodeContents(node);
+      count += (node.textContent.match(/\p{L}{2,}/gu) ?? []).length / range.getClientRects().length;
+    }
+    return count <= most ? [] : [`${Math.round(count)} words above the fold`];
+  }
+
+  /** A view that nobody scrolls to its end. */
+  function tooHigh(most) {
+    const height = document.documentElement.scrollHeight;
+    return height <= most ? [] : [`the view is ${height} px high`];
+  }
+
   /** Headings that skip a level, or come before that of the view. */
   function headings() {
     const faults = [];
@@ -215,10 +273,15 @@
     return first <= most ? [] : [`the first number stands at ${Math.round(first)} px`];
   }
 
-  /** Faults of the view as it comes: the first number and the first stiffness stand too low [px]; 0 for no limit. */
-  window.first = (mostFirst, mostStiffness) => {
+  /**
+   * Faults of the view as it comes: too many words above the fold, the view too high [px], the first number and the
+   * first stiffness too low [px]; 0 for no limit.
+   */
+  window.first = (mostWords, mostHeight, mostFirst, mostStiffness) => {
     [known, read] = [new Map(), new Map()];
     return [
+      ...wordsAbove(mostWords),
+      ...tooHigh(mostHeight),
       ...(mostFirst ? firstNumber(mostFirst) : []),
       ...(mostStiffness ? firstStiffness(mostStiffness) : []),
     ];
@@ -232,11 +295,23 @@
       ...bareNumbers(),
       ...clippedHeads(paper),
       ...cutTexts(),
+      ...cutFields(),
+      ...squeezedSentences(),
       ...headings(),
       ...(mostRow ? highRows(mostRow) : []),
     ];
   };
 })();
+
+/* Type a long number into all blank boxes for numbers. */
+window.typed = async () => {
+  for (const box of document.querySelectorAll("main input[inputmode=decimal]")) {
+    if (box.value) continue;
+    box.value = "-1726.4830";
+    box.dispatchEvent(new Event("input", { bubbles: true }));
+    await new Promise((done) => requestAnimationFrame(done));
+  }
+};
 
 /* Wait until charts have the width of their place for some frames. */
 window.drawn = async () => {

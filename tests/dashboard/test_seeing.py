@@ -1,29 +1,35 @@
-"""Every view as eyes and fingers find it, at eight widths: light, dark, on paper, and by axe-core."""
+"""Every view as eyes and fingers find it: light, dark, on paper, by axe-core; each night at nine widths."""
 
 import json
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx2
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Page, expect
 from support import everything
-from support.browsing import DASHBOARD, VIEWS
+from support.browsing import DASHBOARD, VIEWS, Visit, file_of
 from support.processes import Service, alone
 
 pytestmark = pytest.mark.timeout(900, func_only=True)
 """Building the database takes as long as it takes, and a width has some 220 looks."""
 LOOK = Path(__file__).with_name("seeing.js").read_text(encoding="utf-8")
-WIDTHS = (360, 390, 650, 820, 960, 1024, 1280, 1440)  # px
+AXE = DASHBOARD / "node_modules" / "axe-core" / "axe.min.js"
+WIDTHS = (360, 390, 650, 820, 960, 1024, 1280, 1440, 1920)  # px
 MEDIA = {"print": ("print", "light"), "dark": ("screen", "dark"), "light": ("screen", "light")}
-BY_DAY = {390: ("dark", "light"), 820: ("print",), 1280: ("light",)}
+BY_DAY = {390: ("light",), 1280: ("dark",)}
 PHONE, PAPER, DESK = 400, 650, 1000
 """A phone is at most this wide, paper and a desk at least [px]."""
 ROW = {"phone": 72, "desk": 44}
 """Most that a row of a list or a table is high [px]."""
 FIRST, FIRST_STIFFNESS = 400, 420
 """A phone shows the first number of a result, and the first stiffness of a run, within this height [px]."""
+WORDS = {"phone": 200, "desk": 400}
+"""Most words above the fold."""
+HIGHEST = 20_000
+"""Most that a view is high [px]."""
 MOST_SHIFT = 0.1
 """Most that what is shown already moves while a view is loaded, as browsers measure layout shift."""
 SHIFTS = """
@@ -35,7 +41,7 @@ new PerformanceObserver((list) => {
 ASKING = (
     *("/report", "}/map", "/program", "/process", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
     *("of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
-    *("{cancelled}", "{deleted}", "{empty_map}", "{live_fresh}"),
+    *("{cancelled}", "{deleted}", "{running}", "{queued}", "{empty_map}", "{live_fresh}"),
 )
 """Views that ask, hand out files, or have nothing to show: they have no number of their own to show first."""
 IS_RUN = re.compile(r"#/runs/\{\w+\}$")
@@ -50,7 +56,7 @@ def database(bundle: Path, shared_folder: Path) -> tuple[Path, dict[str, str]]:
         if not names.is_file():
             folder.mkdir(exist_ok=True)
             url = f"sqlite:///{folder / 'jointstiff.db'}"
-            service = Service(url)
+            service = Service(url, "--workers", "1")
             try:
                 with httpx2.Client(base_url=service.url, timeout=None) as client:
                     made = everything.fill(client, url)
@@ -62,11 +68,11 @@ def database(bundle: Path, shared_folder: Path) -> tuple[Path, dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def site(database, tmp_path_factory):
-    """A service of our own with a copy of that database."""
+    """A service of our own with a copy of that database; without a worker, runs stay as they are."""
     copy = tmp_path_factory.mktemp("everything") / "jointstiff.db"
     for file in database[0].parent.glob("jointstiff.db*"):
         shutil.copy(file, copy.with_name(file.name))
-    running = Service(f"sqlite:///{copy}")
+    running = Service(f"sqlite:///{copy}", "--workers", "0")
     yield running
     running.stop()
 
@@ -77,10 +83,13 @@ def stored(database):
 
 
 def limits_of_first(view: str, width: int) -> list[int]:
-    """Return the most above the first number and above the first stiffness [px]; 0 for no limit."""
-    if width > PHONE or view == "#/" or view.endswith(ASKING):
-        return [0, 0]
-    return [0, FIRST_STIFFNESS] if IS_RUN.match(view) else [FIRST, 0]
+    """Return the most words, height, and room above the first number and stiffness [px]; 0 for no limit."""
+    words = WORDS["phone"] if width <= PHONE else WORDS["desk"]
+    if width > PHONE or view.startswith("#/ ") or view == "#/" or view.endswith(ASKING):
+        return [words, HIGHEST, 0, 0]
+    if IS_RUN.match(view):
+        return [words, HIGHEST, 0, FIRST_STIFFNESS]
+    return [words, HIGHEST, FIRST, 0]
 
 
 def limits(width: int, media: str) -> list[float | bool]:
@@ -93,20 +102,102 @@ def test_faults_are_seen(visit):
     page = visit("desktop").page
     page.set_content(Path(__file__).with_name("seeing_faults.html").read_text(encoding="utf-8"))
     page.evaluate(LOOK)
-    found = "\n".join(page.evaluate("[...seeing(false, 44), ...first(10, 10)]"))
+    found = "\n".join(page.evaluate("[...seeing(false, 44), ...first(5, 100, 10, 10)]"))
     wanted = (
         *("overlap", 'no unit beside "3.25"', "is cut off", "a row of 9", "the first number stands at"),
         *('"do not use" is cut off by its box', "a heading of level 3 after one of level 1"),
         *("the first stiffness stands at", '"12 N·m" is cut off by its drawing'),
+        *('"-1726.4830" is cut off by its field "Unloaded x"', "words above the fold", "px high"),
+        '"What a person reads before a choice" shares its width with the button "Read the files',
     )
     assert [fault for fault in wanted if fault not in found] == [], found
     assert '"0.17"' not in found.split("overlap")[-1]  # its head has the unit
     assert "with an ellipsis" not in found
+    assert found.count("is cut off by its field") == 1
+    assert found.count("shares its width with the button") == 1
 
 
 OPENED = "document.querySelectorAll('details:not(.display)').forEach((e) => { e.open = true; })"
 MOST_PAIRS = 6  # of size and weight
 MOST_SIZES, MOST_WEIGHTS = 5, 3
+COLOURS = {"runOnly": {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}}
+"""All that differs between the themes."""
+
+
+def choose_a_table(page: Page) -> None:
+    """Choose a file of readings that many robots fit, which have long names."""
+    head = ["label", *(f"J{j} [deg]" for j in range(1, 7)), *(f"P1 {axis} [mm]" for axis in "xyz")]
+    rows = [[f"c{i}", *["10.5"] * 6, *["1250.125"] * 3] for i in range(3)]
+    content = "\n".join(";".join(row) for row in [head, *rows])
+    page.locator("input[type=file]").first.set_input_files(file_of("day 5.csv", content))
+    page.get_by_role("columnheader", name="J6").wait_for()
+    page.locator(".field", has_text="Robot").first.wait_for()
+
+
+LOOKS: list[tuple[str, Callable[[Page], None] | None]] = [
+    *((view, None) for view in VIEWS),
+    ("#/ with a table", choose_a_table),
+]
+"""Views, and what a person does there first."""
+
+
+class Eyes:
+    """What is wrong with views at a width, in some media."""
+
+    def __init__(self, visited: Visit, width: int, media: tuple[str, ...], axe: str | None) -> None:
+        """Look at pages of a width; `axe` is the text of axe-core, None to leave it out."""
+        self.visited, self.page, self.width, self.media, self.axe = visited, visited.page, width, media, axe
+        self.faults: dict[str, list[str]] = {}
+        self.pairs: set[str] = set()
+        self.page.add_init_script(SHIFTS)
+        self.page.set_viewport_size({"width": width, "height": 844 if width <= PHONE else 1000})
+
+    def look(self, view: str, address: str, act: Callable[[Page], None] | None) -> None:
+        """Open a view, act there, and note what is wrong."""
+        self.page.emulate_media(media="screen", color_scheme="light")
+        self.visited.go(address)
+        self.visited.settle()
+        if act is not None:
+            act(self.page)
+            self.visited.settle()
+        self.page.evaluate(LOOK)
+        self.page.evaluate("drawn()")
+        if act is None and (shift := self.page.evaluate("window.shifted")) > MOST_SHIFT:
+            self._note(view, "loading", [f"what is shown moves by {shift:.2f}"])
+        limits_at_first = limits_of_first(view, self.width)
+        self._note(view, "loading", self.page.evaluate("(limits) => first(...limits)", limits_at_first))
+        for media in self.media:
+            self._look_in(view, media)
+        self.page.emulate_media(media="screen", color_scheme="light")
+        self.pairs |= set(self.page.evaluate("pairs()"))
+        if self.axe is not None:
+            self.page.evaluate(self.axe)
+            self._note(view, "axe", accessibility_faults(self.page))
+
+    def _look_in(self, view: str, media: str) -> None:
+        """Look at the view that is open in a medium, with all that is folded opened and boxes filled."""
+        medium, scheme = MEDIA[media]
+        self.page.emulate_media(media=medium, color_scheme=scheme)
+        self.page.evaluate(OPENED)
+        self.page.evaluate("typed()")
+        self.page.evaluate("drawn()")
+        seen = self.page.evaluate("(limits) => seeing(...limits)", limits(self.width, media))
+        self._note(view, media, seen)
+        if media != "print":
+            self._note(view, media, self.page.evaluate("ill()"))
+
+    def _note(self, view: str, media: str, faults: list[str]) -> None:
+        for fault in faults:
+            self.faults.setdefault(f"{view}: {fault}", []).append(media)
+
+
+def accessibility_faults(page: Page) -> list[str]:
+    """What axe-core finds in light, and of the colours in dark; small targets."""
+    page.emulate_media(color_scheme="light")
+    faults = page.evaluate("check({})")
+    page.emulate_media(color_scheme="dark")
+    faults += [f"dark: {fault}" for fault in page.evaluate("(rules) => check(rules)", COLOURS)]
+    return faults + page.evaluate("small()")
 
 
 @pytest.mark.parametrize(
@@ -119,65 +210,34 @@ MOST_SIZES, MOST_WEIGHTS = 5, 3
         ),
     ],
 )
-def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(visit, stored, width, media_of_width):
-    visited = visit("desktop")  # a mouse: the smallest targets
-    page = visited.page
-    page.add_init_script(SHIFTS)
-    page.set_viewport_size({"width": width, "height": 844 if width <= PHONE else 1000})
-    faults: dict[str, list[str]] = {}
-    pairs: set[str] = set()
-    for view in VIEWS:
-        page.emulate_media(media="screen", color_scheme="light")
-        visited.go(view.format(**stored))
-        visited.settle()
-        page.evaluate(LOOK)
-        page.evaluate("drawn()")
-        if (shift := page.evaluate("window.shifted")) > MOST_SHIFT:
-            faults[f"{view}: what is shown moves by {shift:.2f}"] = ["loading"]
-        for fault in page.evaluate("(limits) => first(...limits)", limits_of_first(view, width)):
-            faults[f"{view}: {fault}"] = ["loading"]
-        for media in media_of_width:
-            medium, scheme = MEDIA[media]
-            page.emulate_media(media=medium, color_scheme=scheme)
-            page.evaluate(OPENED)
-            page.evaluate("drawn()")
-            seen = page.evaluate("(limits) => seeing(...limits)", limits(width, media))
-            for fault in seen + (page.evaluate("ill()") if media == "light" else []):
-                faults.setdefault(f"{view}: {fault}", []).append(media)
-        page.emulate_media(media="screen", color_scheme="light")
-        pairs |= set(page.evaluate("pairs()"))
-    assert not faults, "\n".join(f"{fault} at {', '.join(at)}" for fault, at in faults.items())
-    assert len(pairs) <= MOST_PAIRS, sorted(pairs)
-    assert len({pair.split()[0] for pair in pairs}) <= MOST_SIZES
-    assert len({pair.split()[1] for pair in pairs}) <= MOST_WEIGHTS
+def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(
+    visit, stored, node_modules, width, media_of_width
+):
+    """By a finger on a phone, where axe-core looks, too; elsewhere by a mouse, with the smallest targets."""
+    axe = AXE.read_text(encoding="utf-8") if width == 390 else None
+    eyes = Eyes(visit("phone" if axe else "desktop"), width, media_of_width, axe)
+    for view, act in LOOKS:
+        eyes.look(view, view.split(" ")[0].format(**stored), act)
+    assert not eyes.faults, "\n".join(f"{fault} at {', '.join(at)}" for fault, at in eyes.faults.items())
+    assert len(eyes.pairs) <= MOST_PAIRS, sorted(eyes.pairs)
+    assert len({pair.split()[0] for pair in eyes.pairs}) <= MOST_SIZES
+    assert len({pair.split()[1] for pair in eyes.pairs}) <= MOST_WEIGHTS
 
 
-COLOURS = {"runOnly": {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}}
-"""All that differs between the themes."""
-
-
-def faults_of(page):
-    """What axe-core finds in light, and of the colours in dark; small targets."""
-    page.emulate_media(color_scheme="light")
-    faults = page.evaluate("check({})")
-    page.emulate_media(color_scheme="dark")
-    faults += [f"dark: {fault}" for fault in page.evaluate("(rules) => check(rules)", COLOURS)]
-    return faults + page.evaluate("small()")
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("half", [0, 1])
-def test_every_view_is_accessible(visit, stored, node_modules, half):
+def test_every_view_is_accessible_on_a_tablet(visit, stored, node_modules, half):
     visited = visit("tablet")
     page = visited.page
-    axe = (DASHBOARD / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
+    axe = AXE.read_text(encoding="utf-8")
     found: dict[str, list[str]] = {}
     for view in VIEWS[half::2]:
         visited.go(view.format(**stored))
         visited.settle()
-        page.evaluate("document.querySelectorAll('details').forEach((e) => { e.open = true; })")
+        page.evaluate(OPENED)
         page.evaluate(axe)
         page.evaluate(LOOK)
-        if faults := faults_of(page):
+        if faults := accessibility_faults(page):
             found[view] = faults
     assert found == {}
 
@@ -210,9 +270,48 @@ def test_one_of_two_thousand_runs_is_found_by_its_name(visit, stored):
     visited = visit("phone", view="#/runs")
     page = visited.page
     expect(page.get_by_text(re.compile(r"^100 of 2[ ,\u202f]?0\d\d$"))).to_be_visible()
-    page.get_by_label("Search").fill("check 0012")
+    page.get_by_label("Search", exact=True).fill("check 0012")
     expect(page.locator(".rows .item")).to_have_count(1)
     expect(page.locator(".rows .item")).to_contain_text("KR 240 cell 12")
+
+
+def test_back_keeps_place_and_ticks(visit, stored):
+    """From a long list to a run and back: the list is where it was, and what was ticked is ticked."""
+    visited = visit("phone", view="#/runs")
+    page = visited.page
+    ticks = page.locator(".pick input")
+    ticks.nth(2).check()
+    ticks.nth(40).check()
+    place = page.evaluate("scrollY")
+    assert place > 1_000
+    page.wait_for_timeout(500)  # the place is kept once a person has stopped to scroll
+    page.locator(".rows a.main").nth(42).click()
+    page.get_by_role("navigation", name="Parts of the result").wait_for()
+    assert page.evaluate("scrollY") == 0
+    page.go_back()
+    expect(page.get_by_role("region", name="2 selected")).to_be_visible()
+    page.wait_for_function("(place) => Math.abs(scrollY - place) < 2", arg=place)
+    assert [ticks.nth(i).is_checked() for i in (2, 40, 41)] == [True, True, False]
+
+
+@pytest.mark.parametrize("section", ["runs", "robots", "sets"])
+def test_the_address_and_the_list_agree(visit, stored, section):
+    """A search is in the address; another address of the list, or *Back*, is another search."""
+    visited = visit("tablet", view=f"#/{section}")
+    page = visited.page
+    search, count = page.get_by_label("Search", exact=True), page.locator(".list > [role=status]")
+    expect(count).to_be_visible()
+    everything_there = count.inner_text()
+    search.fill("cell 12")
+    page.wait_for_url(re.compile(rf"#/{section}\?q=cell\+12$"))
+    expect(count).not_to_have_text(everything_there)
+    found = count.inner_text()
+    page.evaluate(f"location.hash = '#/{section}'")
+    expect(search).to_have_value("")
+    expect(count).to_have_text(everything_there)
+    page.go_back()
+    expect(search).to_have_value("cell 12")
+    expect(count).to_have_text(found)
 
 
 START_BUDGET, START_REQUESTS = 140_000, 12

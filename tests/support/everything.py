@@ -7,13 +7,16 @@ from collections.abc import Callable, Mapping
 from copy import deepcopy
 from functools import cache, partial
 from pathlib import Path
+from time import sleep
 from typing import Any, Final, Literal
 
+import sqlalchemy as sa
 from support import live
 from support.api import CANCEL, DELETE, job_at, made, post
-from support.copied_rows import Copies, Names, Template, make_engine
+from support.copied_rows import Copies, Names, Template, insert_rows, make_engine, make_id
 from support.programs import path, small_program_options, tool_poses
 
+from jointstiff.service.store.tables import jobs
 from jointstiff.simulator import TARGETS, default_arm, robot_document, simulate_campaign
 from jointstiff.simulator.programs import program_text
 
@@ -21,12 +24,16 @@ CASES: Final = Path(__file__).parents[1] / "cases" / "campaigns"
 EXAMPLES: Final = Path(__file__).parents[2] / "examples"
 ROBOTS, RUNS = 60, 2_000
 """Numbers of copied robots and runs."""
+ALIKE: Final = 30
+"""Number of robots of one kind with long names."""
 LONG: Final = (
     "an arm of the third cell beside the paint shop, refitted in the spring, its gear of axis 2 exchanged"
 )
 LONG_WORD: Final = LONG.replace(" ", "_").replace(",", "")[:96].ljust(100, "x")
 assert len(LONG) == len(LONG_WORD) == 100
 LINKS: Final[dict[str, Any]] = {"elasticity": "diagonal_links", "link_penalty": 0.01}
+QUICK: Final[dict[str, Any]] = {"cross_validation": {"folds": 2, "draws": 1}, "loss": "squared"}
+"""Options of a competition of models in a second."""
 
 
 @cache
@@ -81,7 +88,9 @@ def fill(client: Any, url: str) -> dict[str, str]:
     """Fill the database at `url` through its service; return names of what the page shows → ids."""
     filling = Filling(client)
     stored = many(filling, url) | of_one_arm(filling) | verdicts(filling) | campaigns_of_a_robot(filling)
-    return stored | measured_live(filling) | with_long_names(filling)
+    stored |= measured_live(filling) | with_long_names(filling)
+    # The last: the service is stopped while these runs go on.
+    return stored | in_motion(filling, url, stored["few"])
 
 
 def many(filling: Filling, url: str) -> dict[str, str]:
@@ -116,7 +125,7 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
     box = [[1200.0, -200.0, 700.0], [1500.0, 200.0, 700.0]]  # mm
     plan = {
         "measurement_set_id": first,
-        "readings": 6,
+        "readings": 4,
         "joints": [f"joint_{j}" for j in range(2, 7)],  # a weight never twists the first
     }
     return {
@@ -155,7 +164,7 @@ def verdicts(filling: Filling) -> dict[str, str]:
     another = robot_document(default_arm()) | {"name": "another arm"}
     runs = {
         "use": filling.identify(plain),
-        "base": filling.identify(campaign("pedestal")),
+        "base": filling.identify(campaign("pedestal"), **QUICK),
         "links": filling.identify(campaign("beam_small"), **LINKS),
         "weight": filling.identify(campaign("weight_1")),
         "stiff": filling.identify(campaign("stiff_joint")),
@@ -206,7 +215,7 @@ def measured_live(filling: Filling) -> dict[str, str]:
     def turned_round(reading: dict[str, Any]) -> dict[str, Any]:
         return reading | {"force": [-part for part in reading["force"]]}
 
-    closed = filling.live("closed campaign", 9)
+    closed = filling.live("closed campaign", 5)
     post(filling.client, f"/v1/measurement-sets/{closed}/close", None, 200)
     return {
         "live_fresh": filling.live("fresh campaign", 0),
@@ -217,16 +226,34 @@ def measured_live(filling: Filling) -> dict[str, str]:
 
 
 def with_long_names(filling: Filling) -> dict[str, str]:
-    """A run of which robot, set and program have names of 100 characters."""
+    """A run of which robot, set and program have names of 100 characters; thirty robots of one kind."""
     document = campaign("stated_plain")
     robot = filling.add("robots", document["robot"] | {"name": LONG})
     measured = filling.measure(
         document, robot, name=LONG_WORD, serial_number=LONG, operator=LONG, instrument=LONG
     )
     run = filling.run(measured)
+    for number in range(ALIKE):
+        filling.add("robots", document["robot"] | {"name": f"{LONG}, number {number}"})
     return {
         "long_robot": robot,
         "long_set": measured,
         "long_run": run,
         "long_names": filling.program("programs", run, 6, f"{LONG_WORD[:96]}.src"),
     }
+
+
+def in_motion(filling: Filling, url: str, template: str) -> dict[str, str]:
+    """A run that computes and one that waits, until a service with workers comes; a copy that has failed."""
+    long = {"measurement_set_id": filling.measure(campaign("beam_small")), "elasticity": "joints_and_links"}
+    running, queued = (str(filling.client.post("/v1/runs?wait=0", json=long).json()["id"]) for _ in range(2))
+    while filling.client.get(job_at(running)).json()["state"] != "running":
+        sleep(0.1)
+    failed = make_id(4, 0)
+    engine = make_engine(url)
+    copy = Copies([Template("", "", template)], 1, 1, names=Names(set="check {:04}")).run(0)
+    insert_rows(engine, jobs, [copy | {"id": failed, "measurement_set_id": make_id(2, 0), "verdict": None}])
+    with engine.begin() as connection:
+        connection.execute(sa.update(jobs).where(jobs.c.id == failed).values(state="failed"))
+    engine.dispose()
+    return {"running": running, "queued": queued, "failed": failed}

@@ -66,12 +66,16 @@ export interface BridgeStand {
   joints: number[];
   force: readonly number[];
   loaded: boolean;
+  /** The target of each other name that the tracker sends; null: the name is left out. */
+  names: Record<string, string | null>;
 }
 
 /** Positions [m] that a tracker read in the stand of a number, and why it reads none. */
 export interface BridgeReading {
   number: number | null;
   points: Record<string, [number, number, number]>;
+  /** Positions [m] of names that are no targets. */
+  unknown: Record<string, [number, number, number]>;
   trouble: string | null;
 }
 

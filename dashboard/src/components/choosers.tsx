@@ -3,11 +3,11 @@ import { keepPreviousData } from "@tanstack/query-core";
 import type { ComponentProps } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { queries } from "../api/queries";
-import type { MeasurementSetSummary } from "../api/types";
+import type { MeasurementSetSummary, RobotSummary } from "../api/types";
 import { text } from "../i18n";
 import { FROM_FILE, ROBOTS, robotsToldApart, SETS, setsToldApart } from "../state/choices";
 import { useQuery } from "../state/query";
-import { Busy } from "./basics";
+import { Busy, Choice } from "./basics";
 import { Select, TextField } from "./fields";
 
 const PAUSE_MS = 250;
@@ -40,8 +40,11 @@ function useSearch(count: number, total: number | null | undefined, q: string, f
 export const isKnown = ({ data, problem }: { data: unknown; problem: unknown }): boolean =>
   data !== undefined || problem !== null;
 
-/** Robots to choose from; the chosen one is among them however many there are. */
-export function useRobotChoices(chosen: string): Choices {
+type Fits = (robot: Pick<RobotSummary, "joints">) => boolean;
+const anyRobot: Fits = () => true;
+
+/** Robots to choose from, if they fit; the chosen one is among them however many there are. */
+export function useRobotChoices(chosen: string, fits = anyRobot): Choices {
   const [q, find] = useState("");
   const listed = useQuery({ ...queries.robots({ ...ROBOTS, q: q || null }), placeholderData: keepPreviousData });
   const { data } = listed;
@@ -50,8 +53,10 @@ export function useRobotChoices(chosen: string): Choices {
     data !== undefined && chosen !== "" && chosen !== FROM_FILE && !items.some(({ id }) => id === chosen);
   const { data: own } = useQuery({ ...queries.robot(chosen), enabled: isMissing });
   const search = useSearch(items.length, data?.total, q, find);
-  const names = robotsToldApart(isMissing && own ? [own, ...items] : items);
-  return { options: [...names].map(([value, label]) => ({ value, label })), search, known: isKnown(listed) };
+  const all = isMissing && own ? [own, ...items] : items;
+  const names = robotsToldApart(all);
+  const options = all.filter(fits).map(({ id, name }) => ({ value: id, label: names.get(id) ?? name }));
+  return { options, search, known: isKnown(listed) };
 }
 
 /** Sets to choose from, with their robots; the chosen one is among them however many there are. */
@@ -94,6 +99,27 @@ export function SearchedSelect({ search, known, ...field }: SearchedProps) {
       {select}
     </div>
   );
+}
+
+/** As many candidates are cards. */
+const MOST_CARDS = 3;
+
+interface FittingProps {
+  label: string;
+  value: string;
+  change: (value: string) => void;
+  none: string;
+  fits: Fits;
+}
+
+/** One of the robots that fit: a few are cards that are all in view, more are a list. */
+export function FittingRobot({ none, fits, ...field }: FittingProps) {
+  const { options, search, known } = useRobotChoices(field.value, fits);
+  if (known && options.length === 0 && !search) return null;
+  const areCards = known && !search && options.length <= MOST_CARDS;
+  if (areCards) return <Choice look="choice cards" {...field} options={options} />;
+  const all = [{ value: "", label: none }, ...options];
+  return <SearchedSelect {...field} search={search} known={known} options={all} />;
 }
 
 type ChooserProps = Omit<ComponentProps<typeof Select>, "options" | "value"> & { value: string };

@@ -94,7 +94,7 @@ interface Box {
   "aria-invalid"?: boolean | undefined;
 }
 
-/** Text, in several `lines` if wanted; what else there is goes to the box. */
+/** Text, in several `lines` if wanted: a box of one line grows with its text. What else there is goes to the box. */
 export function TextField({
   label,
   unit,
@@ -115,6 +115,7 @@ export function TextField({
             rows={lines}
             placeholder={box.placeholder}
             maxLength={box.maxLength}
+            aria-invalid={control["aria-invalid"] || box["aria-invalid"] === true}
             value={value}
             onInput={(event) => change(event.currentTarget.value)}
           />

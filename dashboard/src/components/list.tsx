@@ -1,14 +1,14 @@
 /** Lists of whatever is stored: filtered by words, robot and verdict, sorted; and what can be done with a row. */
 import type { LastCampaign, Usability } from "../api/types";
 import { changeText } from "../lib/trend";
-import { useAction, useDeletion } from "../state/action";
+import { readdress, useAction, useDeletion } from "../state/action";
+import { useKeptOnEntry } from "../state/entry";
 import { askFor, sure } from "../state/question";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { Name, Button, Icon, ProblemNote, Folded, When } from "./basics";
 import { RobotSelect, useTyped } from "./choosers";
 import type { ComponentChildren } from "preact";
-import { useState } from "preact/hooks";
 import { Select, TextField } from "./fields";
 
 /** Which joints of a robot changed since its first campaign; of an arm that was not measured last, with its serial number. */
@@ -115,21 +115,45 @@ export interface Filter {
   verdict: Usability | "";
   state: keyof typeof text.states | "all" | "deleted";
   sort: keyof typeof words.sorts;
+  /** Days between which it was measured. */
+  from: string;
+  to: string;
 }
 
-const NONE: Filter = { q: "", robot: "", verdict: "", state: "all", sort: "newest" };
+const NONE: Filter = { q: "", robot: "", verdict: "", state: "all", sort: "newest", from: "", to: "" };
 
 /** What of a filter is not usual, as an address says it. */
-export const unusual = (filter: Filter): Record<string, string> =>
+const unusual = (filter: Filter): Record<string, string> =>
   Object.fromEntries(Object.entries(filter).filter(([name, value]) => value !== NONE[name as keyof Filter]));
 
-/** A filter, as an address may begin it. */
-export function useFilter(query?: URLSearchParams): [Filter, (part: Partial<Filter>) => void] {
-  const [filter, set] = useState<Filter>(() => ({
-    ...NONE,
-    ...Object.fromEntries(Object.keys(NONE).flatMap((name) => (query?.get(name) ? [[name, query.get(name)]] : []))),
-  }));
-  return [filter, (part) => set((before) => ({ ...before, ...part }))];
+const filterIn = (query: URLSearchParams): Filter => ({
+  ...NONE,
+  ...Object.fromEntries([...query].filter(([name, value]) => name in NONE && value)),
+});
+
+type FilterState = [Filter, (part: Partial<Filter>) => void];
+
+/** The filter that the address of a view states: the address and the list cannot differ. */
+function useFilterOfAddress(query: URLSearchParams): FilterState {
+  const change = (part: Partial<Filter>) =>
+    readdress((now) => {
+      const others = Object.fromEntries([...now].filter(([name]) => !(name in NONE)));
+      return { ...others, ...unusual({ ...filterIn(now), ...part }) };
+    });
+  return [filterIn(query), change];
+}
+
+/** The filter of a list whose view has an address of its own: *Back* brings the filter back. */
+function useFilterOfEntry(): FilterState {
+  const [filter, put] = useKeptOnEntry<Filter>("filter", NONE);
+  return [filter, (part) => put((before) => ({ ...before, ...part }))];
+}
+
+/** A filter; `query`: that of the address, if the list is the view. */
+export function useFilter(query?: URLSearchParams): FilterState {
+  const ofEntry = useFilterOfEntry();
+  const ofAddress = useFilterOfAddress(query ?? new URLSearchParams());
+  return query ? ofAddress : ofEntry;
 }
 
 const ORDERS = { newest: "-created_at", oldest: "created_at", name: "name" } as const;

@@ -357,7 +357,7 @@ function TypedField({ codec, value, change, empty, long, help, ...field }: Typed
       change={type}
       placeholder={empty}
       aria-invalid={unread}
-      {...(codec.lines || long ? { lines: long ? 4 : 3 } : {})}
+      lines={long ? 4 : codec.lines ? 3 : codec.isList ? 1 : undefined}
     />
   );
 }

@@ -58,21 +58,25 @@ export function VectorBoxes({ label, value, change, paste }: VectorBoxesProps) {
   return (
     <span class="vector">
       {AXES.map((axis, i) => (
-        <span>
-          <small class="soft" aria-hidden="true">
-            {axis}
-          </small>
-          <input
-            type="text"
-            inputMode="decimal"
-            autocomplete="off"
-            aria-label={`${label} ${axis}`}
-            value={parts[i]}
-            onPaste={paste}
-            onInput={(event) => type(i, event.currentTarget.value)}
-          />
-        </span>
+        <input
+          type="text"
+          inputMode="decimal"
+          autocomplete="off"
+          aria-label={`${label} ${axis}`}
+          value={parts[i]}
+          onPaste={paste}
+          onInput={(event) => type(i, event.currentTarget.value)}
+        />
       ))}
     </span>
   );
 }
+
+/** The names of the axes above the boxes of several vectors. */
+export const VectorAxes = () => (
+  <small class="vector soft" aria-hidden="true">
+    {AXES.map((axis) => (
+      <span>{axis}</span>
+    ))}
+  </small>
+);

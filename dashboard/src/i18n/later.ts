@@ -166,6 +166,7 @@ export const later = {
       copy: "Copy command",
       copied: "Command copied",
       end: "Disconnect",
+      askAgain: "Ask again for the targets of other names",
       connected: (is: boolean) => (is ? "connected" : "not connected"),
       away: "Tracker: not connected",
       reads: (read: number, targets: number, far: string | null) =>

@@ -83,6 +83,8 @@ export interface Codec {
   read: (typed: string) => unknown;
   /** Whether it takes several lines. */
   lines?: boolean;
+  /** Whether it is a list, which may be longer than a line. */
+  isList?: boolean;
 }
 
 const ofNumber = (factor: number): Codec => ({
@@ -97,6 +99,7 @@ export const OF_TEXT: Codec = { show: (value) => String(value ?? ""), read: (typ
 
 /** Values in a row, parted by blanks, commas or semicolons. */
 const ofList = (inner: Codec, count?: number): Codec => ({
+  isList: true,
   show: (value) => (Array.isArray(value) ? value.map(inner.show).join(", ") : String(value ?? "")),
   read: (typed) => {
     const bare = typed.trim().replace(/^[([]|[)\]]$/g, "");

@@ -42,14 +42,23 @@ export const hasNavigated = (): boolean => navigated;
 
 export function useRoute(): Route {
   const [route, set] = useState(() => parse(location.hash));
+  const read = () => set(parse(location.hash));
   useEffect(() => {
     const hear = () => {
       navigated = true;
-      set(parse(location.hash));
+      read();
     };
     return listen(window, { hashchange: hear });
   }, []);
+  useEffect(() => listen(news, { readdressed: read }), []);
   return route;
+}
+
+/** Give the view that is shown another search in its address, without a step of the browser's history. */
+export function readdress(change: (now: URLSearchParams) => Record<string, string>): void {
+  const { parts, query } = parse(location.hash);
+  history.replaceState(history.state, "", link(parts, change(query)));
+  tell("readdressed");
 }
 
 interface Toast {

@@ -17,6 +17,9 @@ export interface Bridge {
   state: BridgeState | null;
   open: () => Promise<void>;
   end: () => Promise<void>;
+  /** The target of each other name that the tracker sends; null: the name is left out. */
+  names: Record<string, string | null>;
+  rename: (names: Record<string, string | null>) => void;
 }
 
 /** The bridge of this tab to the form of an open set. It ends when the set is closed. */
@@ -24,8 +27,14 @@ export function useBridge(set: string, closed: boolean): Bridge {
   const name = `measure.${set}.bridge`;
   const [paired, setPaired] = useState(() => recalled(name, "sessionStorage") as Paired | null);
   const [state, setState] = useState<BridgeState | null>(null);
+  const [names, setNames] = useState(() => (recalled(`${name}.names`, "sessionStorage") ?? {}) as Bridge["names"]);
   const id = paired?.id;
+  const rename = (next: Bridge["names"]) => {
+    remember(`${name}.names`, next, "sessionStorage");
+    setNames(next);
+  };
   const put = (next: Paired | null) => {
+    if (next === null) rename({});
     remember(name, next, "sessionStorage");
     setState(null);
     setPaired(next);
@@ -40,7 +49,7 @@ export function useBridge(set: string, closed: boolean): Bridge {
     void end();
     return undefined;
   }, [id, closed]);
-  return { paired, state, open: async () => put(await api.bridges.open(set)), end };
+  return { paired, state, open: async () => put(await api.bridges.open(set)), end, names, rename };
 }
 
 /** Follow a bridge until it has ended; returns a function that stops. */
@@ -85,19 +94,19 @@ function follow(id: string, hear: (state: BridgeState) => void, ended: () => voi
  * what the tracker reads there; null without a tracker.
  */
 export function useTracked(
-  { paired, state }: Bridge,
-  stand: Omit<BridgeStand, "number" | "loaded">,
+  { paired, state, names }: Bridge,
+  stand: Omit<BridgeStand, "number" | "loaded" | "names">,
   column: keyof Typed,
   take: (reading: BridgeReading) => void,
 ): BridgeReading | null {
   const number = useRef(0);
   const id = state?.joined ? paired?.id : undefined;
-  const wanted = JSON.stringify([id, stand, column]);
+  const wanted = JSON.stringify([id, stand, column, names]);
   useEffect(() => {
     if (!id) return undefined;
     // Numbers grow, also over tabs and reloads, so that no position of an earlier stand counts.
     number.current = Math.max(Date.now(), number.current + 1);
-    const asked = { ...stand, number: number.current, loaded: column === "loaded" };
+    const asked = { ...stand, number: number.current, loaded: column === "loaded", names };
     let timer: ReturnType<typeof setTimeout> | undefined;
     const show = (): unknown =>
       api.bridges.show(id, asked).catch((error: unknown) => {
@@ -111,5 +120,5 @@ export function useTracked(
   useEffect(() => {
     if (reading) take(reading);
   }, [read]);
-  return id ? (reading ?? { number: null, points: {}, trouble: null }) : null;
+  return id ? (reading ?? { number: null, points: {}, unknown: {}, trouble: null }) : null;
 }

@@ -3,13 +3,14 @@ import { keepPreviousData } from "@tanstack/query-core";
 import { useState, useMemo, useRef, useEffect, useLayoutEffect } from "preact/hooks";
 import { api } from "../api/calls";
 import { queries } from "../api/queries";
-import type { ImportAnswer, ImportOptions, Units } from "../api/types";
+import type { ImportAnswer, ImportOptions, RobotSummary, Units } from "../api/types";
 import { Prose, Button, Choice, Busy, LinkButton, ProblemNote } from "../components/basics";
 import { TextField, RequestFields } from "../components/fields";
 import { SchemaFields, type Terms, MetadataForm, understood } from "../components/schema_form";
 import { OF_NUMBER, posted } from "../lib/schema";
 import { type Fields, unreadIn, contentKey, freshKey } from "../lib/json";
-import { ROBOTS, robotsToldApart } from "../state/choices";
+import { FittingRobot } from "../components/choosers";
+import { ROBOTS } from "../state/choices";
 import { useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -281,10 +282,8 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
   const form = useRunForm(files.map(({ name }) => name).join("/"));
   useLayoutEffect(() => keepDraft(draft), [draft]);
 
-  const names = robotsToldApart(known?.items ?? []);
-  const robots = (known?.items ?? [])
-    .filter((one) => joints === null || one.joints.length === joints)
-    .map((one) => ({ ...one, name: names.get(one.id) ?? one.name }));
+  const canBeOf = (one: Pick<RobotSummary, "joints">) => joints === null || one.joints.length === joints;
+  const robots = (known?.items ?? []).filter(canBeOf);
   /** The only one that fits, until another one is chosen. */
   const robot = chosen ?? (robots.length === 1 ? (robots[0]?.id ?? "") : "");
   const framed = Object.values(frame).some(Boolean);
@@ -322,15 +321,7 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
 
       <Step at={2} title={words.rest}>
         {answer && <ImportForm {...{ answer, options, change }} />}
-        {robots.length > 0 && (
-          <Choice
-            label={text.start.robot}
-            look="choice cards arms"
-            value={robot}
-            change={setChosen}
-            options={robots.map(({ id, name }) => ({ value: id, label: name ?? id }))}
-          />
-        )}
+        <FittingRobot label={text.start.robot} value={robot} change={setChosen} none={text.start.pick} fits={canBeOf} />
         <p>
           <LinkButton href="#/robots/new">{later.robots.add}</LinkButton>
         </p>

@@ -23,7 +23,7 @@ import {
 import { Rows } from "../components/list";
 import { DropZone, understood } from "../components/schema_form";
 import { Select, TextField } from "../components/fields";
-import { SignButton, VectorBoxes } from "../components/vector_boxes";
+import { SignButton, VectorAxes, VectorBoxes } from "../components/vector_boxes";
 import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
 import * as live from "../lib/live";
@@ -393,6 +393,14 @@ function Posture({ set, robot, label, stand, state, bridge, isOwn, back, send, s
           loaded={column === "loaded"}
         />
       )}
+      {Object.entries(read?.unknown ?? {}).map(([name, place]) => (
+        <WhichTarget
+          {...{ name }}
+          numbers={place.map((part) => fixed(1e3 * part, 3)).join(" ")}
+          targets={Object.keys(rows)}
+          choose={(target) => bridge.rename({ ...bridge.names, [name]: target })}
+        />
+      ))}
       {set.instrument === live.SIMULATED && (
         <div class="row">
           <Button disabled={!posture} onClick={() => simulate(false)}>
@@ -511,17 +519,18 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
           </Button>
         )}
       </legend>
-      <div class={unloadedOnly ? "grid one" : "grid"}>
+      <div class="grid">
+        <VectorAxes />
         {Object.entries(rows).map(([target, typed]) => (
           <>
-            <b>
-              <Name>{target}</Name>
-            </b>
             {columns.map((column) => (
               <>
-                <small class="soft side" aria-hidden="true">
-                  {(phone ? words.short : words.columns)[column]}
-                </small>
+                <span class="of" aria-hidden="true">
+                  <b>
+                    <Name>{target}</Name>
+                  </b>
+                  <small class="soft">{(phone ? words.short : words.columns)[column]}</small>
+                </span>
                 <VectorBoxes
                   label={words.at(target, words.columns[column])}
                   value={typed[column] ?? ""}
@@ -579,20 +588,40 @@ function NotPlaced({ left, pasting, targets }: { left: Left; pasting: Pasting; t
         </div>
       )}
       {unmatched.map((one) => (
-        <Select
-          label={words.whichTarget(one.name, one.typed.unloaded ?? one.typed.loaded ?? "")}
-          value=""
-          change={(target) => pasting.settle(left, one, target)}
-          options={[
-            { value: "", label: later.plan.pick },
-            ...targets.map((target) => ({ value: target, label: target })),
-            { value: NO_TARGET, label: words.noTarget },
-          ]}
+        <WhichTarget
+          name={one.name}
+          numbers={one.typed.unloaded ?? one.typed.loaded ?? ""}
+          targets={targets}
+          choose={(target) => pasting.settle(left, one, target ?? NO_TARGET)}
         />
       ))}
     </>
   );
 }
+
+interface WhichTargetProps {
+  /** A name that is no target. */
+  name: string;
+  /** Its position, as a text [mm]. */
+  numbers: string;
+  targets: string[];
+  /** Hear the target that the name is; null if the name is left out. */
+  choose: (target: string | null) => void;
+}
+
+/** Ask which target a name is that was pasted, or that a tracker sends. */
+const WhichTarget = ({ name, numbers, targets, choose }: WhichTargetProps) => (
+  <Select
+    label={words.whichTarget(name, numbers)}
+    value=""
+    change={(target) => target && choose(target === NO_TARGET ? null : target)}
+    options={[
+      { value: "", label: later.plan.pick },
+      ...targets.map((target) => ({ value: target, label: target })),
+      { value: NO_TARGET, label: words.noTarget },
+    ]}
+  />
+);
 
 /** No name of a target: names are printable. */
 const NO_TARGET = "\u0000";
@@ -664,6 +693,7 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
         )}
         <TextField
           label={`${later.predict.labels.joints} [${text.units.deg}]: ${robot.joints.map(({ name }) => name).join(", ")}`}
+          lines={1}
           value={joints}
           change={setJoints}
           help={understood(OF_NUMBERS, joints, text.units.deg)}
@@ -671,6 +701,7 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
         <TextField
           label={words.forceOf}
           unit={text.units.newton}
+          lines={1}
           value={force}
           change={setForce}
           help={understood(OF_VECTOR, force, text.units.newton)}

@@ -71,7 +71,8 @@ function Declaration({ only, robot: given, plan }: DeclarationProps) {
     ...(planned?.request.sigma ? { sigma: planned.request.sigma } : {}),
     work_area: planned?.request.work_area ?? null,
   });
-  const [kind, setKind] = useTypedValue<Kind>(`${form}/kind`, "deflection");
+  // A plan states all but the goal, and this goal needs no further field.
+  const [kind, setKind] = useTypedValue<Kind>(`${form}/kind`, planned ? "joints" : "deflection");
   const [goal, setGoal] = useTypedValue<Fields>(`${form}/goal`, { relative: 0.15 });
   const [noise, setNoise] = useTypedValue<Fields>(`${form}/noise`, {});
   const campaign = useEquipped(robot);

@@ -44,7 +44,6 @@ import { JobList, MOST_RUNS, runRows } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
 import { keepPreviousData } from "@tanstack/query-core";
 import type { ComponentChildren } from "preact";
-import { useState } from "preact/hooks";
 import { isKnown } from "../components/choosers";
 import { ChangedJoints, FilterBar, type Row, Rows, useFilter, StoredActions, wanted } from "../components/list";
 import { TextField } from "../components/fields";
@@ -168,7 +167,7 @@ function Twins({ robot }: { robot: Robot }) {
   );
 }
 
-export function RobotsView({ list }: { list: "robots" | "sets" }) {
+export function RobotsView({ list, query }: { list: "robots" | "sets"; query: URLSearchParams }) {
   const title = list === "robots" ? text.app.robots : words.sets;
   return (
     <>
@@ -181,7 +180,7 @@ export function RobotsView({ list }: { list: "robots" | "sets" }) {
         }
       />
       <RobotTabs current={list} />
-      {list === "robots" ? <RobotList /> : <SetList />}
+      {list === "robots" ? <RobotList query={query} /> : <SetList query={query} />}
     </>
   );
 }
@@ -233,8 +232,8 @@ function Found<Item>({ of, row, names = () => new Map(), none, filtered }: Found
   );
 }
 
-function RobotList() {
-  const [filter, change] = useFilter();
+function RobotList({ query }: { query: URLSearchParams }) {
+  const [filter, change] = useFilter(query);
   const filters = wanted(filter);
   const robots = useStored("robots", filters, (page, signal) => api.robots.list({ ...filters, ...page }, signal));
   return (
@@ -245,14 +244,13 @@ function RobotList() {
   );
 }
 
-/** Measurement sets: all, or those of a robot. */
-export function SetList({ robot }: { robot?: string }) {
-  const [filter, change] = useFilter();
-  const [days, setDays] = useState({ from: "", to: "" });
+/** Measurement sets: all, by the search of the address, or those of a robot. */
+export function SetList({ robot, query }: { robot?: string; query?: URLSearchParams }) {
+  const [filter, change] = useFilter(query);
   const filters = {
     ...wanted(filter),
     robot_id: robot ?? (filter.robot || null),
-    ...measuredBetween(days),
+    ...measuredBetween(filter),
   };
   const sets = useStored("sets", filters, (page, signal) => api.sets.list({ ...filters, ...page }, signal));
   const { data: robots } = useQuery({ ...queries.robots(ROBOTS), enabled: robot === undefined });
@@ -261,8 +259,8 @@ export function SetList({ robot }: { robot?: string }) {
     <TextField
       type="date"
       label={later.metadata[end]}
-      value={days[end]}
-      change={(typed) => setDays({ ...days, [end]: typed })}
+      value={filter[end]}
+      change={(typed) => change({ [end]: typed })}
     />
   );
   const { sort: _, ...narrowing } = { ...filters, robot_id: robot ? null : filters.robot_id };

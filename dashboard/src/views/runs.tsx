@@ -1,12 +1,12 @@
 /** Jobs of a kind, listed, filtered, followed, deleted with undo; runs among them, variants beneath the run they vary. */
 import type { ComponentChildren } from "preact";
 import { keepPreviousData } from "@tanstack/query-core";
-import { useEffect, useState, useCallback } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import { api, type Collection, type JobQuery, type Summary } from "../api/calls";
 import { follow, goesOn, type Standing } from "../api/follow";
 import { problemOf } from "../api/problem";
 import type { JobSummary, Page, RunSummary } from "../api/types";
-import { DeleteButton, type Filter, FilterBar, type Row, Rows, unusual, useFilter, wanted } from "../components/list";
+import { DeleteButton, type Filter, FilterBar, type Row, Rows, useFilter, wanted } from "../components/list";
 import {
   Badge,
   Busy,
@@ -21,11 +21,11 @@ import {
   Toggle,
 } from "../components/basics";
 import { Select } from "../components/fields";
-import { Bar } from "../components/job_page";
 import { percent } from "../lib/format";
 import { groupedBy } from "../lib/json";
 import { client, send, usePages } from "../state/query";
-import { link, toast, go } from "../state/action";
+import { link, readdress, toast, go } from "../state/action";
+import { useKeptOnEntry } from "../state/entry";
 import { text } from "../i18n";
 import { waysOf } from "../lib/ways";
 
@@ -69,9 +69,8 @@ interface ListProps<Of extends Collection> {
   collection: Of;
   /** Which jobs are listed at all. */
   about?: Record<string, string>;
+  /** The search of the address, which is the filter. */
   query?: URLSearchParams;
-  /** Hear the search as parameters of an address, to be shared. */
-  address?: (query: Record<string, string>) => void;
   /** What picks a job, before its row. */
   pick?: (item: Summary<Of>, name: string) => ComponentChildren;
   /** Runs under headings of their sets. */
@@ -81,7 +80,7 @@ interface ListProps<Of extends Collection> {
 }
 
 export function JobList<Of extends Collection>(props: ListProps<Of>) {
-  const { collection, about = {}, query, address, pick, grouped = false, children } = props;
+  const { collection, about = {}, query, pick, grouped = false, children } = props;
   const title = (text.earlier as Partial<Record<Collection, string>>)[collection]; // of runs it is the page's
   const [filter, change] = useFilter(query);
   const { state, robot, verdict } = filter;
@@ -95,7 +94,6 @@ export function JobList<Of extends Collection>(props: ListProps<Of>) {
   });
   const items = listed.data?.flatMap((page) => page.items) ?? null;
   const total = listed.data?.[0]?.total ?? items?.length ?? 0;
-  useEffect(() => address?.(unusual(filter)), [filter, address]);
 
   const failed = (error: unknown) => toast(problemOf(error).detail);
   const restore = (item: Summary<Of>) =>
@@ -186,7 +184,7 @@ function JobStanding({ job, live }: { job: JobSummary; live: boolean }) {
   return (
     <>
       <State state={standing.state} />
-      {goesOn(standing.state) && <Bar standing={standing} />}
+      {standing.state === "running" && standing.progress && <small>{text.run.progressOf(standing.progress)}</small>}
     </>
   );
 }
@@ -273,25 +271,25 @@ function nested(rows: Row[], runs: RunSummary[]): Row[] {
 }
 
 export function RunsView({ query }: { query: URLSearchParams }) {
-  const [grouped, setGrouped] = useState(query.get("group") === "set");
-  const [selected, setSelected] = useState<ReadonlySet<string>>(new Set());
-  const share = useCallback(
-    (search: Record<string, string>) => {
-      const kept = new URLSearchParams({ ...search, ...(grouped ? { group: "set" } : {}) }).toString();
-      history.replaceState(null, "", `#/runs${kept && `?${kept}`}`);
-    },
-    [grouped],
-  );
+  const grouped = query.get("group") === "set";
+  const group = (on: boolean) =>
+    readdress((now) => {
+      const { group: _, ...others } = Object.fromEntries(now);
+      return on ? { ...others, group: "set" } : others;
+    });
+  const [selected, setSelected] = useKeptOnEntry<string[]>("selected", []);
   const select = (id: string, on: boolean) =>
-    setSelected((before) => new Set(on ? [...before, id] : [...before].filter((one) => one !== id)));
-  const few = selected.size < 2 || selected.size > MOST_RUNS;
+    setSelected((before) => {
+      const others = before.filter((one) => one !== id);
+      return on ? [...others, id] : others;
+    });
+  const few = selected.length < 2 || selected.length > MOST_RUNS;
   return (
     <>
       <Title plain={text.app.runs}>{text.app.runs}</Title>
       <JobList
         collection="runs"
         query={query}
-        address={share}
         grouped={grouped}
         pick={(run, name) =>
           run.state === "succeeded" && (
@@ -299,26 +297,26 @@ export function RunsView({ query }: { query: URLSearchParams }) {
               <input
                 type="checkbox"
                 aria-label={text.lists.select(name)}
-                checked={selected.has(run.id)}
+                checked={selected.includes(run.id)}
                 onChange={(event) => select(run.id, event.currentTarget.checked)}
               />
             </label>
           )
         }
       >
-        <Toggle label={text.lists.groups} checked={grouped} change={setGrouped} />
+        <Toggle label={text.lists.groups} checked={grouped} change={group} />
       </JobList>
-      {selected.size > 0 && (
-        <div class="selection" role="region" aria-label={text.lists.selected(selected.size)}>
-          <b>{text.lists.selected(selected.size)}</b>
+      {selected.length > 0 && (
+        <div class="selection" role="region" aria-label={text.lists.selected(selected.length)}>
+          <b>{text.lists.selected(selected.length)}</b>
           <Button
             look="primary"
             disabled={few}
-            onClick={() => go(link(["compare", "runs"], { ids: [...selected].join(",") }))}
+            onClick={() => go(link(["compare", "runs"], { ids: selected.join(",") }))}
           >
             {text.app.compare}
           </Button>
-          <Button look="quiet" onClick={() => setSelected(new Set())}>
+          <Button look="quiet" onClick={() => setSelected(() => [])}>
             {text.lists.clear}
           </Button>
           {few && <small class="soft">{text.lists.selectTwo}</small>}

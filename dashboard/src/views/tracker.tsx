@@ -45,6 +45,11 @@ export function TrackerCard({ bridge }: { bridge: Bridge }) {
               {paired ? words.newCode : words.pair}
             </ActionButton>
           )}
+          {Object.keys(bridge.names).length > 0 && (
+            <Button look="quiet" onClick={() => bridge.rename({})}>
+              {words.askAgain}
+            </Button>
+          )}
           {paired && (
             <ActionButton action={end} going={text.start.going} look="quiet">
               {words.end}

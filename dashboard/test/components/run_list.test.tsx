@@ -71,7 +71,8 @@ describe("a list of runs", () => {
 });
 
 describe("what a list shows", () => {
-  const none = { q: "", robot: "", verdict: "" as const, state: "all" as const, sort: "newest" as const };
+  const all = { robot: "", verdict: "" as const, state: "all" as const, from: "", to: "" };
+  const none = { q: "", sort: "newest" as const, ...all };
   it("is searched and sorted by the service, which knows all of it", () => {
     expect(wanted(none)).toEqual({ q: null, sort: "-created_at" });
     expect(wanted({ ...none, q: " check 0012 ", sort: "name" })).toEqual({ q: "check 0012", sort: "name" });

@@ -192,7 +192,8 @@ def test_what_is_no_position_is_refused(client, body, where):
 class Instrument:
     """A tracker that sends a line of each target again and again, over TCP."""
 
-    def __init__(self):
+    def __init__(self, names=None):
+        self._names = names or {}  # target → its name at the instrument
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.address = f"lines:tcp://127.0.0.1:{self._listener.getsockname()[1]}"
         self.places = {}
@@ -212,7 +213,8 @@ class Instrument:
             try:
                 while True:
                     for name, place in self.places.items():
-                        line = f"{name} {' '.join(repr(1e3 * part) for part in place)}\n"
+                        sent = self._names.get(name, name)
+                        line = f"{sent} {' '.join(repr(1e3 * part) for part in place)}\n"
                         connection.sendall(line.encode())
                     time.sleep(0.05)
             except OSError:
@@ -276,6 +278,50 @@ def test_a_stream_of_lines_is_read_where_the_page_stands(tmp_path):
         thread.join(30.0)
         assert not thread.is_alive()
         assert client._http.get(f"{address}/next").json()["readings"] == []  # nobody sent a reading
+
+
+def test_the_page_is_asked_which_target_an_unknown_name_is(tmp_path):
+    """No position is swallowed: the page gets each other name, and names its target or leaves it out."""
+    arm, names = default_arm(), {"P11": "SMR-2", "P12": "nest"}
+    with (
+        Instrument(names) as instrument,
+        Store.open(f"sqlite:///{tmp_path / 'jointstiff.db'}") as store,
+        served(store) as url,
+        Client(url) as client,
+    ):
+        address = declared(client._http)
+        opened_bridge = client._http.post(f"{address}/bridge").json()
+        bridge = f"/v1/bridges/{opened_bridge['id']}"
+        warnings = []
+        joined = TrackerBridge(
+            client,
+            opened_bridge["code"],
+            instrument.address,
+            source_options={"sample": False, "warn": warnings.append},
+        )
+        thread = threading.Thread(target=joined.run)
+        thread.start()
+        planned = client._http.get(f"{address}/next").json()["next"]
+        shown = {name: planned[name] for name in ("label", "joints", "force")}
+        places = positions(arm, planned["joints"], planned["force"], sigma=0.0)["unloaded"].tolist()
+        instrument.places = dict(zip(TARGETS, places, strict=True))
+        client._http.put(f"{bridge}/stand", json=stand(1, **shown))
+        reading = followed(client, bridge, lambda got: len(got["unknown"]) == 2)
+        assert reading["unknown"]["SMR-2"] == pytest.approx(instrument.places["P11"], abs=1e-9)
+        assert list(reading["points"]) in ([], ["P10"])
+        client._http.put(f"{bridge}/stand", json=stand(2, **shown, names={"SMR-2": "P11", "nest": None}))
+        reading = followed(client, bridge, lambda got: got["number"] == 2 and len(got["points"]) == 2)
+        assert reading["points"]["P11"] == pytest.approx(instrument.places["P11"], abs=1e-9)
+        assert reading["unknown"] == {}
+        client._http.put(f"{bridge}/stand", json=stand(3, **shown, names={"SMR-2": "P11", "nest": "P12"}))
+        reading = followed(client, bridge, lambda got: got["number"] == 3 and len(got["points"]) == 3)
+        assert reading["points"]["P12"] == pytest.approx(instrument.places["P12"], abs=1e-9)
+        assert client._http.delete(bridge).status_code == 204
+        thread.join(30.0)
+        assert sorted(warnings) == [
+            f"{name!r} is no target of this campaign, whose targets are P10, P11, P12"
+            for name in ("SMR-2", "nest")
+        ]
 
 
 def test_a_source_that_answers_requests_is_read_in_rounds(tmp_path):
