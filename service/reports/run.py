@@ -37,7 +37,7 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.pictures import draw_arm, draw_deflections, draw_intervals
 from jointstiff.service.runs.deflection import predict_by_run, show_component
 from jointstiff.service.runs.verdicts import refuse_unaccepted
-from jointstiff.service.tables.estimate import estimate_columns
+from jointstiff.service.tables.estimate import estimate_columns, model_error_text
 from jointstiff.service.tables.report import (
     METHOD_NAMES,
     VERDICTS,
@@ -296,7 +296,7 @@ def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
     rows = []
     for case in cases:
         cells = [show_component(case, axis, per_newton).cell.text for axis in range(3)]
-        rows.append([case.label, *cells, "included" if case.with_model_error else "unknown"])
+        rows.append([case.label, *cells, model_error_text(case.with_model_error is not None)])
     if rows:
         head = [
             "force along",

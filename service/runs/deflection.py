@@ -35,6 +35,7 @@ from jointstiff.service.runs.verdicts import (
 )
 from jointstiff.service.tables.estimate import (
     ShownEstimate,
+    model_error_text,
     normal_quantile,
     show_cell,
     show_estimate,
@@ -389,7 +390,7 @@ def describe_predictions(result: DeflectionResult) -> list[Part]:
     ]
     stiffnesses = [replace(_show_stiffness(case, result.confidence), style=style) for case in cases]
     included = [
-        NO_NUMBER if case.displacement is None else "included" if case.with_model_error else "unknown"
+        NO_NUMBER if case.displacement is None else model_error_text(case.with_model_error is not None)
         for case in cases
     ]
     is_same = len(set(included)) == 1
@@ -414,7 +415,13 @@ def show_component(case: CaseResult, axis: int, scale: float = 1e3) -> ShownEsti
     if case.displacement is None:
         return show_estimate(None, None)
     bounds = case.with_model_error.displacement if case.with_model_error else case.readings_only
-    return show_estimate(case.displacement[axis], None if bounds is None else bounds[axis], scale, bare=".3g")
+    return show_estimate(
+        case.displacement[axis],
+        None if bounds is None else bounds[axis],
+        scale,
+        bare=".3g",
+        least=1e-3 * hypot(*case.displacement),
+    )
 
 
 def _show_stiffness(case: CaseResult, confidence: float) -> ShownEstimate:

@@ -31,8 +31,8 @@ ONE_SIDED: Final = "one-sided"
 """Text in the column of intervals for a number that is a limit."""
 NORMAL_95: Final = NormalDist().inv_cdf(0.975)
 """Half-width of a 95 % interval of a normal distribution, in standard uncertainties."""
-_LEAST_SIDE: Final = 0.1
-"""Least fraction of a half-width that decides the digits, for a number near an end of its interval."""
+_AT_AN_END: Final = 0.01
+"""Ratio of the distances to both ends below which a number is at an end of its interval."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,13 @@ class ShownEstimate:
 
 
 def show_estimate(
-    value: float | None, interval: Ends | None, scale: float = 1.0, *, bare: str = ".4g", style: Style = ""
+    value: float | None,
+    interval: Ends | None,
+    scale: float = 1.0,
+    *,
+    bare: str = ".4g",
+    style: Style = "",
+    least: float = 0.0,
 ) -> ShownEstimate:
     """Format a number with its interval, both times a scale, with the digits that the interval supports.
 
@@ -79,12 +85,13 @@ def show_estimate(
         scale: factor to the unit that is shown.
         bare: format of a number whose interval does not decide the digits.
         style: style of number and interval.
+        least: least uncertainty that decides the digits, such as a thousandth of the greatest component.
     """
     if value is None:
         return ShownEstimate(NO_NUMBER, style="dim")
     if interval is None:
         return ShownEstimate(figure(scale * value, bare), NO_INTERVAL, style=style)
-    spread = scale * _find_spread(value, interval)
+    spread = scale * max(_find_spread(value, interval), least)
     ends = [NO_LIMIT if end is None else format_rounded(scale * end, spread, bare) for end in interval]
     return ShownEstimate(format_rounded(scale * value, spread, bare), " … ".join(ends), style=style)
 
@@ -97,8 +104,13 @@ def _find_spread(value: float, interval: Ends) -> float:
     ends = [end for end in interval if end is not None and isfinite(end)]
     if not ends or not isfinite(value):
         return 0.0
-    distances = [abs(end - value) for end in ends]
-    return max(min(distances), _LEAST_SIDE * sum(distances) / len(distances)) / 2
+    near, far = sorted([abs(end - value) for end in (ends[0], ends[-1])])
+    return (far if near < _AT_AN_END * far else near) / 2
+
+
+def model_error_text(is_known: bool) -> str:
+    """Return in words whether an interval includes the model error, which may be unknown."""
+    return "included" if is_known else "unknown"
 
 
 def style_for(verdict: Verdict | None) -> Style:

@@ -70,11 +70,14 @@ class StiffnessUnit:
         Where the stiffness has no upper limit, its one-sided lower limit takes the place of the number: the
         limit is tighter than the lower end of the interval.
         """
-        is_refuted = joint.verdict == "do_not_use"
-        shown = self.show_compliance(
-            joint.compliance, joint.compliance_interval, joint.kind, lower_limit(joint)
-        )
-        is_negative = joint.compliance is not None and joint.compliance < 0.0
+        is_refuted, compliance = joint.verdict == "do_not_use", joint.compliance
+        shown = self.show_compliance(compliance, joint.compliance_interval, joint.kind, lower_limit(joint))
+        interval = joint.compliance_interval
+        is_open = compliance == 0.0 or (interval is not None and interval[0] == 0.0)
+        if is_refuted and is_open:
+            # Neither the number nor the limit of a refuted model says anything.
+            return ShownEstimate(NO_NUMBER, style="dim")
+        is_negative = compliance is not None and compliance < 0.0
         return replace(
             shown, style="dim" if is_refuted or not shown.interval else "bad" if is_negative else ""
         )

@@ -20,15 +20,15 @@ export interface ShownEstimate {
 /** Half-width of a 95 % interval in standard uncertainties. */
 export const NORMAL_95 = 1.959964;
 
-/** Least part of a half-width that decides the digits, for a number near an end of its interval. */
-const LEAST_SIDE = 0.1;
+/** Ratio of the distances to both ends below which a number is at an end of its interval. */
+const AT_AN_END = 0.01;
 
-/** What decides the digits: half of the distance to the nearer end; null where that is unknown. */
+/** What decides the digits: half of the distance to the nearer end, for a number at an end to the other; null where it is unknown. */
 function spreadOf(value: number, ends: Ends): number | null {
   const sides = ends.flatMap((end) => (end === null || !Number.isFinite(end) ? [] : [Math.abs(end - value)]));
   if (sides.length === 0 || !Number.isFinite(value)) return null;
-  const mean = sides.reduce((sum, side) => sum + side, 0) / sides.length;
-  return Math.max(Math.min(...sides), LEAST_SIDE * mean) / 2 || null;
+  const [near, far] = [Math.min(...sides), Math.max(...sides)];
+  return (near < AT_AN_END * far ? far : near) / 2 || null;
 }
 
 /** A number with its interval, both in the unit that is shown. */

@@ -16,7 +16,7 @@ from jointstiff.schemas.deflection import (
 )
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import File, Kind
-from jointstiff.service.tables.estimate import show_cell, show_estimate, style_for
+from jointstiff.service.tables.estimate import model_error_text, show_cell, show_estimate, style_for
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import (
     Area,
@@ -121,14 +121,14 @@ def _extremes_table(
         show_estimate(each.deflection, each.with_model_error or each.readings_only, 1e6, style=style)
         for each in places
     ]
-    included = ["yes" if each.with_model_error else "no: unknown" for each in places]
+    included = [model_error_text(each.with_model_error is not None) for each in places]
     return Table(
         [
             Column("", ["worst place", "stiffest place"], text=True),
             Column("place", [each.position for each in places], vector_formatter(".0f", 1e3), "mm"),
             posture,
             Column("deflection", deflections, show_cell, "µm"),
-            Column("interval includes the model error", included),
+            Column("model error", included),
             Column("compliance along", [each.compliance_along for each in places], micro, "µm/N"),
             Column("compliance across", [each.compliance_across for each in places], micro, "µm/N"),
         ],

@@ -15,7 +15,13 @@ from jointstiff.schemas.process import (
 )
 from jointstiff.service.kinds.kind import Kind, list_table_files
 from jointstiff.service.kinds.program.kind import CONTENT, make_points_sheet
-from jointstiff.service.tables.estimate import ShownEstimate, show_cell, show_estimate, style_for
+from jointstiff.service.tables.estimate import (
+    ShownEstimate,
+    model_error_text,
+    show_cell,
+    show_estimate,
+    style_for,
+)
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import (
     NO_NUMBER,
@@ -166,18 +172,18 @@ def _deflection_table(result: ProcessResult, title: str, confidence: float) -> T
     return Table(
         [Column("deflection", list(rows), text=True), *_band_columns([*rows.values()], style)],
         title=title,
-        caption=f"intervals at {100 * confidence:g} %",
+        caption=f"in brackets: {100 * confidence:g} % interval by readings, forces and model error",
     )
 
 
 def _band_columns(bands: list[DeflectionBand | None], style: Style) -> list[Column]:
-    """Return columns of values with their intervals, in µm, and of the errors that the intervals include.
+    """Return columns of values with their intervals, in µm, and whether these include the model error.
 
     `style` is that of the values.
     """
     return [
         Column("value", [_show_band(band, style) for band in bands], show_cell, "µm"),
-        Column("interval includes", bands, _name_errors, text=True),
+        Column("model error", bands, _describe_model_error, text=True),
     ]
 
 
@@ -195,11 +201,11 @@ def _show_band(band: DeflectionBand | None, style: Style) -> ShownEstimate:
     return show_estimate(value, None if interval is None else ends, 1e6, style=style)
 
 
-def _name_errors(band: DeflectionBand) -> str:
-    """Return the errors that the interval of a deflection includes; a dash without an interval."""
-    if band.with_model_error is not None:
-        return "readings, forces, model error"
-    return "readings, forces; the model error is unknown" if band.readings is not None else NO_NUMBER
+def _describe_model_error(band: DeflectionBand) -> str:
+    """Return whether the interval of a deflection includes the model error; a dash without an interval."""
+    if band.with_model_error is None and band.readings is None:
+        return NO_NUMBER
+    return model_error_text(band.with_model_error is not None)
 
 
 def _place_parts(result: ProcessResult) -> list[Part]:

@@ -9,14 +9,19 @@ from typing import TYPE_CHECKING, Any, Final
 from jointstiff.schemas.program import (
     Program,
     ProgramOptions,
-    ProgramPoint,
     ProgramRequest,
     ProgramResult,
     Spread,
     SpreadEnds,
 )
 from jointstiff.service.kinds.kind import Kind, list_table_files
-from jointstiff.service.tables.estimate import ShownEstimate, show_cell, show_estimate, style_for
+from jointstiff.service.tables.estimate import (
+    ShownEstimate,
+    model_error_text,
+    show_cell,
+    show_estimate,
+    style_for,
+)
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import (
     Chart,
@@ -96,13 +101,12 @@ def _make_report(_job: Program, result: ProgramResult, _view: View) -> Report:
 def _distances_table(result: ProgramResult) -> Table:
     """Return a table of quantiles of the loaded tool's distance from its target, and of the corrections.
 
-    Each quantile has its interval. The names of the rows say whether the intervals include the model error.
+    Each quantile has its interval; the last column says whether the intervals include the model error.
     """
     confidence, style = f"{100 * result.confidence:g} %", style_for(result.assessment.verdict)
-    source = "with model error" if result.with_model_error else "the model error is unknown"
     rows = {
-        f"without correction ({source})": (result.deflection, result.deflection_ends),
-        f"predicted, as written ({source})": (result.residual, result.residual_ends),
+        "without correction": (result.deflection, result.deflection_ends),
+        "predicted, as written": (result.residual, result.residual_ends),
     }
     quantiles = {"median": "median", "95 % of the points": "p95", "greatest": "greatest"}
     columns = [
@@ -110,7 +114,11 @@ def _distances_table(result: ProgramResult) -> Table:
         for title, name in quantiles.items()
     ]
     return Table(
-        [Column("quantity", list(rows), text=True), *columns],
+        [
+            Column("quantity", list(rows), text=True),
+            *columns,
+            Column("model error", [model_error_text(result.with_model_error)] * len(rows), text=True),
+        ],
         title="Distance of the loaded tool from its target, mm",
         caption=f"in brackets: {confidence} interval",
     )
@@ -154,7 +162,8 @@ def _worst_table(result: ProgramResult) -> Table:
         )
         for point in points
     ]
-    remarks = [_describe_point(point) for point in points]
+    included = [model_error_text(point.interval_with_model_error is not None) for point in points]
+    remarks = ["capped" if point.capped else "" for point in points]
     return Table(
         [
             Column("point", [point.number for point in points]),
@@ -162,19 +171,12 @@ def _worst_table(result: ProgramResult) -> Table:
             Column("line", [point.line for point in points]),
             Column("before", before, show_cell, "mm"),
             Column("after", after, show_cell, "mm"),
+            Column("model error", included, text=True),
             *([Column("", remarks, text=True)] if any(remarks) else []),
         ],
         title="Worst points",
         caption=f"distance from the target, with its {100 * result.confidence:g} % interval",
     )
-
-
-def _describe_point(point: ProgramPoint) -> str:
-    """Return remarks on a point: limits reduced its correction, or its model error is unknown."""
-    remarks = ["capped"] if point.capped else []
-    if point.interval_with_model_error is None:
-        remarks.append("model error unknown")
-    return ", ".join(remarks)
 
 
 def make_charts(result: ProgramResult) -> list[Chart]:

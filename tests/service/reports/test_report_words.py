@@ -216,7 +216,7 @@ def test_the_tables_of_a_run_have_its_lines_and_its_evidence(laboratory, weighed
     assert (answer["assessment"]["verdict"], answer["assessment"]["joints_identified"]) == ("use", 5)
     (table,) = answer["tables"]
     assert table["title"] == "Joint stiffness, partial pose, covariance weights, compliance ≥ 0"
-    assert table["caption"] == "stiffness, its standard uncertainty and interval in 10⁶ N·m/rad"
+    assert table["caption"] == "stiffness and its interval in 10⁶ N·m/rad"
     assert table["legend"] == f"{table['title']}; {table['caption']}"
     assert table["head"] == ["joint", "stiffness", "std. uncertainty", "95 % interval", "verdict"]
     assert table["rows"][0] == ["joint_1", "—", "—", "—", "not observable"]
