@@ -296,7 +296,8 @@ def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
     rows = []
     for case in cases:
         cells = [show_component(case, axis, per_newton).cell.text for axis in range(3)]
-        rows.append([case.label, *cells, model_error_text(case.with_model_error is not None)])
+        known = None if case.displacement is None else model_error_text(case.with_model_error is not None)
+        rows.append([case.label, *cells, known or NO_NUMBER])
     if rows:
         head = [
             "force along",

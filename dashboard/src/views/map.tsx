@@ -319,7 +319,10 @@ function Numbers({ place, map }: { place: maps.MapPlace; map: WorkMap }) {
       label: words.quantities.deflection,
       value: <Estimate of={{ ...deflection, unusable }} unit={micrometre} />,
     },
-    { label: later.estimate.inBrackets, value: later.estimate.source(level, withModel) },
+    {
+      label: later.estimate.inBrackets,
+      value: <span class="brackets">{later.estimate.source(level, withModel)}</span>,
+    },
     {
       label: words.displacement,
       value: `${place.displacement.map((v) => significant(v * 1e6, 3)).join(", ")} ${micrometre}`,
@@ -503,7 +506,10 @@ function PathFacts({ point, level, unusable }: PathFactsProps) {
       facts={[
         { label: text.assessment.before, value: shown(point.deflection, point.interval) },
         { label: programWords.after, value: shown(point.residual, point.residualInterval) },
-        { label: later.estimate.inBrackets, value: later.estimate.source(level, point.withModelError) },
+        {
+          label: later.estimate.inBrackets,
+          value: <span class="brackets">{later.estimate.source(level, point.withModelError)}</span>,
+        },
       ]}
     />
   );

@@ -203,7 +203,10 @@ function PointFacts({ point, stages, confidence, unusable }: PointFactsProps) {
           label: words.stageLong[stage],
           value: <Estimate of={shown(stage)} unit={micrometre} />,
         })),
-        { label: later.estimate.inBrackets, value: later.estimate.source(percent(confidence), point.withModelError) },
+        {
+          label: later.estimate.inBrackets,
+          value: <span class="brackets">{later.estimate.source(percent(confidence), point.withModelError)}</span>,
+        },
       ]}
     />
   );

@@ -186,7 +186,10 @@ export function Answer({ answer, run }: { answer: DeflectionResult; run?: Run })
               label: words.along("xyz"[i] ?? ""),
               value: micro(value, (model?.displacement ?? readings)?.[i] ?? null),
             })),
-            { label: later.estimate.inBrackets, value: later.estimate.source(percent(confidence), model !== null) },
+            {
+              label: later.estimate.inBrackets,
+              value: <span class="brackets">{later.estimate.source(percent(confidence), model !== null)}</span>,
+            },
           ]}
         />
       )}

@@ -88,7 +88,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
             "mistake_exchanged",
             [
                 "Do not use: 2 reasons the work of the load on the joints is -32.5 J",
-                "│ joint_1 │ rigid │ — │ — │ at bound │",
+                "│ joint_1 │ — │ — │ at bound │",
                 "joint_1, joint_2, joint_3, joint_4, joint_5, joint_6: these readings cannot distinguish "
                 "the joint from a rigid joint",
                 "explains 0.0 % of the mean deflection, residual 1.45 mm rms",
@@ -100,8 +100,8 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
             "mistake_swap",
             [
                 "Do not use: 1 reason",
-                "│ joint_4 │ 0.813 │ 0.397 … 1.420 │ do not use │",
-                "│ joint_6 │ rigid │ — │ — │ at bound │",
+                "│ joint_4 │ 0.81 │ 0.40 … 1.42 │ do not use │",
+                "│ joint_6 │ — │ — │ at bound │",
                 "joint_6: these readings cannot distinguish the joint from a rigid joint",
                 "explains 59.6 % of the mean deflection, residual 594 µm rms",
             ],
@@ -122,7 +122,8 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
                 "│ joint_4 │ 0.471 │ 0.388 … 0.600 │ roughly known │",
                 "explains 96.7 % of the mean deflection, residual 41.5 µm rms (3-D), sigma of a reading 20 "
                 "µm (given)",
-                "To do 1. joint_4: 1200 N along (-1.00, 0.00, 0.00) in posture c005: u 11 % → 10 %",
+                "To do 1. joint_4: 1200 N along (-1.00, 0.00, 0.00) in posture c005: the interval ± "
+                "21 % becomes ± 20 %",
             ],
         ),
         (
@@ -138,11 +139,11 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
             [
                 "Use 5 of 6 joints: no number of the other joints passed the checks",
                 "│ joint_3 │ 4.129 │ 3.939 … 4.318 │ well determined │",
-                "│ joint_4 │ rigid │ — │ > 8.07 │ at bound │",
+                "│ joint_4 │ > 8.07 │ one-sided │ at bound │",
                 "joint_4: stiffer than 8.07 · 10⁶ N·m/rad at 95 %: these readings cannot distinguish the "
                 "joint from a rigid joint",
-                "To do 1. joint_4: 1200 N along (1.00, 0.00, 0.00) in posture c005: u(c) becomes 0.14 "
-                "µrad/(N·m)",
+                "To do 1. joint_4: 1200 N along (1.00, 0.00, 0.00) in posture c005: the interval "
+                "becomes ± 0.28 µrad/(N·m)",
             ],
         ),
         (
