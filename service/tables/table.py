@@ -315,10 +315,3 @@ def number_formatter(format_spec: str, scale: float = 1.0) -> Show:
 def vector_formatter(format_spec: str, scale: float = 1.0, between: str = "  ") -> Show:
     """Return a function that formats the components of a vector times a scale."""
     return lambda values: between.join(figure(scale * value, format_spec) for value in values)
-
-
-def interval_formatter(format_spec: str, scale: float = 1.0, between: str = " to ") -> Show:
-    """Return a function that formats the two ends of an interval times a scale; None means no limit."""
-    return lambda interval: between.join(
-        "no limit" if end is None else figure(scale * end, format_spec) for end in interval
-    )

@@ -1,12 +1,13 @@
 """Estimates on the page: one form everywhere, and grey where a number must not be used."""
 
 import re
+from dataclasses import fields
 from functools import partial
 
 import pytest
 from playwright.sync_api import expect
 from support.api import made, post
-from support.browsing import VIEWS, campaign
+from support.browsing import VIEWS, Stored, campaign
 
 STANDARD_UNCERTAINTY = re.compile(r"(?:^|[\s(])u\s?(?:=|\d)|std\. uncertainty|\d\(\d\d\)|\bU,", re.MULTILINE)
 """Ways to write a standard uncertainty, or an expanded one by its letter."""
@@ -25,7 +26,11 @@ def refuted(api, stored):
     return run
 
 
-@pytest.mark.parametrize("view", VIEWS)
+STORED = {field.name for field in fields(Stored)}
+"""Names of what is stored for all tests of the page."""
+
+
+@pytest.mark.parametrize("view", [view for view in VIEWS if set(re.findall(r"{(\w+)}", view)) <= STORED])
 def test_no_view_shows_a_standard_uncertainty(visit, stored, view):
     visited = visit("desktop", view=view.format(**vars(stored)))
     visited.settle()
@@ -35,7 +40,7 @@ def test_no_view_shows_a_standard_uncertainty(visit, stored, view):
 @pytest.mark.parametrize("view", ["#/runs/{run}", "#/compare/runs?ids={run},{other}"])
 def test_a_number_that_must_not_be_used_is_never_bold_and_has_its_interval(visit, stored, refuted, view):
     visited = visit("desktop", view=view.format(run=refuted, other=stored.run))
-    unusable = visited.page.locator(".estimate.unusable")
+    unusable = visited.page.locator(".estimate.unusable").filter(has_text=re.compile(r"\d"))
     expect(unusable).to_have_count(6)
     weights = unusable.evaluate_all(
         """(numbers) => numbers.flatMap((number) => [number, ...number.querySelectorAll("*")])

@@ -57,7 +57,7 @@ def folder(tmp_path_factory):
                 "uncertainty from readings (type B): ± 0.72 to 10 % of a compliance",
                 "uncertainty from scale of the force, 1 % assumed (type B): ± 0.065 to 2.2 % of a compliance",
                 "uncertainty from load point, 10 mm assumed (type B): ± 0.33 to 4.8 % of a compliance",
-                "uncertainty from model error (type A, not in the intervals): ± 0.75 to 8.8 % of a compliance",
+                "uncertainty from model error (type A, not in the intervals): ± 0.75 to 8.8 %",
                 "complementary stiffness included (16 refits); it changes a compliance by at most 0.41 std. "
                 "uncertainties (K_c/k at most 0.0044)",
                 "causes tested with the joints, p-value: play 0.6, curved springs 0.6, load zero 0.7",
