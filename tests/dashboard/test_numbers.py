@@ -50,7 +50,7 @@ def test_a_number_that_must_not_be_used_is_never_bold_and_has_its_interval(visit
     with_intervals = unusable.evaluate_all(
         """(numbers) => numbers.map((number) => (number.closest(".with-range, [role=row]")).textContent)"""
     )
-    assert all(re.search(r"\d[\d.\u202f]* ?\s… [\d.\u202f]+", each) for each in with_intervals)
+    assert all(re.search(r"\d\s…\s\d", each) for each in with_intervals)
 
 
 @pytest.mark.parametrize(
