@@ -301,6 +301,13 @@ class Spread(Message):
     greatest: float
 
 
+class SpreadEnds(Message):
+    """Spreads of the lower and of the upper ends of the intervals of the points under load."""
+
+    low: Spread
+    high: Spread
+
+
 class ProgramPoint(Message):
     """One target under load."""
 
@@ -326,6 +333,14 @@ class ProgramPoint(Message):
     )
     residual: Metres[float] = Field(description="Predicted distance of the loaded tool from its target.")
     residual_rotation: Radians[float]
+    residual_interval: Metres[Interval | None] = Field(
+        default=None,
+        description="Interval of the remaining distance from the errors of the readings.",
+    )
+    residual_interval_with_model_error: Metres[Interval | None] = Field(
+        default=None,
+        description="Interval of the remaining distance with model error; null without a bound.",
+    )
     rounding: Metres[float] = Field(
         description="Part of `residual` due to the rounding of numbers in the program."
     )
@@ -352,6 +367,16 @@ class ProgramResult(FromRun):
     correction: Metres[Spread | None] = Field(description="Displacement of targets by the correction.")
     residual: Metres[Spread | None] = Field(
         description="Distance of the tool from its target with the compensated program."
+    )
+    deflection_ends: Metres[SpreadEnds | None] = Field(
+        default=None, description="Ends of the intervals of `deflection`; null if unknown."
+    )
+    residual_ends: Metres[SpreadEnds | None] = Field(
+        default=None, description="Ends of the intervals of `residual`; null if unknown."
+    )
+    with_model_error: StrictBool = Field(
+        default=False,
+        description="True if these intervals include the model error; false if it has no bound.",
     )
     rounding: Metres[Spread | None] = Field(
         description="Part of `residual` due to the rounding of numbers in the program."

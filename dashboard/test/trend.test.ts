@@ -15,9 +15,9 @@ const joint = (part: Partial<TrendJoint>): TrendJoint => ({
 describe("a trend", () => {
   it("shows a change with the digits that its uncertainty allows", () => {
     expect(changeText({ value: -0.1034, standard_uncertainty: 0.0123 })).toBe(
-      "\u221210.3\u00a0% (u\u00a0=\u00a01.2\u00a0%)",
+      "\u221210.3\u00a0% (\u221212.8\u00a0…\u00a0\u22127.9\u00a0%)",
     );
-    expect(changeText({ value: 0.02, standard_uncertainty: 0.31 })).toBe("+2\u00a0% (u\u00a0=\u00a031\u00a0%)");
+    expect(changeText({ value: 0.02, standard_uncertainty: 0.31 })).toBe("+2\u00a0% (\u221259\u00a0…\u00a063\u00a0%)");
   });
 
   it("puts joints that changed first, then the change that is largest against its uncertainty", () => {

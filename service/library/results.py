@@ -24,6 +24,7 @@ from jointstiff.service.kinds import verb
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.library.campaigns import Campaign
+from jointstiff.service.tables.estimate import percent_text
 from jointstiff.service.tables.files import make_data_frame, write_sheet, xlsx_bytes
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
 from jointstiff.service.tables.table import NO_NUMBER, Chart, Line, Part, Sheet, build_text_table
@@ -634,13 +635,7 @@ class RobotTrend(Presented, Trend):
         )
         rows = []
         for joint in self.joints:
-            change_text = NO_NUMBER
-            if (change := joint.change) is not None:
-                uncertainty = change.standard_uncertainty
-                uncertainty_text = (
-                    "" if uncertainty is None else f" (u = {figure(100 * uncertainty, '.2g')} %)"
-                )
-                change_text = f"{figure(100 * change.value, '.2g')} %{uncertainty_text}"
+            change_text = NO_NUMBER if joint.change is None else percent_text(joint.change)
             p_value = NO_NUMBER if joint.p_value is None else figure(joint.p_value, ".2g")
             rows.append([joint.name, "changed" if joint.changed else "", change_text, p_value])
         lines = [

@@ -17,8 +17,9 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.run.work import RunWork, prepare_identification
 from jointstiff.service.live.sources import draw_plausible_stiffness
 from jointstiff.service.resources.inputs import InMemoryInputs
+from jointstiff.service.tables.estimate import estimate_columns
 from jointstiff.service.tables.stiffness import StiffnessUnit
-from jointstiff.service.tables.table import NO_NUMBER, Table, build_text_table
+from jointstiff.service.tables.table import Column, Table, as_line
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -166,29 +167,17 @@ def make_planted_table(
         planted_by: source of the planted stiffnesses, in words.
         unit: unit of the stiffnesses in the table.
     """
-    rows = []
-    for joint in joints:
-        own = unit.for_kind(joint.kind)
-
-        def show(stiffness: float | None, missing: str, own: StiffnessUnit = own) -> str:
-            """Format a stiffness [N·m/rad or N/m] in the unit of the joint, or as its compliance."""
-            if stiffness is None:
-                return missing
-            return figure(own.factor / stiffness if own.is_compliance else own.factor * stiffness, ".4g")
-
-        end_texts = [show(end, "0" if own.is_compliance else "no limit") for end in joint.interval or ()]
-        rows.append(
-            [
-                joint.name,
-                show(joint.planted, NO_NUMBER),
-                show(joint.found, NO_NUMBER),
-                " … ".join(end_texts[::-1] if own.is_compliance else end_texts) or NO_NUMBER,
-                NO_NUMBER if joint.half_width is None else f"± {100 * joint.half_width:.2g} %",
-            ]
-        )
-    column_titles = ["joint", "planted", "found", f"{100 * confidence:g} % interval", "half-width"]
+    planted = [unit.show_stiffness(joint.planted, None, joint.kind).value_cell for joint in joints]
+    found = [unit.show_stiffness(joint.found, joint.interval, joint.kind) for joint in joints]
     label, name = unit.label_of(joints), "compliances" if unit.is_compliance else "stiffnesses"
-    return build_text_table(column_titles, rows, caption=f"{name} in {label}; planted by {planted_by}")
+    return Table(
+        [
+            Column("joint", [joint.name for joint in joints], text=True),
+            Column("planted", planted, as_line),
+            *estimate_columns("found", found, confidence),
+        ],
+        caption=f"{name} in {label}; planted by {planted_by}",
+    )
 
 
 def add_planned_readings(campaign: Campaign, plan: PlanResult, robot: Robot) -> Campaign:

@@ -103,9 +103,9 @@ class ExportedModel:
         verdict = f"verdict: {VERDICTS[joint.verdict]}"
         if positive_stiffness(joint) is None:
             return f"{joint.name}: no stiffness: {explain_missing_stiffness(joint)}; {verdict}"
-        value, _, interval = _UNIT.cells(joint)
-        level = f"{100 * self.run.request.confidence:g} % interval {interval}"
-        number = value if joint.kind == "prismatic" else f"{value} · {_UNIT.label}"
+        shown = _UNIT.show_joint(joint)
+        level = f"{100 * self.run.request.confidence:g} % interval {shown.interval}"
+        number = f"{shown.value} {shown.unit}" if shown.unit else f"{shown.value} · {_UNIT.label}"
         return f"{joint.name}: {number} ({level}); {verdict}"
 
 

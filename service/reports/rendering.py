@@ -11,13 +11,12 @@ from dataclasses import asdict, replace
 from datetime import UTC
 from functools import cache
 from html import escape
-from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.service.reports.document import TO_SIGN, Document, Letterhead, Section
-from jointstiff.service.tables.table import Table
+from jointstiff.service.tables.table import Line, Table
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ h1 { margin: 0.6rem 0 0; } header p { overflow-wrap: anywhere; }
 h2 { font-size: 1.1rem; margin: 1.6rem 0 0.5rem; }
 table { border-collapse: collapse; margin: 0.5rem 0; font-size: 0.9rem; } .wide { overflow-x: auto; }
 th, td { text-align: right; padding: 2px 8px; border-bottom: 1px solid #ccc; vertical-align: top; }
-th { border-bottom-color: #222; } .text, caption { text-align: left; }
+th { border-bottom-color: #222; } .text, caption { text-align: left; } .dim { color: #767676; }
 caption, figcaption, dt, .end { color: #5a5a5a; }
 dl { display: grid; grid-template-columns: minmax(0, 16rem) minmax(50%, 1fr); gap: 2px 1rem; }
 dd { margin: 0; white-space: pre-line; overflow-wrap: anywhere; }
@@ -99,18 +98,20 @@ def _table_html(table: Table) -> str:
     """Return the HTML of a table; columns of texts are aligned to the left."""
     text_columns = table.text_columns()
 
-    def row_html(cells: Iterable[str], tag: str) -> str:
+    def row_html(cells: Iterable[Line], tag: str) -> str:
         """Return the HTML of a row whose cells have the tag `td` or `th`."""
-        classes = (' class="text"' if column in text_columns else "" for column in count())
-        row_cells = (
-            f"<{tag}{css_class}>{escape(cell)}</{tag}>"
-            for css_class, cell in zip(classes, cells, strict=False)
-        )
+        row_cells = []
+        for column, cell in enumerate(cells):
+            classes = ["text"] if column in text_columns else []
+            classes += ["dim"] if cell.style == "dim" else []
+            css_class = f' class="{" ".join(classes)}"' if classes else ""
+            row_cells.append(f"<{tag}{css_class}>{escape(cell.text)}</{tag}>")
         return f"<tr>{''.join(row_cells)}</tr>"
 
     caption = f"<caption>{escape(table.legend)}</caption>" if table.legend else ""
-    rows = "".join(row_html((cell.text for cell in cells), "td") for cells in table.rows())
-    body = f"{caption}<thead>{row_html(table.head(), 'th')}</thead><tbody>{rows}</tbody>"
+    rows = "".join(row_html(cells, "td") for cells in table.rows())
+    head = row_html(map(Line, table.head()), "th")
+    body = f"{caption}<thead>{head}</thead><tbody>{rows}</tbody>"
     return f'<div class="wide"><table>{body}</table></div>'
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jointstiff.schemas.deflection import CaseResult, DeflectionOptions, LoadCase
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise
 from jointstiff.schemas.report import Laboratory
-from jointstiff.schemas.run import Budget, Goodness, RunResult, WeightResult
+from jointstiff.schemas.run import Budget, Goodness, JointResult, RunResult, WeightResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.run.kind import format_tested_causes
@@ -35,8 +35,9 @@ from jointstiff.service.reports.document import (
 from jointstiff.service.reports.exports import ExportedModel, explain_missing_stiffness, write_joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.pictures import draw_arm, draw_deflections, draw_intervals
-from jointstiff.service.runs.deflection import predict_by_run
+from jointstiff.service.runs.deflection import predict_by_run, show_component
 from jointstiff.service.runs.verdicts import refuse_unaccepted
+from jointstiff.service.tables.estimate import estimate_columns, model_error_text
 from jointstiff.service.tables.report import (
     METHOD_NAMES,
     VERDICTS,
@@ -44,7 +45,7 @@ from jointstiff.service.tables.report import (
     list_request_fields,
 )
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.table import NO_NUMBER, build_text_table, format_rounded
+from jointstiff.service.tables.table import NO_NUMBER, Column, Table, build_text_table, format_rounded
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
 from jointstiff.solver.text import figure, length_text
@@ -202,30 +203,16 @@ def _repeatability_facts(goodness: Goodness) -> list[tuple[str, str]]:
 
 
 def build_results_section(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
-    """Return the section with stiffness, uncertainty and interval of each joint, and with pictures."""
-    result, budget = model.result, model.result.budget
-    level, unit = f"{100 * model.run.request.confidence:g} % interval", f"[{_UNIT.label}]"
-    factor = (
-        ""
-        if budget is None
-        else f", k = {figure(_coverage_factor(budget))}{', partial' * bool(budget.missing)}"
+    """Return the section with the stiffness of each joint and its interval, and with pictures."""
+    result = model.result
+    estimates = [_UNIT.show_joint(joint) for joint in result.joints]
+    joints = Table(
+        [
+            Column("joint", [joint.name for joint in result.joints], text=True),
+            *estimate_columns("stiffness", estimates, model.run.request.confidence, _UNIT.label),
+            Column("verdict", result.joints, _name_verdict, text=True),
+        ]
     )
-    expanded_header = f"expanded uncertainty {unit}{factor}"
-    quantities = [f"stiffness {unit}", f"standard uncertainty {unit}", expanded_header, f"{level} {unit}"]
-    head = ["joint", *quantities, "verdict"]
-    rows = []
-    for joint, expanded_entry in zip(result.joints, iterate_expanded_uncertainties(model), strict=True):
-        value, standard, interval = _UNIT.cells(joint)
-        expanded = NO_NUMBER
-        if expanded_entry is not None:
-            expanded_uncertainty, coverage_factor, _ = expanded_entry
-            standard, expanded = (
-                format_rounded(_UNIT.factor * uncertainty, _UNIT.factor * uncertainty)
-                for uncertainty in (expanded_uncertainty / coverage_factor, expanded_uncertainty)
-            )
-        identified = joint.status == "identified"
-        verdict = VERDICTS[joint.verdict] if identified else joint.status.replace("_", " ")
-        rows.append([joint.name, value, standard, expanded, interval, verdict])
     sigma = NO_NUMBER
     if result.sigma is not None:
         sigma = f"{format_rounded(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
@@ -237,7 +224,7 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
     ]
     return Section(
         RESULTS,
-        tables=[build_text_table(head, rows, left_aligned=[0, 5])],
+        tables=[joints],
         notes=[
             f"{joint.name}: no number: {explain_missing_stiffness(joint)}."
             for joint in result.joints
@@ -251,6 +238,11 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
         ],
         pictures=[picture for picture in pictures if picture is not None],
     )
+
+
+def _name_verdict(joint: JointResult) -> str:
+    """Return the verdict on a joint in words; of a joint that is not identified, its status."""
+    return VERDICTS[joint.verdict] if joint.status == "identified" else joint.status.replace("_", " ")
 
 
 def iterate_expanded_uncertainties(model: ExportedModel) -> Iterator[tuple[float, float, float] | None]:
@@ -303,29 +295,20 @@ def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
     cases, per_newton = predict_flange_compliance(subject), 1e3 / PREDICTED_FORCE
     rows = []
     for case in cases:
-        displacement = case.displacement or (None, None, None)
-        u = None if case.budget is None else per_newton * case.budget.expanded_with_model_error
-        rows.append(
-            [
-                case.label,
-                *(
-                    NO_NUMBER if each is None else format_rounded(per_newton * each, u, ".3g")
-                    for each in displacement
-                ),
-                NO_NUMBER if u is None else format_rounded(u, u),
-            ]
-        )
+        cells = [show_component(case, axis, per_newton).cell.text for axis in range(3)]
+        known = None if case.displacement is None else model_error_text(case.with_model_error is not None)
+        rows.append([case.label, *cells, known or NO_NUMBER])
     if rows:
         head = [
             "force along",
             *(f"predicted displacement along {axis} [mm/N]" for axis in _AXES),
-            "expanded uncertainty of the displacement's length [mm/N]",
+            "model error",
         ]
         remarks = dict.fromkeys(remark for case in cases for remark in case.remarks)
         yield Section(
             PREDICTED,
             paragraphs=[describe_prediction(subject)],
-            tables=[build_text_table(head, rows)],
+            tables=[build_text_table(head, rows, "in brackets: 95 % interval")],
             notes=list(remarks),
         )
 
@@ -360,7 +343,7 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
             ],
         )
     factor = _coverage_factor(budget)
-    rows = _make_budget_rows(budget, model.result)
+    rows = [*_make_budget_rows(budget, model.result), _make_expanded_row(model, budget)]
     missing = "".join(f"The budget is partial: {_MISSING[source]}. " for source in budget.missing)
     caption = "Contributions to the standard uncertainty of each compliance [% of the compliance]"
     return Section(
@@ -372,9 +355,9 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
             f"corresponds to a coverage probability of approximately {format_percent(budget.probability)} "
             "(JCGM 100:2008, EA-4/02). The relative uncertainty of a stiffness is that of its compliance. "
             f"{missing}{_describe_correlation(budget)}",
-            "The interval of a joint differs from y ± U: the interval contains all stiffnesses that the "
-            "likelihood of the readings does not exclude, can be asymmetric, and omits the sources that "
-            "are not included above.",
+            "The interval of a joint in the results differs from y ± U: the interval contains all "
+            "stiffnesses that the likelihood of the readings does not exclude, can be asymmetric, and "
+            "omits the sources that are not included above.",
         ],
     )
 
@@ -432,6 +415,14 @@ def _make_budget_rows(budget: Budget, result: RunResult) -> list[list[str]]:
             f"expanded, all sources, k = {figure(printed_factor)}", "", [printed_factor * u for u in combined]
         ),
     ]
+
+
+def _make_expanded_row(model: ExportedModel, budget: Budget) -> list[str]:
+    """Return the row with the expanded uncertainty of each stiffness in the budget, in the report's unit."""
+    by_joint = zip(model.result.joints, iterate_expanded_uncertainties(model), strict=True)
+    sizes = {joint.name: None if entry is None else _UNIT.factor * entry[0] for joint, entry in by_joint}
+    cells = [format_rounded(sizes[name], sizes[name]) for name in budget.joints]
+    return [f"expanded, of the stiffness [{_UNIT.label}]", "", *cells]
 
 
 def _describe_correlation(budget: Budget) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import hypot
 from typing import Any, Final, TypeVar
 
@@ -32,6 +33,14 @@ from jointstiff.service.runs.verdicts import (
     find_missing_numbers,
     moment_factor,
 )
+from jointstiff.service.tables.estimate import (
+    ShownEstimate,
+    model_error_text,
+    normal_quantile,
+    show_cell,
+    show_estimate,
+    style_for,
+)
 from jointstiff.service.tables.files import csv_text, split_table_rows
 from jointstiff.service.tables.report import verdict_lines, with_overall_verdict
 from jointstiff.service.tables.table import (
@@ -42,7 +51,6 @@ from jointstiff.service.tables.table import (
     Part,
     Sheet,
     Table,
-    number_formatter,
 )
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
@@ -375,43 +383,59 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
 
 def describe_predictions(result: DeflectionResult) -> list[Part]:
     """Lay out predictions for people: verdict, table with a row for each case (mm, N/mm), and remarks."""
-    percent, cases = f"{100 * result.confidence:g} %", result.cases
-    along_direction = [case.compliance and case.compliance.along for case in cases]
-    bounds = [case.with_model_error and case.with_model_error.radius for case in cases]
+    cases, style = result.cases, style_for(result.assessment.verdict)
     components = [
-        Column(f"{axis} ± U", [_component_with_interval(case, index) for case in cases], unit="mm")
-        for index, axis in enumerate("xyz")
+        Column(axis, [replace(show_component(case, i), style=style) for case in cases], show_cell, "mm")
+        for i, axis in enumerate("xyz")
     ]
+    stiffnesses = [replace(_show_stiffness(case, result.confidence), style=style) for case in cases]
+    included = [
+        NO_NUMBER if case.displacement is None else model_error_text(case.with_model_error is not None)
+        for case in cases
+    ]
+    is_same = len(set(included)) == 1
+    source = f"model error {included[0]}" if is_same else "with the model error where it is known"
     table = Table(
         [
             Column("case", [case.label for case in cases], text=True),
             *components,
-            Column("model error", bounds, number_formatter(".3f", 1e3), "mm"),
-            Column(
-                "stiffness",
-                [stiffness and stiffness.lateral_free for stiffness in along_direction],
-                number_formatter(".0f", 1e-3),
-                "N/mm",
-            ),
+            *([] if is_same else [Column("model error", included)]),
+            Column("stiffness", stiffnesses, show_cell, "N/mm"),
         ],
-        title="Deflections in R0; U does not include the model error",
-        caption=f"U: expanded uncertainty from readings, loads and places; U and model error at {percent}; "
-        "stiffness along the force, free to move sideways",
+        title="Deflections in R0",
+        caption=f"in brackets: {100 * result.confidence:g} % interval, {source}; stiffness along the force",
         plain=True,
     )
     remarks = [Line(f"{case.label}: {'; '.join(case.remarks)}") for case in cases if case.remarks]
     return [*verdict_lines(result.assessment, details=False), table, *remarks]
 
 
-def _component_with_interval(case: CaseResult, axis: int) -> str:
-    """Return a component of the displacement, with the half-width of its interval, as text in mm."""
+def show_component(case: CaseResult, axis: int, scale: float = 1e3) -> ShownEstimate:
+    """Format a component of the displacement with its interval, in mm or times another scale."""
     if case.displacement is None:
-        return NO_NUMBER
-    half_width = ""
-    if case.readings_only is not None:
-        low, high = case.readings_only[axis]
-        half_width = f" ± {500 * (high - low):.3f}"  # 500 = 1000 / 2: half of the interval, in mm
-    return f"{1e3 * case.displacement[axis]:.3f}{half_width}"
+        return show_estimate(None, None)
+    bounds = case.with_model_error.displacement if case.with_model_error else case.readings_only
+    return show_estimate(
+        case.displacement[axis],
+        None if bounds is None else bounds[axis],
+        scale,
+        bare=".3g",
+        least=1e-3 * hypot(*case.displacement),
+    )
+
+
+def _show_stiffness(case: CaseResult, confidence: float) -> ShownEstimate:
+    """Format the stiffness along the force in N/mm, with its interval from the readings alone."""
+    along = None if case.compliance is None else case.compliance.along
+    if along is None or along.lateral_free is None:
+        return show_estimate(None, None)
+    if along.standard_uncertainty is None:
+        return show_estimate(along.lateral_free, None, 1e-3, bare=".3g")
+    factor = normal_quantile(confidence) if case.budget is None else case.budget.coverage_factor
+    half = factor * along.standard_uncertainty
+    least, greatest = along.compliance - half, along.compliance + half
+    ends = (1.0 / greatest, 1.0 / least if least > 0.0 else None)
+    return show_estimate(along.lateral_free, ends, 1e-3, bare=".3g")
 
 
 def prediction_sheet(result: DeflectionResult) -> Sheet:

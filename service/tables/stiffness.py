@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from math import radians
+from dataclasses import dataclass, replace
+from math import inf, isfinite, radians
 from types import MappingProxyType
 from typing import Final, Protocol
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.tables.table import NO_NUMBER, Line, format_concise, format_rounded
+from jointstiff.service.tables.estimate import NO_INTERVAL, Ends, ShownEstimate, show_estimate
+from jointstiff.service.tables.table import NO_NUMBER
 from jointstiff.solver.text import figure, round_down
+
+
+def _invert(compliance: float) -> float | None:
+    """Return 1 / c of a compliance c; None for a rigid joint."""
+    stiffness = 1.0 / compliance if compliance else inf
+    return stiffness if isfinite(stiffness) else None
 
 
 def lower_limit(joint: JointResult) -> float | None:
@@ -57,90 +64,98 @@ class StiffnessUnit:
         """Name of the quantity that has this unit."""
         return "compliance" if self.is_compliance else "stiffness"
 
-    def convert_compliance(self, compliance: float) -> float | None:
-        """Convert a compliance in SI units to this unit; None for a rigid joint (infinite stiffness)."""
-        if self.is_compliance:
-            return self.factor * compliance
-        return self.factor / compliance if compliance else None
+    def show_joint(self, joint: JointResult) -> ShownEstimate:
+        """Format a joint's number with its interval, in this unit; dimmed if the joint must not be used.
 
-    def uncertainty(self, joint: JointResult) -> float | None:
-        """Return the standard uncertainty of a joint's number in this unit; None if it is unknown.
-
-        The uncertainty of a stiffness k = 1/c follows from that of the compliance c to first order:
-        u(k) = u(c) k².
+        Where the stiffness has no upper limit, its one-sided lower limit takes the place of the number: the
+        limit is tighter than the lower end of the interval.
         """
-        if joint.standard_uncertainty is None:
-            return None
-        if self.is_compliance:
-            return self.factor * joint.standard_uncertainty
-        if joint.stiffness is None:
-            return None
-        return self.factor * joint.standard_uncertainty * joint.stiffness**2
-
-    def cells(self, joint: JointResult) -> tuple[str, str, str]:
-        """Return (value, standard uncertainty, interval) of a joint as texts, in this unit.
-
-        The value of a prismatic joint is followed by its unit, which differs from that of the column.
-        """
-        if (unit := self.for_kind(joint.kind)) is not self:
-            cells = unit.cells(joint)
-            return cells[0] if joint.compliance is None else f"{cells[0]} {unit.label}", cells[1], cells[2]
-        if joint.compliance is None:
-            return "—", "—", "—"
-        uncertainty = self.uncertainty(joint)
-        value = self.convert_compliance(joint.compliance)
-        return (
-            "rigid" if value is None else format_rounded(value, uncertainty),
-            "—" if uncertainty is None else format_rounded(uncertainty, uncertainty),
-            self._interval(joint, uncertainty),
+        is_refuted, compliance = joint.verdict == "do_not_use", joint.compliance
+        shown = self.show_compliance(compliance, joint.compliance_interval, joint.kind, lower_limit(joint))
+        interval = joint.compliance_interval
+        is_open = compliance == 0.0 or (interval is not None and interval[0] == 0.0)
+        if is_refuted and is_open:
+            # Neither the number nor the limit of a refuted model says anything.
+            return ShownEstimate(NO_NUMBER, style="dim")
+        is_negative = compliance is not None and compliance < 0.0
+        return replace(
+            shown, style="dim" if is_refuted or not shown.interval else "bad" if is_negative else ""
         )
 
-    def _interval(self, joint: JointResult, uncertainty: float | None) -> str:
-        """Return a joint's interval as text: `low … high`, a one-sided bound such as `> 3.1`, or a dash."""
-        interval = joint.compliance_interval if self.is_compliance else joint.stiffness_interval
-        if interval is not None and interval[1] is not None and joint.stiffness is not None:
-            lower, upper = (
-                format_rounded(self.factor * end, uncertainty) for end in (interval[0], interval[1])
-            )
-            return f"{lower} … {upper}"
-        # Without an upper end the one-sided bound is shown: it is tighter than the lower end of the interval.
-        if (lower_stiffness := lower_limit(joint)) is None:
-            return "—"
-        bound = round_down(lower_stiffness)
-        return (
-            f"< {figure(self.factor / bound, '.3g')}"
-            if self.is_compliance
-            else f"> {figure(self.factor * bound, '.3g')}"
-        )
+    def show_compliance(
+        self,
+        compliance: float | None,
+        interval: tuple[float, float] | None,
+        kind: JointKind = "revolute",
+        at_least: float | None = None,
+    ) -> ShownEstimate:
+        """Format a compliance in SI units with its interval, in this unit.
 
-    def format_concise(self, joint: JointResult) -> Line:
-        """Return a joint's value with its standard uncertainty in the last digits: 2.51(12) (GUM, 7.2.2)."""
-        if (unit := self.for_kind(joint.kind)) is not self:
-            line = unit.format_concise(joint)
-            return line if joint.compliance is None else Line(f"{line.text} {unit.label}", line.style)
-        value = None if joint.compliance is None else self.convert_compliance(joint.compliance)
-        if value is None:
-            return Line(NO_NUMBER if joint.compliance is None else "rigid", "dim")
-        return Line(format_concise(value, self.uncertainty(joint)), "bad" if value < 0 else "")
-
-    def format_compliance(self, compliance: float | None, kind: JointKind = "revolute") -> str:
-        """Format a compliance in SI units, whose uncertainty is unknown, in this unit."""
-        if compliance is None:
-            return "—"
+        Args:
+            compliance: the compliance; None if the readings do not determine the compliance.
+            interval: its lower and upper end; None if the uncertainty is unknown.
+            kind: kind of the joint.
+            at_least: lower limit of the stiffness at the full confidence, used if the interval reaches zero.
+        """
         if (unit := self.for_kind(kind)) is not self:
-            return f"{unit.format_compliance(compliance)} {unit.label}"
-        value = self.convert_compliance(compliance)
-        return "rigid" if value is None else figure(value, ".3g")
-
-    def format_compliance_interval(self, interval: tuple[float, float] | None) -> str:
-        """Format an interval of compliances in SI units; a lower end of 0 gives a stiffness without limit."""
-        if interval is None or interval[1] <= 0:
-            return "—"
+            shown = unit.show_compliance(compliance, interval, at_least=at_least)
+            return shown if compliance is None else replace(shown, unit=unit.label)
+        if compliance is None:
+            return ShownEstimate(NO_NUMBER, style="dim")
         if self.is_compliance:
-            return f"{figure(self.factor * interval[0], '.3g')} … {figure(self.factor * interval[1], '.3g')}"
-        return f"{figure(self.factor / interval[1], '.3g')} … " + (
-            f"{figure(self.factor / interval[0], '.3g')}" if interval[0] > 0 else "no limit"
-        )
+            shown = show_estimate(compliance, interval, self.factor)
+        else:
+            shown = self._show_stiffness(compliance, interval)
+        is_open = compliance == 0.0 or (interval is not None and interval[0] == 0.0)
+        if at_least is None or not is_open:
+            return shown
+        return replace(shown, limit=self._format_limit(at_least))
+
+    def show_stiffness(
+        self,
+        stiffness: float | None,
+        interval: Ends | None,
+        kind: JointKind = "revolute",
+        *,
+        may_be_used: bool = True,
+    ) -> ShownEstimate:
+        """Format a stiffness in SI units with its interval, in this unit; dimmed unless it may be used.
+
+        A stiffness without an upper limit is shown as its lower limit; without a limit, and if it is zero or
+        unknown, as a dash.
+        """
+        low, high = interval or (None, None)
+        if low is not None and high is None:
+            compliances = (0.0, 1.0 / low)
+            limit = low if may_be_used else None
+            shown = self.show_compliance(1.0 / stiffness if stiffness else 0.0, compliances, kind, limit)
+        else:
+            ends = None if low is None or high is None else (1.0 / high, 1.0 / low)
+            shown = self.show_compliance(1.0 / stiffness if stiffness else None, ends, kind)
+        return shown if may_be_used else replace(shown, style="dim")
+
+    def _show_stiffness(self, compliance: float, interval: tuple[float, float] | None) -> ShownEstimate:
+        """Format the stiffness that belongs to a compliance with its interval, both in SI units."""
+        stiffness = _invert(compliance)
+        if interval is None:
+            shown = show_estimate(stiffness, None, self.factor)
+            return shown if stiffness is not None else ShownEstimate("rigid", NO_INTERVAL)
+        ends = (_invert(interval[1]), _invert(interval[0]))
+        can_be_rigid_or_negative = interval[0] < 0.0 < interval[1]
+        if can_be_rigid_or_negative:
+            # The stiffness is outside of a range around zero, on either side.
+            ends = ends[::-1]
+        shown = show_estimate(inf if stiffness is None else stiffness, ends, self.factor)
+        if stiffness is None:
+            shown = replace(shown, value="rigid")
+        return replace(shown, interval=f"not {shown.interval}") if can_be_rigid_or_negative else shown
+
+    def _format_limit(self, at_least: float) -> str:
+        """Format the lower limit of a stiffness in SI units, or the upper limit of the compliance."""
+        bound = round_down(at_least)
+        if self.is_compliance:
+            return f"< {figure(self.factor / bound, '.3g')}"
+        return f"> {figure(self.factor * bound, '.3g')}"
 
 
 _PER_MICRON: Final = StiffnessUnit(1e-6, JOINT_UNITS["prismatic"].million_stiffness)

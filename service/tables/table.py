@@ -28,16 +28,6 @@ def format_rounded(value: float | None, uncertainty: float | None = None, bare: 
     return figure(round(value, decimals), f".{max(decimals, 0)}f")
 
 
-def format_concise(value: float, uncertainty: float | None, bare: str = ".4g") -> str:
-    """Format a value with its standard uncertainty in the last digits, such as `2.51(12)` (GUM, 7.2.2)."""
-    text = format_rounded(value, uncertainty, bare)
-    if not uncertainty or not isfinite(uncertainty):
-        return text
-    digits = format_rounded(uncertainty, uncertainty)
-    # An uncertainty below 1 is shown without its leading zeros and its decimal point.
-    return f"{text}({digits.lstrip('0.') or 0 if float(digits) < 1 else digits})"
-
-
 def format_percent(fraction: float | None) -> str:
     """Format a share between 0 and 1 in percent; a dash for None."""
     return NO_NUMBER if fraction is None else f"{100 * fraction:.1f} %"
@@ -114,10 +104,17 @@ class Table:
         return [index for index, column in enumerate(self.columns) if column.text]
 
     def shown(self) -> dict[str, object]:
-        """Return the table as a dictionary for JSON, with all cells as texts."""
-        rows = [[cell.text for cell in row] for row in self.rows()]
+        """Return the table as a dictionary for JSON: all cells as texts, and the places of dim cells."""
+        rows = self.rows()
         texts = {"title": self.title, "caption": self.caption, "legend": self.legend}
-        return {**texts, "head": self.head(), "rows": rows, "texts": self.text_columns()}
+        dim = [
+            (row, column)
+            for row, cells in enumerate(rows)
+            for column, cell in enumerate(cells)
+            if cell.style == "dim"
+        ]
+        cells = [[cell.text for cell in row] for row in rows]
+        return {**texts, "head": self.head(), "rows": cells, "texts": self.text_columns(), "dim": dim}
 
 
 @dataclass(frozen=True)
@@ -318,10 +315,3 @@ def number_formatter(format_spec: str, scale: float = 1.0) -> Show:
 def vector_formatter(format_spec: str, scale: float = 1.0, between: str = "  ") -> Show:
     """Return a function that formats the components of a vector times a scale."""
     return lambda values: between.join(figure(scale * value, format_spec) for value in values)
-
-
-def interval_formatter(format_spec: str, scale: float = 1.0, between: str = " to ") -> Show:
-    """Return a function that formats the two ends of an interval times a scale; None means no limit."""
-    return lambda interval: between.join(
-        "no limit" if end is None else figure(scale * end, format_spec) for end in interval
-    )

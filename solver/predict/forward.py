@@ -399,6 +399,9 @@ class Compensation:
     #: (m,) standard uncertainty of the deflection along itself, from the readings [m]; NaN if unknown
     uncertainty: FloatArray
     leverage: FloatArray  #: (m,) greatest standard uncertainty in any direction [m]; zero if unknown
+    #: (m,) root of the sum of the variances of the deflection along x, y and z, from the readings [m]; NaN if
+    #: unknown
+    scatter: FloatArray
     share: FloatArray  #: (m,) fraction of the full correction that the command contains, 0 to 1
     #: (m,) mask of postures without correction, as the uncertainty of the deflection exceeds the deflection
     uncertain: BoolArray
@@ -468,6 +471,9 @@ def compensate(
         reduced = model.compute_commands(cases, goal, share * allowed_share)
         unloaded, correction = apply_commands(np.where(allowed_share[:, None] < 1.0, reduced, unloaded.q))
     reached = model.deflect(cases, unloaded, near=goal)
+    scatter = np.full(len(cases), np.nan)
+    if uncorrected.covariance_root is not None:
+        scatter = np.linalg.norm(uncorrected.covariance_root[:, :3], axis=(1, 2))
     return Compensation(
         commanded=robot.joint_map.controller_angles(unloaded.q),
         correction=correction,
@@ -475,6 +481,7 @@ def compensate(
         uncorrected=uncorrected.motion,
         uncertainty=uncertainty,
         leverage=uncorrected.leverage,
+        scatter=scatter,
         share=share * allowed_share,
         uncertain=is_uncertain,
         capped=allowed_share < 1.0,

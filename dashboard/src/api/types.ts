@@ -36,6 +36,8 @@ export interface ShownTable {
   rows: string[][];
   /** Places of the columns that hold text. */
   texts: number[];
+  /** Row and column of cells that must not be used. */
+  dim: [number, number][];
 }
 
 /** What the service says of a job in tables and lines. */

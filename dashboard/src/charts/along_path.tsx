@@ -1,5 +1,6 @@
 /** Deflections along a path: a line for each state, one of them with its band, and the chosen point. */
 import { extent, linear } from "../lib/format";
+import { text } from "../i18n";
 import { BottomAxis, Chart, Figure, LeftAxis } from "./figure";
 
 export interface PathLine {
@@ -9,14 +10,21 @@ export interface PathLine {
   values: number[];
 }
 
+export interface PathBand {
+  /** That of its line. */
+  mark: string;
+  label: string;
+  ends: (readonly [number, number])[];
+}
+
 interface AlongPathProps {
   title: string;
   note?: string;
   /** Lengths of the path up to its points. */
   along: number[];
   lines: PathLine[];
-  /** Interval of one line at each point. */
-  band?: { label: string; ends: (readonly [number, number])[] };
+  /** Intervals of lines at each point. */
+  bands: PathBand[];
   /** Names of length and value with their units, for the axes and the table. */
   axes: { along: string; value: string; unit: string; alongUnit: string };
   chosen: number;
@@ -25,23 +33,28 @@ interface AlongPathProps {
 
 const HEIGHT = 280;
 
-export function AlongPath({ title, note, along, lines, band, axes, chosen, choose }: AlongPathProps) {
-  const ends = band?.ends.map(([, high]) => high) ?? [];
+export function AlongPath({ title, note, along, lines, bands, axes, chosen, choose }: AlongPathProps) {
+  const ends = bands.flatMap((band) => band.ends.map(([, high]) => high));
   const most = extent([...lines.flatMap(({ values }) => values), ...ends].filter(Number.isFinite))?.[1] ?? 1;
-  const legend = [...lines, ...(band ? [{ mark: "band", label: band.label }] : [])];
+  const legend = [...lines, ...bands.map(({ mark, label }) => ({ mark: `band ${mark}`, label }))];
   return (
     <Figure
       title={title}
       {...(note === undefined ? {} : { note })}
       legend={legend}
       table={{
-        columns: [axes.along, ...lines.map(({ label }) => `${label} [${axes.unit}]`)],
+        columns: [
+          axes.along,
+          ...lines.map(({ label }) => `${label} [${axes.unit}]`),
+          ...bands.flatMap(({ label }) => [text.run.low, text.run.high].map((end) => `${label}, ${end}`)),
+        ],
         rows: along.map((length, i) => [
           Number(length.toFixed(2)),
           ...lines.map(({ values }) => {
             const value = values[i] ?? Number.NaN;
             return Number.isFinite(value) ? value : null;
           }),
+          ...bands.flatMap((band) => (band.ends[i] ?? []).map((end) => (Number.isFinite(end) ? end : null))),
         ]),
       }}
     >
@@ -64,7 +77,9 @@ export function AlongPath({ title, note, along, lines, band, axes, chosen, choos
               format={plainTick(x.ticks)}
               unit={axes.alongUnit}
             />
-            {band && <path class="band" d={area(along, band.ends, x, y)} />}
+            {bands.map((band) => (
+              <path class={`band ${band.mark}`} d={area(along, band.ends, x, y)} />
+            ))}
             {/* The first one, which is dashed, lies above the others: it is seen where they are the same. */}
             {lines.toReversed().map(({ mark, values }) => (
               <path class={`line ${mark}`} d={polyline(along, values, x, y)} />

@@ -113,11 +113,11 @@ export function JobTables({ collection, id, from = 0, to, cell = (each) => each 
       {({ tables }) =>
         tables
           .slice(from, to)
-          .map(({ title, caption, head, rows, texts }) => (
+          .map(({ title, caption, head, rows, texts, dim }) => (
             <TableCard
               title={title || (head[1] ?? "")}
               note={caption}
-              table={{ columns: head, rows: rows.map((row) => row.map(cell)), texts }}
+              table={{ columns: head, rows: rows.map((row) => row.map(cell)), texts, dim }}
             />
           ))
       }

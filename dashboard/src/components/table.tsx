@@ -39,6 +39,8 @@ export interface Table {
   rows: Cell[][];
   /** Columns of text, where all cells are; the others stand at the right. */
   texts?: number[];
+  /** Row and column of cells that must not be used. */
+  dim?: [number, number][];
 }
 
 export const heading = (column: Column): string =>
@@ -63,10 +65,13 @@ export function DataTable({ table, caption }: { table: Table; caption: string })
           </tr>
         </thead>
         <tbody>
-          {table.rows.map((row) => (
+          {table.rows.map((row, y) => (
             <tr>
               {row.map((cell, i) => {
-                const [number, content] = [numeric(table, i), shown(cell, table.columns[i])];
+                const number = numeric(table, i);
+                const isDim = table.dim?.some(([row, column]) => row === y && column === i) ?? false;
+                const found = shown(cell, table.columns[i]);
+                const content = isDim ? <span class="unusable">{found}</span> : found;
                 return i === 0 && !number ? (
                   <th scope="row" class="entry">
                     {content}

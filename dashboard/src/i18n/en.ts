@@ -251,7 +251,7 @@ export const en = {
     stiffnessNote: (level: string) =>
       `Point: estimate. Bar: ${level} interval. Arrow: no upper limit. Logarithmic axis.`,
     stiffnessIn: (unit: string) => `Joints in ${unit}.`,
-    half: (level: string) => `±: half of the ${level} interval.`,
+    inBrackets: (level: string) => `In brackets: ${level} interval. Grey: do not use.`,
     beside: (positive: boolean) => (positive ? "Show constrained beside" : "Show unconstrained beside"),
     joint: "Joint",
     value: "Stiffness",
@@ -264,6 +264,7 @@ export const en = {
     high: "high",
     negative: "negative",
   },
+  estimate: { noInterval: "no interval", noLimit: "no limit", outside: (range: string) => `not ${range}` },
   /** Terms and their definitions. */
   glossary: {
     partial_pose: ["Partial pose (PP)", "Fits the positions of the targets; needs no rotation."],

@@ -53,8 +53,6 @@ export const processWords = {
   stageLong: { before: "Before", turned: "As chosen", left: "Remaining after the correction" },
   colour: "Colour",
   deflection: "Deflection of the tool",
-  band: (stage: string, level: string) => `${stage}: interval (${level})`,
-  inBrackets: "Level of the intervals",
   along: "Deflection along the path",
   alongAxis: "Path [mm]",
   view: "Robot at the chosen point, with the path. Arrow keys orbit, plus and minus zoom.",

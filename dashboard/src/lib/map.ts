@@ -118,6 +118,10 @@ export interface PathPoint {
   interval: readonly [number, number];
   /** Distance of the loaded tool from its target, as the program is written [mm]. */
   residual: number;
+  /** Interval of that distance, as `interval` [mm]. */
+  residualInterval: readonly [number, number];
+  /** Whether both intervals include the model error. */
+  withModelError: boolean;
   /** Length of the path up to here, in straight lines [m]. */
   along: number;
 }
@@ -132,14 +136,17 @@ export function pointsOf(table: Columns): PathPoint[] {
     const place: Vector = [at("place x [m]"), at("place y [m]"), at("place z [m]")];
     along += before ? norm(subtract(place, before)) : 0;
     before = place;
-    const ends = (of: string) => [at(`deflection low, ${of} [mm]`), at(`deflection high, ${of} [mm]`)] as const;
-    const withModelError = ends("with model error");
+    const withModelError = Number.isFinite(at("deflection high, with model error [mm]"));
+    const by = withModelError ? "with model error" : "readings";
+    const ends = (of: string) => [at(`${of} low, ${by} [mm]`), at(`${of} high, ${by} [mm]`)] as const;
     return {
       number: numeric(number),
       line: at("line"),
       place,
       along,
-      interval: withModelError.every(Number.isFinite) ? withModelError : ends("readings"),
+      interval: ends("deflection"),
+      residualInterval: ends("residual"),
+      withModelError,
       joints: [1, 2, 3, 4, 5, 6].map((j) => radians(at(`J${j} [deg]`))),
       deflection: at("deflection [mm]"),
       residual: at("residual [mm]"),

@@ -18,6 +18,8 @@ export interface ProcessPoint extends PathPoint {
   left: number;
   /** Interval of each deflection, with the model error where that is known. */
   intervals: Record<Stage, readonly [number, number]>;
+  /** Whether the intervals include the model error. */
+  withModelError: boolean;
 }
 
 /** The points of a path, from the table of its points and that of its turns, which have the same rows. */
@@ -40,6 +42,7 @@ export function processPointsOf(points: Columns, turns: Columns): ProcessPoint[]
       before: at("before [mm]"),
       turned: at("turned [mm]"),
       left: at("remaining [mm]"),
+      withModelError: Number.isFinite(at("turned high, with model error [mm]")),
       intervals: { before: interval("before"), turned: interval("turned"), left: interval("remaining") },
     };
   });

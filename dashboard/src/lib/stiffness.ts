@@ -1,6 +1,8 @@
 /** Stiffnesses: the units that the page shows, the digits that their uncertainty allows, and what is said of them in words. */
 import type { JointKind, Units, JointResult, Usability } from "../api/types";
-import { fixed, decimalsFor, significant } from "./format";
+import { text } from "../i18n";
+import { type Ends, type ShownEstimate, shownEstimate } from "./estimate";
+import { fixed, significant } from "./format";
 
 export type StiffnessUnit = "MNm" | "kNmDeg" | "NmArcmin" | "Nm" | "compliance";
 
@@ -142,12 +144,6 @@ export function verdictOf(joint: JointResult): Verdict {
   return halfWidth <= FIRM ? "firm" : halfWidth <= FAIR ? "fair" : "rough";
 }
 
-/** Standard uncertainty of the stiffness, to first order: u(k) = k² u(c). Null where nothing is known. */
-export function stiffnessUncertainty(joint: JointResult): number | null {
-  if (joint.stiffness === null || joint.standard_uncertainty === null) return null;
-  return joint.stiffness ** 2 * joint.standard_uncertainty;
-}
-
 /** Whether a result that is not to be used leaves a stiffness open: its model is refuted, and gives no limit. */
 export const isRefuted = (joint: JointResult): boolean =>
   joint.verdict === "do_not_use" &&
@@ -166,39 +162,39 @@ export function capOf({ status, verdict }: JointResult): Usability | null {
   return verdict === told ? null : verdict;
 }
 
-interface ShownStiffness {
-  /** The value, of a prismatic joint with its unit, or null where there is none. */
-  value: string | null;
-  /** Half of the interval after ±; without an interval, or with one that lies to one side, the standard uncertainty after u. */
-  uncertainty: string | null;
-  /** Null for an end that is open. */
-  interval: { low: string; high: string | null } | null;
-  /** Stiffer than this (a compliance: less than this), where only that can be said; with its sign. */
-  limit: string | null;
+/** The stiffness of a joint, or its compliance, in a unit; of a prismatic joint with its unit. */
+export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownEstimate {
+  const { kind, stiffness, compliance, stiffness_interval: interval, verdict } = joint;
+  const { inverse, label } = unitOf(unit, kind);
+  const unusable = verdict === "do_not_use";
+  const ends = interval ? intervalIn(interval, unit, kind) : endsAround(joint, unit);
+  const shown = shownEstimate(isRefuted(joint) ? null : maybeInUnit(stiffness, unit, kind), ends, unusable);
+  const excludes = !inverse && !interval && ends !== null && straddles(joint);
+  const limit = verdictOf(joint) === "lower_limit" ? lowerLimit(joint) : null;
+  const beside = kind === "prismatic" ? `\u00a0${label}` : "";
+  if (limit !== null) return { ...shown, limit: `${limitText(limit, unit, kind)}${beside}` };
+  if (compliance === 0 && !isRefuted(joint)) return { ...shown, value: "∞", interval: text.estimate.noInterval };
+  if (shown.value === null) return shown;
+  const words = excludes && shown.interval !== null ? text.estimate.outside(shown.interval) : shown.interval;
+  return { ...shown, value: `${shown.value}${beside}`, interval: words };
 }
 
-export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownStiffness {
-  const open = joint.stiffness_interval?.[1] === null;
-  const u = joint.stiffness === null ? null : stiffnessUncertainty(joint);
-  const { kind } = joint;
-  const { factor, inverse, label } = unitOf(unit, kind);
-  // to first order
-  const change = u === null || joint.stiffness === null ? null : (factor * u) / (inverse ? joint.stiffness ** 2 : 1);
-  const beside = kind === "prismatic" ? `\u00a0${label}` : "";
-  const decimals = change === null || open ? null : decimalsFor(change);
-  const show = (value: number) => (decimals === null ? significant(value, open ? 2 : 3) : fixed(value, decimals));
-  const [low, high] = intervalIn(joint.stiffness_interval, unit, kind);
-  const limit = lowerLimit(joint);
-  const half = low === null || high === null ? null : (high - low) / 2;
-  const even =
-    half !== null && Math.abs((low as number) + half - inUnit(joint.stiffness as number, unit, kind)) < half / 10;
-  const known = change === null || open ? null : even ? `±\u00a0${show(half)}` : `u\u00a0${show(change)}`;
-  return {
-    value: joint.stiffness === null ? null : `${show(inUnit(joint.stiffness, unit, kind))}${beside}`,
-    uncertainty: known,
-    interval: low === null || isRefuted(joint) ? null : { low: show(low), high: high === null ? null : show(high) },
-    limit: limit === null ? null : `${inverse ? "≤" : "≥"} ${significant(inUnit(limit, unit, kind), 2)}${beside}`,
-  };
+const straddles = ({ compliance_interval: ends }: JointResult): boolean => !!ends && ends[0] < 0 && ends[1] > 0;
+
+/** The ends of an interval of which a part is negative; of a compliance that may be zero, those that its stiffness excludes. */
+function endsAround({ kind, compliance_interval: ends }: JointResult, unit: StiffnessUnit): Ends | null {
+  if (!ends) return null;
+  const { factor, inverse } = unitOf(unit, kind);
+  if (inverse) return [factor * ends[0], factor * ends[1]];
+  const [low, high] = ends.map((end) => (end === 0 ? null : factor / end)) as [number | null, number | null];
+  return ends[0] < 0 && ends[1] > 0 ? [low, high] : [high, low];
+}
+
+/** "> 3.1", or "< 0.3" of a compliance: rounded so that it stays a limit. */
+function limitText(limit: number, unit: StiffnessUnit, kind?: JointKind): string {
+  const { inverse } = unitOf(unit, kind);
+  const step = 10 ** (Math.floor(Math.log10(limit)) - 1);
+  return `${inverse ? "<" : ">"} ${significant(inUnit(Math.floor(limit / step + 1e-9) * step, unit, kind), 2)}`;
 }
 
 /** A number of an axis of stiffness; the axis stays one of stiffness whatever the unit. */

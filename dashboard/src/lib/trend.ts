@@ -2,15 +2,16 @@
 import type { Estimate, Trend, TrendCampaign, TrendJoint } from "../api/types";
 import { later } from "../i18n/later";
 import type { TrendPoint } from "../views/trend";
-import { dayText, decimalsFor, fixed, timeText } from "./format";
+import { NORMAL_95, shownEstimate } from "./estimate";
+import { dayText, timeText } from "./format";
 import { intervalIn, maybeInUnit, type StiffnessUnit } from "./stiffness";
 
-/** A relative change as per cent with its standard uncertainty. */
-export function changeText({ value: relative, standard_uncertainty }: Estimate): string {
-  const u = standard_uncertainty ?? 0;
-  const decimals = Math.max(0, decimalsFor(100 * u));
-  const [change, uncertainty] = [relative, u].map((part) => `${fixed(100 * part, decimals)}\u00a0%`);
-  return `${relative > 0 ? "+" : ""}${change} (u\u00a0=\u00a0${uncertainty})`;
+/** A relative change as per cent with its 95 % interval: `+12 % (+8 … +16 %)`. */
+export function changeText({ value, standard_uncertainty: u }: Estimate): string {
+  const half = u === null ? null : 100 * NORMAL_95 * u;
+  const shown = shownEstimate(100 * value, half === null ? null : [100 * value - half, 100 * value + half]);
+  const range = half === null ? "" : ` (${shown.interval?.replaceAll(" ", "\u00a0")}\u00a0%)`;
+  return `${value > 0 ? "+" : ""}${shown.value}\u00a0%${range}`;
 }
 
 /** When campaigns were, as labels that differ: by day, by time where a day repeats, by number where a time does. */

@@ -25,6 +25,7 @@ import {
 } from "../components/basics";
 import { Further } from "../components/findings";
 import { JobLines, JobPage, JobTables, VerdictCard } from "../components/job_page";
+import { estimateText, shownEstimate } from "../lib/estimate";
 import { percent, significant, timeText } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { link, useAction, parse } from "../state/action";
@@ -209,7 +210,6 @@ function ComparisonPage({ id, result, sides }: { id: string; result: Result; sid
 
 function Ratios({ result, sides, level }: { result: Result; sides: string[]; level: string }) {
   const title = two.ratioOf(sides[0] ?? "", sides[1] ?? "");
-  const show = (v: number) => significant(v, 3);
   return (
     <Figure title={title} note={two.ratioNote(level)}>
       {(width) => (
@@ -223,7 +223,7 @@ function Ratios({ result, sides, level }: { result: Result; sides: string[]; lev
                 low: joint.ratio_interval?.[0] ?? null,
                 high: joint.ratio_interval ? joint.ratio_interval[1] : joint.ratio,
                 instead: joint.reason === null ? "–" : text.verdicts.unobservable[0],
-                lines: [joint.name, joint.ratio === null ? "–" : show(joint.ratio)],
+                lines: [joint.name, estimateText(shownEstimate(joint.ratio, joint.ratio_interval ?? null))],
               },
             ],
           }))}

@@ -16,7 +16,9 @@ import {
 } from "../lib/stiffness";
 import { text } from "../i18n";
 import { clip, fixed, percent, significant, extent, logarithmic, namedTicks } from "../lib/format";
+import { estimateText, NORMAL_95 } from "../lib/estimate";
 import { BottomAxis, Chart, Figure } from "../charts/figure";
+import { Estimate, EstimateInterval, EstimateValue } from "../components/estimate";
 import { tip, Button, LinkButton, Name, Prose, Term, usePhone, useWidth } from "../components/basics";
 import { queries } from "../api/queries";
 import { PostureSketch } from "../components/posture";
@@ -174,16 +176,15 @@ function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): Interval
   const scale = unitOf(unit, joint.kind).factor / unitOf(unit).factor;
   const [value, interval] = [onAxis(joint.stiffness, scale, unit), isRefuted(joint) ? null : joint.stiffness_interval];
   const standing = isRefuted(joint) ? text.usability.do_not_use : text.verdicts[verdictOf(joint)][0];
-  const instead = negative ? `${text.run.negative}: ${shown.value ?? ""}` : standing;
+  const instead = negative ? `${text.run.negative}: ${estimateText(shown)}` : standing;
   const beside = joint.kind === "prismatic" ? "" : unitOf(unit).label; // whose value has its unit
-  const range = shown.interval ? ` (${shown.interval.low} … ${shown.interval.high ?? "∞"})` : "";
   return {
-    mark,
+    mark: shown.unusable ? `${mark} unusable` : mark,
     value: negative ? null : value,
     low: onAxis(interval?.[0], scale, unit) ?? (negative ? null : value),
     high: interval ? onAxis(interval[1], scale, unit) : value,
     instead,
-    lines: [joint.name, shown.value === null ? instead : withUnit(`${shown.value}${range}`, beside)],
+    lines: [joint.name, shown.value === null ? instead : withUnit(estimateText(shown), beside)],
   };
 }
 
@@ -287,25 +288,26 @@ export function alongText(force: Vector): string {
   return (unit[2] ?? 0) < -0.9999 ? words.down : words.along(unit.map((part) => fixed(part, 2)).join(", "));
 }
 
-/** Standard uncertainty relative to the compliance. */
-function before({ compliance, standard_uncertainty: u }: JointResult): string {
-  return compliance === null || compliance <= 0 || u === null ? words.unknown : percent(u / compliance);
+/** Half of the interval, relative to the compliance; null where that is unknown. */
+function halfWidth({ compliance, compliance_interval: ends }: JointResult): number | null {
+  return !compliance || compliance < 0 || !ends ? null : (ends[1] - ends[0]) / 2 / compliance;
 }
 
-function afterwards(
-  advice: Advice,
-  { kind, compliance, standard_uncertainty: u }: JointResult,
-  unit: StiffnessUnit,
-): string {
+function before(joint: JointResult): string {
+  const half = halfWidth(joint);
+  return half === null ? words.unknown : `± ${percent(half)}`;
+}
+
+function afterwards(advice: Advice, joint: JointResult, unit: StiffnessUnit): string {
   const { standard_uncertainty: after, uncertainty_ratio: ratio } = advice;
-  if (compliance !== null && compliance > 0) {
-    if (ratio !== null && u !== null) return percent((ratio * u) / compliance);
-    if (after !== null) return percent(after / compliance);
-  }
+  const { kind, compliance } = joint;
+  const half = halfWidth(joint);
+  if (ratio !== null && half !== null) return `± ${percent(ratio * half)}`;
+  if (compliance && compliance > 0 && after !== null) return `± ${percent((NORMAL_95 * after) / compliance)}`;
   if (after === null) return text.verdicts.fair[0];
   const { label } = unitOf(unit, kind);
   const shown = (stiffness: number) => withUnit(significant(inUnit(stiffness, unit, kind), 2), label);
-  return STIFFNESS_UNITS[unit].inverse ? `u = ${shown(1 / after)}` : words.below(shown(0.5 / after));
+  return STIFFNESS_UNITS[unit].inverse ? `± ${shown(1 / (NORMAL_95 * after))}` : words.below(shown(0.5 / after));
 }
 
 const runWords = text.run;
@@ -317,20 +319,10 @@ interface TableProps {
   bare: boolean;
 }
 
-/** The stiffness of a joint and half of its interval, or what it exceeds where only that can be said. */
-export function Stiffness({ joint }: { joint: JointResult }) {
-  const { unit } = useSettings();
-  const [shown, verdict] = [shownStiffness(joint, unit), verdictOf(joint)];
-  const limited = verdict === "lower_limit" && shown.limit !== null;
-  return (
-    <>
-      <b>
-        {verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? (isRefuted(joint) ? "–" : "∞"))}
-      </b>
-      {!limited && shown.uncertainty !== null && <span class="soft"> {shown.uncertainty}</span>}
-    </>
-  );
-}
+/** The stiffness of a joint with its interval, in the unit of the page. */
+export const Stiffness = ({ joint }: { joint: JointResult }) => (
+  <Estimate of={shownStiffness(joint, useSettings().unit)} />
+);
 
 export function JointTable(shown: TableProps) {
   const { unit } = useSettings();
@@ -340,7 +332,7 @@ export function JointTable(shown: TableProps) {
   return (
     <Figure
       title={runWords.stiffness}
-      {...(bare ? {} : { note: `${runWords.stiffnessNote(level)} ${runWords.half(level)}` })}
+      {...(bare ? {} : { note: runWords.stiffnessNote(level) })}
       drawing={bare ? null : (width) => <StiffnessIntervals {...{ rows, width, unit, label: runWords.stiffness }} />}
     >
       {() => <Rows {...shown} />}
@@ -404,11 +396,10 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
         const mark = marks[i] as IntervalMark;
         const shown = shownStiffness(joint, unit);
         const [verdict, cap, part] = [verdictOf(joint), capOf(joint), parts.get(joint.name)];
-        const limited = verdict === "lower_limit" && shown.limit !== null;
         const open = !phone || opened.has(joint.name);
         return (
           <Fragment key={joint.name}>
-            <div class={open ? `joint ${verdict}` : `joint closed ${verdict}`} role="row">
+            <div class={`joint ${verdict}${open ? "" : " closed"}${shown.unusable ? " unusable" : ""}`} role="row">
               <span role="rowheader">
                 {phone ? (
                   <button type="button" class="opens" aria-expanded={open} onClick={() => toggle(joint.name)}>
@@ -431,13 +422,13 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
                 )}
               </div>
               <span role="cell" class="number value">
-                <Stiffness joint={joint} />
+                <EstimateValue of={shown} />
                 {verdict !== "unobservable" && joint.kind !== "prismatic" && (
                   <small class="unit soft">{withUnit("", unitOf(unit).label)}</small>
                 )}
               </span>
               <span role="cell" class="number interval-text">
-                {shown.interval === null || limited ? "–" : `${shown.interval.low} … ${shown.interval.high ?? "∞"}`}
+                <EstimateInterval of={shown} />
               </span>
               <span role="cell" class="verdict" title={text.verdicts[verdict][1]}>
                 <span class={cap ? `lamp ${cap}` : "lamp"} aria-hidden="true" />
@@ -453,7 +444,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
                   <svg width={SHARE_WIDTH} height={10} aria-hidden="true">
                     <rect class="share-bar" width={(Math.abs(part.share) / most) * SHARE_WIDTH} height={10} rx={2} />
                   </svg>
-                  <b>{percent(part.share)}</b>
+                  {shown.unusable ? <span>{percent(part.share)}</span> : <b>{percent(part.share)}</b>}
                   <span class="soft of">{runWords.ofDeflection}</span>
                   <span class="soft">
                     {fixed(part.mean * 1e3, 3)} {text.units.mm}

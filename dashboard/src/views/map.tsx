@@ -1,7 +1,8 @@
 /** What lies in space by its deflection: a map, slice by slice, with the same by another run; and the path of a program that was compensated. */
 import { useMemo, useRef, useState } from "preact/hooks";
 import * as maps from "../lib/map";
-import { fixed, decimalsFor, percent, significant, extent, timeText } from "../lib/format";
+import { boundedLength } from "../lib/estimate";
+import { fixed, percent, significant, extent, timeText } from "../lib/format";
 import { text } from "../i18n";
 import { api } from "../api/calls";
 import { goesOn } from "../api/follow";
@@ -10,6 +11,7 @@ import type { Map as WorkMap } from "../api/types";
 import { Busy, Download, NameLink, Choice, Facts, ProblemNote, useWidth } from "../components/basics";
 import { AlongPath } from "../charts/along_path";
 import { BarFigure } from "../charts/figure";
+import { Estimate } from "../components/estimate";
 import { Handle, Select } from "../components/fields";
 import { Going, JobPage, JobLines, JobTables } from "../components/job_page";
 import { freshKey } from "../lib/json";
@@ -293,9 +295,10 @@ function Sliced({ loaded, look, label }: { loaded: Loaded; look: Look; label: st
   );
 }
 
+const scaled = ([low, high]: readonly [number, number]) => [1e6 * low, 1e6 * high] as const;
+
 function Numbers({ place, map }: { place: maps.MapPlace; map: WorkMap }) {
   const level = percent(map.request.confidence);
-  const um = (value: number, width: number) => fixed(value * 1e6, Math.max(0, decimalsFor(width * 0.25e6)));
   const { mm, micrometre, micrometrePerNewton: perNewton } = text.units;
   const kinds = Object.values(map.result?.joint_kinds ?? {});
   const reached = place.status === "reached";
@@ -303,16 +306,23 @@ function Numbers({ place, map }: { place: maps.MapPlace; map: WorkMap }) {
     { label: words.position, value: `${place.position.map((v) => fixed(1e3 * v, 0)).join(", ")} ${mm}` },
     place.joints.length > 0 && { label: later.predict.labels.joints, value: postureText(place.joints, kinds, 1) },
   ];
-  const interval = ([low, high]: readonly [number, number]) =>
-    Number.isFinite(high) ? `${um(low, high - low)} … ${um(high, high - low)} ${micrometre}` : words.noBound;
-  const same =
-    Number.isFinite(place.withModelError[1]) && interval(place.withModelError) === interval(place.readingsOnly);
+  const withModel = Number.isFinite(place.withModelError[1]);
+  const deflection = boundedLength(
+    1e6 * place.deflection,
+    scaled(withModel ? place.withModelError : place.readingsOnly),
+  );
+  const unusable = map.result?.assessment.verdict === "do_not_use";
   const compliance = (value: number) =>
     Number.isFinite(value) ? `${significant(value * 1e6, 3)} ${perNewton}` : words.noNumber;
   const bent = [
-    { label: words.quantities.deflection, value: `${significant(place.deflection * 1e6, 4)} ${micrometre}` },
-    { label: words.readingsOnly(level), value: interval(place.readingsOnly) },
-    { label: words.withModelError(level), value: same ? words.sameInterval : interval(place.withModelError) },
+    {
+      label: words.quantities.deflection,
+      value: <Estimate of={{ ...deflection, unusable }} unit={micrometre} />,
+    },
+    {
+      label: later.estimate.inBrackets,
+      value: <span class="brackets">{later.estimate.source(level, withModel)}</span>,
+    },
     {
       label: words.displacement,
       value: `${place.displacement.map((v) => significant(v * 1e6, 3)).join(", ")} ${micrometre}`,
@@ -426,6 +436,7 @@ export function ProgramView({ id }: { id: string }) {
 
 function Path({ loaded: { job, points, robot } }: { loaded: Awaited<ReturnType<typeof loadProgram>> }) {
   const confidence = job.result?.confidence ?? 0.95;
+  const unusable = job.result?.assessment.verdict === "do_not_use";
   const [when, setWhen] = useState<"before" | "after">("before");
   const [look, setLook] = useState<keyof typeof programWords.looks>("path");
   const [chosen, setChosen] = useState(0);
@@ -470,10 +481,37 @@ function Path({ loaded: { job, points, robot } }: { loaded: Awaited<ReturnType<t
           <Handle label={programWords.choosePoint} count={points.length} value={chosen} change={setChosen}>
             {programWords.point(point.number, point.line)}
           </Handle>
+          <PathFacts point={point} level={percent(confidence)} unusable={unusable} />
         </div>
       </section>
       <Charts points={points} level={percent(confidence)} chosen={chosen} choose={setChosen} />
     </>
+  );
+}
+
+interface PathFactsProps {
+  point: maps.PathPoint;
+  /** Of the intervals. */
+  level: string;
+  unusable: boolean;
+}
+
+/** The distance from the target of a point, before and after. */
+function PathFacts({ point, level, unusable }: PathFactsProps) {
+  const shown = (value: number, ends: readonly [number, number]) => (
+    <Estimate of={{ ...boundedLength(value, ends), unusable }} unit={text.units.mm} />
+  );
+  return (
+    <Facts
+      facts={[
+        { label: text.assessment.before, value: shown(point.deflection, point.interval) },
+        { label: programWords.after, value: shown(point.residual, point.residualInterval) },
+        {
+          label: later.estimate.inBrackets,
+          value: <span class="brackets">{later.estimate.source(level, point.withModelError)}</span>,
+        },
+      ]}
+    />
   );
 }
 
@@ -488,9 +526,24 @@ interface ChartsProps {
 /** Distances from the targets along the path, and how often each distance is found. */
 function Charts({ points, level, chosen, choose }: ChartsProps) {
   const { mm } = text.units;
+  const loaded = points.filter(({ deflection }) => Number.isFinite(deflection));
+  const source = later.estimate.source(
+    level,
+    loaded.every(({ withModelError }) => withModelError),
+  );
   const both = [
-    { mark: "as-sent", label: text.assessment.before, values: points.map(({ deflection }) => deflection) },
-    { mark: "as-corrected", label: programWords.afterShort, values: points.map(({ residual }) => residual) },
+    {
+      mark: "as-sent",
+      label: text.assessment.before,
+      values: points.map(({ deflection }) => deflection),
+      ends: points.map(({ interval }) => interval),
+    },
+    {
+      mark: "as-corrected",
+      label: programWords.afterShort,
+      values: points.map(({ residual }) => residual),
+      ends: points.map(({ residualInterval }) => residualInterval),
+    },
   ];
   const { width, counts } = maps.binned(
     both.map(({ values }) => values),
@@ -504,7 +557,7 @@ function Charts({ points, level, chosen, choose }: ChartsProps) {
         title={programWords.along}
         along={points.map(({ along }) => 1e3 * along)}
         lines={both}
-        band={{ label: programWords.band(level), ends: points.map(({ interval }) => interval) }}
+        bands={both.map(({ mark, label, ends }) => ({ mark, label: programWords.band(label, source), ends }))}
         axes={{ along: axis, value: mm, unit: mm, alongUnit: axis }}
         chosen={chosen}
         choose={choose}

@@ -5,7 +5,9 @@ import { queries } from "../api/queries";
 import type { Process, ProcessResult } from "../api/types";
 import { AlongPath } from "../charts/along_path";
 import { Busy, Choice, Download, Facts, NameLink, useWidth } from "../components/basics";
+import { Estimate } from "../components/estimate";
 import { Handle } from "../components/fields";
+import { boundedLength, type ShownEstimate, shownEstimate } from "../lib/estimate";
 import { JobLines, JobPage, JobTables } from "../components/job_page";
 import { inTwoLines } from "./rehearsal";
 import { extent, fixed, percent, significant } from "../lib/format";
@@ -99,6 +101,11 @@ function Along({ loaded: { job, points, robot }, result }: { loaded: Loaded; res
   const drawn = useMemo(() => maps.thinned(points, MOST_DRAWN), [points]);
   const most = extent(points.flatMap(({ before, turned }) => [before, turned]).filter(Number.isFinite))?.[1] ?? 1;
   const point = points[chosen];
+  const unusable = result.assessment.verdict === "do_not_use";
+  const source = later.estimate.source(
+    percent(result.confidence),
+    points.every((each) => each.withModelError),
+  );
   return (
     <>
       <section class="scene">
@@ -118,7 +125,7 @@ function Along({ loaded: { job, points, robot }, result }: { loaded: Loaded; res
               <Handle label={words.choosePoint} count={points.length} value={chosen} change={setChosen}>
                 {words.point(point.number, point.line)}
               </Handle>
-              <PointFacts point={point} stages={stages} confidence={result.confidence} />
+              <PointFacts {...{ point, stages, unusable }} confidence={result.confidence} />
             </>
           )}
         </div>
@@ -131,10 +138,11 @@ function Along({ loaded: { job, points, robot }, result }: { loaded: Loaded; res
           label: words.stageLong[one],
           values: points.map((each) => each[one]),
         }))}
-        band={{
-          label: words.band(words.stageLong[stage], percent(result.confidence)),
-          ends: points.map(({ intervals }) => intervals[stage]),
-        }}
+        bands={stages.map((one) => ({
+          mark: MARKS[one],
+          label: later.program.band(words.stageLong[one], source),
+          ends: points.map(({ intervals }) => intervals[one]),
+        }))}
         axes={{ along: words.alongAxis, value: mm, unit: mm, alongUnit: words.alongAxis }}
         chosen={chosen}
         choose={setChosen}
@@ -179,13 +187,13 @@ interface PointFactsProps {
   point: ProcessPoint;
   stages: Stage[];
   confidence: number;
+  unusable: boolean;
 }
 
-function PointFacts({ point, stages, confidence }: PointFactsProps) {
-  const um = (value: number) => `${significant(1e3 * value, 3)} ${micrometre}`;
-  const known = (stage: Stage) => {
+function PointFacts({ point, stages, confidence, unusable }: PointFactsProps) {
+  const shown = (stage: Stage) => {
     const [low, high] = point.intervals[stage];
-    return Number.isFinite(high) ? ` (${significant(1e3 * low, 3)} … ${um(high)})` : "";
+    return { ...boundedLength(1e3 * point[stage], [1e3 * low, 1e3 * high]), unusable };
   };
   return (
     <Facts
@@ -193,9 +201,12 @@ function PointFacts({ point, stages, confidence }: PointFactsProps) {
         Number.isFinite(point.turn) && { label: words.turnOf, value: `${fixed(point.turn, 0)}${deg}` },
         ...stages.map((stage) => ({
           label: words.stageLong[stage],
-          value: Number.isFinite(point[stage]) ? `${um(point[stage])}${known(stage)}` : "–",
+          value: <Estimate of={shown(stage)} unit={micrometre} />,
         })),
-        { label: words.inBrackets, value: percent(confidence) },
+        {
+          label: later.estimate.inBrackets,
+          value: <span class="brackets">{later.estimate.source(percent(confidence), point.withModelError)}</span>,
+        },
       ]}
     />
   );
@@ -231,7 +242,7 @@ function Places({ loaded: { job, places }, result }: { loaded: Loaded; result: P
           {words.height(fixed(1e3 * (place?.position[2] ?? 0), 0))}
         </Handle>
       )}
-      {place && <PlaceFacts place={place} best={scale[0]} found={result.places[0]?.deflection.value} />}
+      {place && <PlaceFacts place={place} best={scale[0]} found={result.places[0]?.deflection} />}
     </section>
   );
 }
@@ -243,12 +254,20 @@ const gridOf = ({ grid }: Process["request"]): [number, number, number] => [
   grid?.[2] ?? 1,
 ];
 
+type Found = ProcessResult["places"][number]["deflection"];
+
 interface PlaceFactsProps {
   place: SearchedPlace;
   /** Least deflection of the grid [µm]. */
   best: number;
   /** Deflection at the chosen place, in full [m]. */
-  found: number | undefined;
+  found: Found | undefined;
+}
+
+/** A deflection with its interval [µm]. */
+function bandOf({ value, readings, with_model_error: whole }: Found): ShownEstimate {
+  const ends = whole ?? readings;
+  return shownEstimate(1e6 * value, ends && [1e6 * ends[0], 1e6 * ends[1]]);
 }
 
 function PlaceFacts({ place, best, found }: PlaceFactsProps) {
@@ -268,7 +287,7 @@ function PlaceFacts({ place, best, found }: PlaceFactsProps) {
           place.status === "reached" && { label: words.ofBest, value: percent(value / best) },
           found !== undefined && {
             label: words.chosenPlace,
-            value: `${significant(1e6 * found, 3)} ${micrometre}`,
+            value: <Estimate of={bandOf(found)} unit={micrometre} />,
           },
         ]}
       />

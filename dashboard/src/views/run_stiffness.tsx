@@ -75,7 +75,7 @@ export function RunsTable({ columns, label }: { columns: RunColumn[]; label: str
         <DataTable table={table} caption={label} />
       </div>
       <p class="soft">
-        {text.run.stiffnessIn(STIFFNESS_UNITS[unit].label)} {text.run.half([...levels].join(" / "))}
+        {text.run.stiffnessIn(STIFFNESS_UNITS[unit].label)} {text.run.inBrackets([...levels].join(" / "))}
       </p>
     </>
   );

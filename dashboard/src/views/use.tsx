@@ -6,7 +6,9 @@ import { ActionButton, Busy, Button, Download, Facts, LinkButton, Prose, Toggle 
 import { Select, RequestFields } from "../components/fields";
 import { SchemaFields, DropZone, type Terms } from "../components/schema_form";
 import { bendOf, loadOf, type Vector, add, fromFlange, norm, times } from "../lib/vector";
-import { decimalsFor, fixed, percent, significant, roundStep } from "../lib/format";
+import { Estimate } from "../components/estimate";
+import { shownEstimate } from "../lib/estimate";
+import { percent, roundStep } from "../lib/format";
 import { type Fields, unreadIn, freshKey, stated } from "../lib/json";
 import { sentence } from "../lib/said";
 import { factors, position, positionIn, positionUnit } from "../lib/stiffness";
@@ -160,14 +162,14 @@ export function Answer({ answer, run }: { answer: DeflectionResult; run?: Run })
   const { assessment, cases, confidence, remarks } = answer;
   const [found] = cases;
   if (!found) return null;
-  const level = percent(confidence);
   const { micrometre } = text.units;
-  const um = (value: number, u: number) => fixed(value * 1e6, Math.max(0, decimalsFor(u * 1e6)));
-  const micro = (length: number) => `${significant(length * 1e6, 2)} ${micrometre}`;
   const { displacement, readings_only: readings, with_model_error: model, budget } = found;
-  const factor = significant(budget?.coverage_factor ?? 0, 3);
+  const unusable = assessment.verdict === "do_not_use";
+  const micro = (value: number, ends: readonly [number, number] | null) => (
+    <Estimate of={shownEstimate(1e6 * value, ends && [1e6 * ends[0], 1e6 * ends[1]], unusable)} unit={micrometre} />
+  );
   const size = norm(displacement ?? [0, 0, 0]);
-  const length = budget ? um(size, budget.expanded_uncertainty) : significant(size * 1e6, 3);
+  const whole = budget?.[model ? "expanded_with_model_error" : "expanded_uncertainty"] ?? model?.radius ?? null;
   return (
     <>
       {(assessment.headline ?? assessment.verdict !== "use") && (
@@ -176,18 +178,18 @@ export function Answer({ answer, run }: { answer: DeflectionResult; run?: Run })
       {displacement && (
         <Facts
           facts={[
-            { label: later.map.quantities.deflection, value: <b>{`${length} ${micrometre}`}</b> },
-            budget && { label: words.expanded(level, factor), value: `± ${micro(budget.expanded_uncertainty)}` },
-            budget &&
-              model && {
-                label: words.expandedWithModel(level, factor),
-                value: `± ${micro(budget.expanded_with_model_error)}`,
-              },
-            !budget && model && { label: words.modelAlone(level), value: micro(model.radius) },
-            ...(readings ?? []).map(([low, high], i) => ({
-              label: words.along("xyz"[i] ?? "", level),
-              value: `${um(low, (high - low) / 4)} … ${um(high, (high - low) / 4)}\u00a0${micrometre}`,
+            {
+              label: later.map.quantities.deflection,
+              value: micro(size, whole === null ? null : [Math.max(0, size - whole), size + whole]),
+            },
+            ...displacement.map((value, i) => ({
+              label: words.along("xyz"[i] ?? ""),
+              value: micro(value, (model?.displacement ?? readings)?.[i] ?? null),
             })),
+            {
+              label: later.estimate.inBrackets,
+              value: <span class="brackets">{later.estimate.source(percent(confidence), model !== null)}</span>,
+            },
           ]}
         />
       )}

@@ -49,23 +49,21 @@ const facts = async (changes: Partial<typeof predicted>) => {
   return Object.fromEntries(rows) as Record<string, string>;
 };
 
-it("shows U of the budget without and with model error, and not the ball's radius", async () => {
+it("has one interval for each number, with the model error where it is known", async () => {
   const shown = await facts({});
-  expect(shown["Deflection"]).toBe("1200 µm");
-  expect(shown["U, readings only (95\u00a0%, k = 1.96)"]).toBe("± 45 µm");
-  expect(shown["U, with model error (95\u00a0%, k = 1.96)"]).toBe("± 53 µm");
-  expect(Object.values(shown).join()).not.toContain("28");
-  expect(Object.keys(shown)).toContain("Along z, readings only (95\u00a0% interval)");
+  expect(shown["Deflection"]).toBe("1200 µm (1147\u00a0…\u00a01253)");
+  expect(shown["Along z"]).toMatch(/\(−10\u00a0…\u00a010\)$/);
+  expect(shown["In brackets"]).toBe("95\u00a0% interval, with model error");
+  expect(Object.values(shown).join()).not.toMatch(/±|U,|28/);
 });
 
-it("claims no model error where it has no bound", async () => {
+it("says where the model error is unknown", async () => {
   const shown = await facts({ with_model_error: null });
-  expect(Object.keys(shown).filter((label) => label.startsWith("U,"))).toEqual([
-    "U, readings only (95\u00a0%, k = 1.96)",
-  ]);
+  expect(shown["Deflection"]).toBe("1200 µm (1155\u00a0…\u00a01245)");
+  expect(shown["In brackets"]).toBe("95\u00a0% interval, readings only: the model error is unknown");
 });
 
-it("says that the radius is the model error alone where there is no budget", async () => {
+it("has the ball of the model error as interval where there is no budget", async () => {
   const shown = await facts({ budget: null });
-  expect(shown["Model error alone, radius (95\u00a0%)"]).toBe("28 µm");
+  expect(shown["Deflection"]).toBe("1200 µm (1172\u00a0…\u00a01228)");
 });

@@ -59,6 +59,6 @@ describe("runs side by side", () => {
     const result = { assessment: { verdict: "use" }, joints: [joint], compensation: 0.9, rms_residual: 2e-5 };
     const run = { id: "r", request: { confidence: 0.95 }, result } as unknown as Run;
     const root = await drawn(<RunsTable columns={[{ run, name: "one" }]} label="runs" />);
-    expect(root.querySelector("tbody tr:last-child td b")?.textContent).toBe("≥ 0.84");
+    expect(root.querySelector("tbody tr:last-child td b")?.textContent).toBe("> 0.84");
   });
 });

@@ -20,15 +20,14 @@ from jointstiff.schemas.comparison import (
 )
 from jointstiff.schemas.comparison import Side as SideName
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.robot import Estimate
 from jointstiff.schemas.run import JointResult, ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.kinds.run.kind import compute_mean_and_deviation
+from jointstiff.service.tables.estimate import ShownEstimate, percent_text, show_cell, show_estimate
 from jointstiff.service.tables.report import METHOD_NAMES, Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import (
-    NO_NUMBER,
     Chart,
     Column,
     Line,
@@ -40,6 +39,7 @@ from jointstiff.service.tables.table import (
     format_rounded,
     number_formatter,
 )
+from jointstiff.solver.text import figure
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -49,8 +49,10 @@ _SIDES: Final = ("first", "second")
 _METHOD_ABBREVIATIONS: Final = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}
 _WEIGHTING_SUFFIXES: Final = {"covariance": "", "characteristic_length": "/L", "uniform": "/u"}
 _CONSTRAINT_NAMES: Final = {False: "free", True: "≥ 0"}
-_METHODS_PER_TABLE: Final = 4
-"""Greatest number of methods (columns) in one table, which is at most 80 characters wide."""
+_METHODS_PER_TABLE: Final = 2
+"""Greatest number of methods (columns) in a table of intervals, which is at most 80 characters wide."""
+_DRAWN_PER_TABLE: Final = 4
+"""Greatest number of methods in a table of resampled fits, whose cells are shorter."""
 _LONGEST_NAME: Final = 24
 
 Cell = Callable[[ComparedRun, int], Line]
@@ -86,17 +88,17 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
         Table(
             [
                 Column("joint", [joint.name for joint in joints], text=True),
-                Column("first", first_run.joints, unit.format_concise),
-                Column("second", second_run.joints, unit.format_concise),
-                Column("ratio", joints, lambda joint: _format_ratio(joint.ratio, joint)),
-                Column(f"{100 * result.confidence:g} % interval", joints, _format_interval),
+                Column("first", [unit.show_joint(joint) for joint in first_run.joints], show_cell),
+                Column("second", [unit.show_joint(joint) for joint in second_run.joints], show_cell),
+                Column("ratio", [_show_ratio(joint) for joint in joints], show_cell),
                 Column(
                     "p", [joint.p_value for joint in joints], lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}"
                 ),
             ],
             title=f"Two sides, {METHOD_NAMES[first_run.method]}" if is_same_method else "Two sides",
-            caption=f"{unit.quantity} in {unit.label_of(first_run.joints)} with its standard "
-            "uncertainty; ratio of the stiffnesses, second to first; p: p-value of equal stiffnesses",
+            caption=f"{unit.quantity} in {unit.label_of(first_run.joints)} and ratio of the stiffnesses, "
+            f"second to first; in brackets: {100 * result.confidence:g} % interval; p: p-value of equal "
+            "stiffnesses",
         ),
         *joint_reason_lines((joint.name, joint.reason) for joint in joints),
     ]
@@ -118,64 +120,47 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
     return parts
 
 
-def _format_ratio(ratio: float | None, joint: JointRatio) -> str:
-    """Format a ratio of stiffnesses with as many digits as the half width of its interval supports."""
-    lower, upper = joint.ratio_interval or (None, None)
-    return format_rounded(
-        ratio, None if lower is None or upper is None else max(upper - lower, 0.0) / 2, ".3g"
-    )
-
-
-def _format_interval(joint: JointRatio) -> str:
-    """Format Fieller's interval of a ratio of stiffnesses.
+def _show_ratio(joint: JointRatio) -> ShownEstimate:
+    """Format a ratio of stiffnesses with Fieller's interval.
 
     The interval may have no limit on a side, or consist of all ratios outside an excluded range.
     """
-    if joint.ratio_interval is None:
-        return NO_NUMBER
-    if joint.ratio_excluded is not None:
-        lower, upper = joint.ratio_excluded
-        return f"not {lower:.3g} … {upper:.3g}"
-    return " … ".join(
-        "no limit" if end is None else _format_ratio(end, joint) for end in joint.ratio_interval
-    )
+    shown = show_estimate(joint.ratio, joint.ratio_interval, bare=".3g")
+    if joint.ratio is None or joint.ratio_excluded is None:
+        return shown
+    lower, upper = joint.ratio_excluded
+    return replace(shown, value=figure(joint.ratio, ".3g"), interval=f"not {lower:.3g} … {upper:.3g}")
 
 
 def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
     """Return a table of both sides' joints, fitted so that no joint is softer on the second side."""
     joints = ordered.joints
-
-    def format_interval(ends: tuple[float, float] | None, kind: JointKind) -> str:
-        return unit.for_kind(kind).format_compliance_interval(ends)
-
+    first = [
+        unit.show_compliance(joint.compliance_first, joint.compliance_interval_first, joint.kind)
+        for joint in joints
+    ]
+    second = [
+        unit.show_compliance(joint.compliance_second, joint.compliance_interval_second, joint.kind)
+        for joint in joints
+    ]
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),
-            Column("first", joints, lambda joint: unit.format_compliance(joint.compliance_first, joint.kind)),
-            Column(
-                "interval", joints, lambda joint: format_interval(joint.compliance_interval_first, joint.kind)
-            ),
-            Column(
-                "second", joints, lambda joint: unit.format_compliance(joint.compliance_second, joint.kind)
-            ),
-            Column(
-                "interval",
-                joints,
-                lambda joint: format_interval(joint.compliance_interval_second, joint.kind),
-            ),
+            Column("first", first, show_cell),
+            Column("second", second, show_cell),
             Column("remark", ["made equal" if joint.equal else "" for joint in joints], text=True),
         ],
         title="Both sides identified together, no joint softer on the second side",
-        caption=f"{unit.quantity} in {unit.label_of(joints)}, interval under all constraints; the constraint "
+        caption=f"{unit.quantity} (interval) in {unit.label_of(joints)}, all constraints; the constraint "
         f"that no joint is softer increases χ² by {ordered.chi_square_increase:.3g}",
     )
 
 
 def _percentage_text(fraction: Estimate) -> str:
-    """Format a fraction in %, with its standard uncertainty if it has one."""
+    """Format a fraction in %, with its 95 % interval if that is known."""
     if not fraction.standard_uncertainty:
         return format_percent(fraction.value)
-    return f"{100 * fraction.value:.2f} % (u = {100 * fraction.standard_uncertainty:.2f} %)"
+    return percent_text(fraction)
 
 
 def _list_method_parts(compared_runs: Sequence[ComparedRun], view: View) -> list[Part]:
@@ -185,7 +170,7 @@ def _list_method_parts(compared_runs: Sequence[ComparedRun], view: View) -> list
     format_cell: Cell = (
         partial(_resampled_cell, unit)
         if resampling
-        else lambda entry, j: unit.format_concise(entry.joints[j])
+        else lambda entry, j: unit.show_joint(entry.joints[j]).cell
     )
     # Runs with a constraint that changes no number are not shown, but the legend mentions them.
     hides_constrained = (
@@ -206,7 +191,16 @@ def _list_method_parts(compared_runs: Sequence[ComparedRun], view: View) -> list
         resampled=resampling is not None,
         shows_repeated=view.details,
     )
-    parts: list[Part] = [*_joint_tables(shown_runs, title, format_cell, legend, shows_repeated=view.details)]
+    parts: list[Part] = [
+        *_joint_tables(
+            shown_runs,
+            title,
+            format_cell,
+            legend,
+            shows_repeated=view.details,
+            methods_per_table=_METHODS_PER_TABLE if resampling is None else _DRAWN_PER_TABLE,
+        )
+    ]
     if resampling is not None:
         parts += _list_resampled_share_parts(compared_runs, view)
     return [*parts, _fits_table(shown_runs, shows_repeated=view.details)]
@@ -230,8 +224,9 @@ def _joint_tables(
     caption: str = "",
     *,
     shows_repeated: bool,
+    methods_per_table: int = _DRAWN_PER_TABLE,
 ) -> list[Table]:
-    """Return tables of the joints, each with at most `_METHODS_PER_TABLE` methods as columns.
+    """Return tables of the joints, each with at most `methods_per_table` methods as columns.
 
     Only the first table has the caption.
     """
@@ -241,14 +236,14 @@ def _joint_tables(
             [
                 entry
                 for entry in compared_runs
-                if _method_abbreviation(entry) in methods[start : start + _METHODS_PER_TABLE]
+                if _method_abbreviation(entry) in methods[start : start + methods_per_table]
             ],
             f"{title}, continued" if start else title,
             format_cell,
             "" if start else caption,
             shows_repeated=shows_repeated,
         )
-        for start in range(0, len(methods), _METHODS_PER_TABLE)
+        for start in range(0, len(methods), methods_per_table)
     ]
 
 
@@ -488,7 +483,7 @@ def _legend(
         else "",
         ("drawn: explained share of all configurations, mean & standard deviation over the drawn fits")
         if resampled
-        else "3.188(17): 3.188 with standard uncertainty 0.017",
+        else "in brackets: the interval",
         "≥ 0 gives the same numbers as free: no constraint is active" if hides_constrained else "",
     ]
     return "; ".join(line for line in sentences if line)

@@ -10,7 +10,7 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import OVERALL, VERDICTS, Report, View
 from jointstiff.service.tables.stiffness import StiffnessUnit
-from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Sheet, Style, Table
+from jointstiff.service.tables.table import Column, Line, Part, Sheet, Style, Table, as_line
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -76,23 +76,24 @@ def _sets_table(rows: list[FleetRow], unit: StiffnessUnit) -> Table:
         Column("robot", [row.robot_name for row in rows], text=True),
         Column("measurement set", [row.measurement_set_name for row in rows], text=True),
         Column("verdict", rows, lambda row: Line(*_OUTCOMES[outcome_of_row(row)]), text=True),
-        *(Column(name, [_stiffness_cell(row, name, unit) for row in rows]) for name in joints),
+        *(Column(name, [_stiffness_cell(row, name, unit) for row in rows], as_line) for name in joints),
     ]
     if any(row.error for row in rows):
         columns.append(Column("problem", [row.error and row.error.detail for row in rows], text=True))
     return Table(
         columns,
         title="Sets",
-        caption=f"{unit.quantity} of the joints in {unit.label}; intervals are in table.csv",
+        caption=f"{unit.quantity} (interval) of the joints in {unit.label}",
     )
 
 
-def _stiffness_cell(row: FleetRow, joint: str, unit: StiffnessUnit) -> str:
-    """Format the stiffness of a named joint in a row; a dash where the set does not determine it."""
-    stiffness = row.stiffness.get(joint)
-    if not stiffness:
-        return NO_NUMBER
-    return unit.format_compliance(1.0 / stiffness, row.joint_kinds.get(joint, "revolute"))
+def _stiffness_cell(row: FleetRow, joint: str, unit: StiffnessUnit) -> Line:
+    """Format the stiffness of a named joint in a row with its interval; a dash if the set has no number."""
+    interval = row.stiffness_interval.get(joint)
+    kind = row.joint_kinds.get(joint, "revolute")
+    return unit.show_stiffness(
+        row.stiffness.get(joint), interval, kind, may_be_used=row.verdict != "do_not_use"
+    ).cell
 
 
 class _SheetRow(Message):

@@ -16,16 +16,21 @@ from jointstiff.schemas.geometry import (
     WristResult,
 )
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
+from jointstiff.service.tables.estimate import (
+    NORMAL_95,
+    ShownEstimate,
+    half_width,
+    show_cell,
+    show_estimate,
+)
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import (
-    NO_NUMBER,
     Chart,
     Column,
     Line,
     Part,
     Sheet,
     Table,
-    format_concise,
     number_formatter,
     vector_formatter,
 )
@@ -90,7 +95,7 @@ def _make_evidence_parts(result: GeometryResult) -> list[Part]:
 
 def _make_axes_table(result: GeometryResult) -> Table:
     """Return a table with a point on each joint axis, the direction of the axis, and uncertainties."""
-    axes, format_micro = result.axes, number_formatter(".3g", _MICRO)
+    axes = result.axes
     points = [axis.point for axis in axes]
     return Table(
         [
@@ -100,11 +105,12 @@ def _make_axes_table(result: GeometryResult) -> Table:
                 for i, x in enumerate("xyz")
             ),
             Column("direction", [axis.direction for axis in axes], _format_direction),
-            Column("u", [axis.position_uncertainty for axis in axes], format_micro, "µm"),
-            Column("u", [axis.direction_uncertainty for axis in axes], format_micro, "µrad"),
+            Column("place", [half_width(axis.position_uncertainty, _MICRO) for axis in axes], unit="µm"),
+            Column("turn", [half_width(axis.direction_uncertainty, _MICRO) for axis in axes], unit="µrad"),
         ],
         title="Axes at model angle zero, in R0",
-        caption="points in mm; u: largest standard uncertainty across the axis, and of its direction",
+        caption="points in mm; ±: half of the 95 % interval, of the place across the axis and of the "
+        "direction, where it is largest",
         plain=True,
     )
 
@@ -135,22 +141,22 @@ def _make_sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
 
 
 def _make_tracker_frame_table(result: GeometryResult) -> Table:
-    """Return a table of the transform from the tracker's frame to R0, with its standard uncertainties."""
-    transform, format_micro = result.transform_tracker_to_base, number_formatter(".3g", _MICRO)
-    covariance = result.transform_covariance
+    """Return a table of the transform from the tracker's frame to R0, with half-widths of its intervals."""
+    transform, covariance = result.transform_tracker_to_base, result.transform_covariance
     # Standard uncertainties of the translation along x, y, z [m], then of the rotation about x, y, z [rad].
     uncertainties = [None] * 6 if covariance is None else [sqrt(covariance[i][i]) for i in range(6)]
+    half_widths = [half_width(each, _MICRO) for each in uncertainties]
     return Table(
         [
             Column("", list("xyz"), text=True),
             Column("R", transform.rotation, vector_formatter("+.7f", 1.0, " ")),
             Column("t", transform.translation, number_formatter(".3f", _MILLI)),
-            Column("u shift", uncertainties[:3], format_micro),
-            Column("u turn", uncertainties[3:], format_micro),
+            Column("shift", half_widths[:3], unit="µm"),
+            Column("turn", half_widths[3:], unit="µrad"),
         ],
         title=f"Tracker to R0, placed by {'the nominal model' if result.base == 'nominal' else 'the axes'}",
-        caption="y = R x + t, with x in the tracker's frame and y in R0; t in mm; u: standard uncertainty of "
-        "a translation in µm and of a rotation in µrad, axes of R0",
+        caption="y = R x + t, with x in the tracker's frame and y in R0; t in mm; ±: half of the 95 % "
+        "interval of a shift and of a turn, axes of R0",
     )
 
 
@@ -160,20 +166,30 @@ def _make_targets_table(result: GeometryResult) -> Table:
     return Table(
         [
             Column("target", [target.name for target in result.targets], text=True),
-            *(Column(axis, [row[i] for row in rows]) for i, axis in enumerate("xyz")),
+            *(Column(axis, [row[i] for row in rows], show_cell) for i, axis in enumerate("xyz")),
         ],
         title="Targets in the flange frame",
-        caption="in mm, with the standard uncertainty of the last digits",
+        caption="in mm, with the 95 % interval",
     )
 
 
-def _format_position(position: Sequence[float], covariance: Sequence[Sequence[float]] | None) -> list[str]:
-    """Format three coordinates [m] in mm, each with the standard uncertainty of the last digits."""
-    uncertainties = [None if covariance is None else _MILLI * sqrt(covariance[i][i]) for i in range(3)]
+def _format_position(
+    position: Sequence[float], covariance: Sequence[Sequence[float]] | None
+) -> list[ShownEstimate]:
+    """Format three coordinates [m] in mm, each with its 95 % interval."""
+    uncertainties = [None if covariance is None else sqrt(covariance[i][i]) for i in range(3)]
     return [
-        format_concise(_MILLI * coordinate, u, ".4f")
-        for coordinate, u in zip(position, uncertainties, strict=True)
+        _show_length(coordinate, uncertainty)
+        for coordinate, uncertainty in zip(position, uncertainties, strict=True)
     ]
+
+
+def _show_length(length: float, uncertainty: float | None) -> ShownEstimate:
+    """Format a length [m] in mm, or an angle [rad] in mrad, with the 95 % interval of its uncertainty."""
+    if uncertainty is None:
+        return show_estimate(length, None, _MILLI, bare=".4f")
+    half = NORMAL_95 * uncertainty
+    return show_estimate(length, (length - half, length + half), _MILLI, bare=".4f")
 
 
 def _make_wrist_parts(wrist: WristResult) -> list[Part]:
@@ -183,11 +199,11 @@ def _make_wrist_parts(wrist: WristResult) -> list[Part]:
     table = Table(
         [
             Column("by", [centre.way for centre in centres], text=True),
-            *(Column(axis, [row[i] for row in rows]) for i, axis in enumerate("xyz")),
+            *(Column(axis, [row[i] for row in rows], show_cell) for i, axis in enumerate("xyz")),
             Column("weight", [f"{estimate.weight:.2f}" for estimate in wrist.estimates] + [""]),
         ],
         title="Wrist centre, in R0",
-        caption="in mm, with the standard uncertainty of the last digits; weight in the combined centre",
+        caption="in mm, with the 95 % interval; weight in the combined centre",
     )
     lines = [
         f"{pair.first} and {pair.second} are {_MICRO * pair.distance:.1f} µm apart (p-value "
@@ -202,7 +218,7 @@ def _describe_distance_of_axes(wrist: WristResult) -> str:
     applicability = "applies" if wrist.decoupled_method else "does not apply"
     return (
         f"the last three axes miss each other by {_MICRO * wrist.miss_distance:.1f} µm "
-        f"(u = {_MICRO * wrist.miss_uncertainty:.1f} µm): the decoupled method {applicability}"
+        f"({half_width(wrist.miss_uncertainty, _MICRO)} µm): the decoupled method {applicability}"
     )
 
 
@@ -214,11 +230,10 @@ def _make_links_table(links: Sequence[LinkComparison]) -> Table:
             Column("after", [link.joint for link in links]),
             Column("nominal", [_format_link_size(link, link.nominal) for link in links]),
             Column("identified", links, _format_identified_size),
-            Column("difference", links, _format_difference),
+            Column("difference", [_show_difference(link) for link in links], show_cell),
         ],
         title="Links, nominal and identified",
-        caption="lengths in mm, angles in degrees; difference in mm or mrad, with the standard "
-        "uncertainty of its last digits",
+        caption="lengths in mm, angles in degrees; difference in mm or mrad, with its 95 % interval",
     )
 
 
@@ -232,14 +247,12 @@ def _format_identified_size(link: LinkComparison) -> str:
     return "not determined" if link.standard_uncertainty is None else _format_link_size(link, link.identified)
 
 
-def _format_difference(link: LinkComparison) -> str:
-    """Format identified minus nominal size in mm or mrad, with its uncertainty; a dash if unknown."""
+def _show_difference(link: LinkComparison) -> ShownEstimate:
+    """Format identified minus nominal size in mm or mrad, with its 95 % interval; a dash if unknown."""
     uncertainty = link.standard_uncertainty
-    return (
-        NO_NUMBER
-        if uncertainty is None
-        else format_concise(_MILLI * link.difference, uncertainty and _MILLI * uncertainty, ".4f")
-    )
+    if uncertainty is None:
+        return show_estimate(None, None)
+    return _show_length(link.difference, uncertainty)
 
 
 def _make_drift_line(drift: Drift) -> Line:
@@ -289,11 +302,12 @@ def _describe_fit_probability(probability: float) -> str:
 
 
 def make_charts(result: GeometryResult) -> list[Chart]:
-    """Return a chart of each axis's standard uncertainty of position, across the axis."""
+    """Return a chart of the half-width of the interval of each axis's position, across the axis."""
     names = [axis.name for axis in result.axes]
     series = {"position": [axis.position_uncertainty for axis in result.axes]}
-    title = "Standard uncertainty across each axis"
-    return [Chart(title, names, series, _MICRO, "µm", "axes", quantity="uncertainty")]
+    title = "Half-width of the 95 % interval across each axis"
+    # The factor makes half-widths of 95 % intervals of the standard uncertainties.
+    return [Chart(title, names, series, NORMAL_95 * _MICRO, "± µm", "axes", quantity="half-width")]
 
 
 def axes_sheet(geometry: Geometry) -> Sheet:

@@ -16,6 +16,7 @@ from jointstiff.schemas.deflection import (
 )
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import File, Kind
+from jointstiff.service.tables.estimate import model_error_text, show_cell, show_estimate, style_for
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import (
     Area,
@@ -23,8 +24,8 @@ from jointstiff.service.tables.table import (
     Column,
     Line,
     Part,
+    Style,
     Table,
-    interval_formatter,
     number_formatter,
     vector_formatter,
 )
@@ -97,14 +98,18 @@ def _make_report(job: Map, result: MapResult, _view: View) -> Report:
     parts: list[Part] = [Line(line) for line in [*lines, *result.remarks]]
     if result.worst is not None and result.stiffest is not None:
         places = (result.worst, result.stiffest)
-        parts.append(_extremes_table(places, job.request.confidence, list(result.joint_kinds.values())))
+        kinds, style = list(result.joint_kinds.values()), style_for(result.assessment.verdict)
+        parts.append(_extremes_table(places, job.request.confidence, kinds, style))
     return Report(parts)
 
 
 def _extremes_table(
-    places: tuple[MapPlace, MapPlace], confidence: float, kinds: Sequence[JointKind]
+    places: tuple[MapPlace, MapPlace], confidence: float, kinds: Sequence[JointKind], style: Style
 ) -> Table:
-    """Return a table of the worst and the stiffest place: posture, deflection, intervals, compliance."""
+    """Return a table of the worst and the stiffest place: posture, deflection, compliance.
+
+    `style` is that of the deflections.
+    """
     micro, joints = number_formatter(".3g", 1e6), [each.joints for each in places]
     # A map that was stored without the kinds of the joints is of a robot with revolute joints only.
     posture = Column(
@@ -112,19 +117,22 @@ def _extremes_table(
     )
     if kinds:
         posture = Column("controller's joints", [posture_text(each, kinds, 1) for each in joints], text=True)
-    interval = interval_formatter(".3g", 1e6)
+    deflections = [
+        show_estimate(each.deflection, each.with_model_error or each.readings_only, 1e6, style=style)
+        for each in places
+    ]
+    included = [model_error_text(each.with_model_error is not None) for each in places]
     return Table(
         [
             Column("", ["worst place", "stiffest place"], text=True),
             Column("place", [each.position for each in places], vector_formatter(".0f", 1e3), "mm"),
             posture,
-            Column("deflection", [each.deflection for each in places], number_formatter(".4g", 1e6), "µm"),
-            Column("readings only", [each.readings_only for each in places], interval, "µm"),
-            Column("with model error", [each.with_model_error for each in places], interval, "µm"),
+            Column("deflection", deflections, show_cell, "µm"),
+            Column("model error", included),
             Column("compliance along", [each.compliance_along for each in places], micro, "µm/N"),
             Column("compliance across", [each.compliance_across for each in places], micro, "µm/N"),
         ],
-        caption=f"intervals at {100 * confidence:g} %",
+        caption=f"deflection with its {100 * confidence:g} % interval",
         upright=True,
     )
 

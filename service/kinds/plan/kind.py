@@ -19,9 +19,10 @@ from jointstiff.schemas.plan import (
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
+from jointstiff.service.tables.estimate import NORMAL_95, half_width
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number_formatter
-from jointstiff.solver.text import figure, length_text
+from jointstiff.solver.text import length_text
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -74,9 +75,9 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
         lines.append("the plan allows for elastic links, because joints alone do not explain the deflection")
     if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
         lines.append(
-            "standard uncertainty of a deflection in the work area: "
-            f"{length_text(result.deflection_uncertainty)} rms, "
-            f"{length_text(result.worst_deflection_uncertainty)} at the worst place"
+            "95 % interval of a deflection in the work area: "
+            f"± {length_text(NORMAL_95 * result.deflection_uncertainty)} rms, "
+            f"± {length_text(NORMAL_95 * result.worst_deflection_uncertainty)} at the worst place"
         )
     if job.request.measurement_set_id is not None:
         lines.append(
@@ -88,7 +89,7 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
 
 
 def _joints_table(result: PlanResult) -> Table:
-    """Return a table of each joint's uncertainty: after the plan, and from the readings so far ("now").
+    """Return a table of each joint's interval: after the plan, and from the readings so far ("now").
 
     Cells are empty for joints that no load of the plan twists.
     """
@@ -102,9 +103,9 @@ def _joints_table(result: PlanResult) -> Table:
     caption = "from the noise of the readings, the bounds of the masses and the geometry"
     if any(any(each.force) for each in result.readings):
         caption = "from the noise of the readings alone; model error is not included"
-    title = "Predicted standard uncertainty of each stiffness"
+    title = "Predicted 95 % interval of each stiffness"
     if all(joint.relative is None for joint in joints):
-        title = "Predicted standard uncertainty of each compliance"
+        title = "Predicted 95 % interval of each compliance"
         caption += "; 1 nrad/(N·m) is 0.1 % of a stiffness of 10⁶ N·m/rad"
     measured = any(joint.before is not None for joint in joints)
     return Table(columns if measured else columns[:2], title=title, caption=caption)
@@ -123,15 +124,15 @@ def _compute_relative_uncertainty(joint: PlannedJoint, uncertainty: float | None
 
 
 def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> str | None:
-    """Format an uncertainty in % of the compliance, or in units of compliance if the compliance is unknown.
+    """Format the half-width of a 95 % interval in % of the compliance, or in units of compliance if unknown.
 
     Return None if the uncertainty is unknown.
     """
     relative = _compute_relative_uncertainty(joint, uncertainty)
     if relative is not None:
-        return f"{figure(100 * relative, '.2g')} %"
+        return f"{half_width(relative, 100.0)} %"
     unit = "nm/N" if joint.kind == "prismatic" else "nrad/(N·m)"
-    return None if uncertainty is None else f"{figure(1e9 * uncertainty, '.3g')} {unit}"
+    return None if uncertainty is None else f"{half_width(uncertainty, 1e9)} {unit}"
 
 
 def _readings_table(job: Plan, result: PlanResult, *, has_tick_boxes: bool) -> Table:
@@ -324,11 +325,12 @@ def _describe_noise(source: RobotDocument | Campaign, sigma: float | None) -> di
 
 
 def make_charts(result: PlanResult) -> list[Chart]:
-    """Return a chart of each joint's standard uncertainty: after this plan, after random plans, and now."""
+    """Return a chart of the half-width of each joint's interval: after this plan, random plans, and now."""
     joints = result.joints
     all_known = all(joint.relative is not None for joint in result.joints)
     # Without the compliance of every joint, uncertainties of compliances are drawn, not relative ones.
     plotted_value = _compute_relative_uncertainty if all_known else lambda _, uncertainty: uncertainty
+    # The factor makes half-widths of 95 % intervals of the standard uncertainties.
     series = {
         "this plan": [plotted_value(joint, joint.standard_uncertainty) for joint in joints],
         "random plans": [plotted_value(joint, joint.random) for joint in joints],
@@ -337,11 +339,22 @@ def make_charts(result: PlanResult) -> list[Chart]:
     known_series = {
         name: values for name, values in series.items() if any(each is not None for each in values)
     }
-    quantity, factor, unit = ("stiffness", 1e2, "%") if all_known else ("compliance", 1e9, "10⁻⁹ rad/(N·m)")
-    title = f"Standard uncertainty of each {quantity}"
+    quantity, factor, unit = (
+        ("stiffness", 1e2, "± %") if all_known else ("compliance", 1e9, "± 10⁻⁹ rad/(N·m)")
+    )
+    title = f"Half-width of the 95 % interval of each {quantity}"
     names = [joint.name for joint in joints]
     return [
-        Chart(title, names, known_series, factor, unit, "joints", logarithmic=True, quantity="uncertainty")
+        Chart(
+            title,
+            names,
+            known_series,
+            NORMAL_95 * factor,
+            unit,
+            "joints",
+            logarithmic=True,
+            quantity="half-width",
+        )
     ]
 
 

@@ -15,13 +15,22 @@ from jointstiff.schemas.process import (
 )
 from jointstiff.service.kinds.kind import Kind, list_table_files
 from jointstiff.service.kinds.program.kind import CONTENT, make_points_sheet
+from jointstiff.service.tables.estimate import (
+    ShownEstimate,
+    model_error_text,
+    show_cell,
+    show_estimate,
+    style_for,
+)
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import (
+    NO_NUMBER,
     Area,
     Chart,
     Column,
     Line,
     Part,
+    Style,
     Table,
     number_formatter,
     vector_formatter,
@@ -124,6 +133,8 @@ _FRAME_UNITS: Final = {
     "ur": ("m", "rad"),
 }
 """Units of position and orientation of a frame, by the format of the program; a table has its own."""
+_DIGITS_OF_METRE: Final = 10
+"""Digits after the point of a deflection [m]: less is rounding."""
 _ROUNDING: Final = 1e-8
 """Part of the greatest coordinate of a frame up to which numbers are rounding."""
 
@@ -157,30 +168,44 @@ def _deflection_table(result: ProcessResult, title: str, confidence: float) -> T
         "difference": result.difference,
         "left after correction": result.remaining,
     }
+    style = style_for(result.assessment.verdict)
     return Table(
-        [Column("deflection", list(rows), text=True), *_band_columns([*rows.values()])],
+        [Column("deflection", list(rows), text=True), *_band_columns([*rows.values()], style)],
         title=title,
-        caption=f"intervals at {100 * confidence:g} %",
+        caption=f"in brackets: {100 * confidence:g} % interval by readings, forces and model error",
     )
 
 
-def _band_columns(bands: list[DeflectionBand | None]) -> list[Column]:
-    """Return columns of values with their intervals, in µm."""
+def _band_columns(bands: list[DeflectionBand | None], style: Style) -> list[Column]:
+    """Return columns of values with their intervals, in µm, and whether these include the model error.
+
+    `style` is that of the values.
+    """
     return [
-        Column("value", [each and each.value for each in bands], _show_length, "µm"),
-        Column("readings and forces", [each and each.readings for each in bands], _show_interval, "µm"),
-        Column("with model error", [each and each.with_model_error for each in bands], _show_interval, "µm"),
+        Column("value", [_show_band(band, style) for band in bands], show_cell, "µm"),
+        Column("model error", bands, _describe_model_error, text=True),
     ]
 
 
-def _show_length(length: float) -> str:
-    """Format a length [m] in µm; a difference below 0.1 nm is rounding, and zero."""
-    return figure(round(1e6 * length, 4) + 0.0, ".4g")
+def _show_band(band: DeflectionBand | None, style: Style) -> ShownEstimate:
+    """Format a deflection [m] in µm with its interval, which includes the model error if that is known.
+
+    A difference below 0.1 nm is rounding, and zero.
+    """
+    if band is None:
+        return show_estimate(None, None)
+    interval = band.with_model_error or band.readings
+    low, high = interval or (0.0, 0.0)
+    ends = (round(low, _DIGITS_OF_METRE), round(high, _DIGITS_OF_METRE))
+    value = round(band.value, _DIGITS_OF_METRE)
+    return show_estimate(value, None if interval is None else ends, 1e6, style=style)
 
 
-def _show_interval(ends: tuple[float, float]) -> str:
-    """Format an interval of a length [m] in µm."""
-    return " to ".join(map(_show_length, ends))
+def _describe_model_error(band: DeflectionBand) -> str:
+    """Return whether the interval of a deflection includes the model error; a dash without an interval."""
+    if band.with_model_error is None and band.readings is None:
+        return NO_NUMBER
+    return model_error_text(band.with_model_error is not None)
 
 
 def _place_parts(result: ProcessResult) -> list[Part]:
@@ -192,7 +217,7 @@ def _place_parts(result: ProcessResult) -> list[Part]:
                 "centre of the path", [each.centre for each in places], vector_formatter(".0f", 1e3), "mm"
             ),
             Column("turn about z", [degrees(each.turn) for each in places], number_formatter(".0f"), "°"),
-            *_band_columns([each.deflection for each in places]),
+            *_band_columns([each.deflection for each in places], style_for(result.assessment.verdict)),
             Column("than the best", [_order(each) for each in places], text=True),
         ],
         title="Best places of the workpiece",

@@ -11,11 +11,19 @@ from typing import TYPE_CHECKING, Any, Final
 from jointstiff.schemas.program import (
     Program,
     ProgramOptions,
-    ProgramPoint,
     ProgramRequest,
     ProgramResult,
+    Spread,
+    SpreadEnds,
 )
 from jointstiff.service.kinds.kind import Kind, list_table_files
+from jointstiff.service.tables.estimate import (
+    ShownEstimate,
+    model_error_text,
+    show_cell,
+    show_estimate,
+    style_for,
+)
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import (
     Chart,
@@ -23,7 +31,6 @@ from jointstiff.service.tables.table import (
     Line,
     Part,
     Table,
-    interval_formatter,
     number_formatter,
 )
 
@@ -108,54 +115,89 @@ def _make_report(_job: Program, result: ProgramResult, _view: View) -> Report:
     moves = f"; {result.moves_left} of {result.moves} moves are left unchanged" if result.moves_left else ""
     counts = Line(f"{result.corrected} of {result.points} targets are corrected{capped}{uncorrected}{moves}")
     worst: list[Part] = [_worst_table(result)] if result.worst else []
-    return Report([counts, _distances_table(result), *worst, *map(Line, result.remarks)])
+    tables: list[Part] = [_distances_table(result), _corrections_table(result), *worst]
+    return Report([counts, *tables, *map(Line, result.remarks)])
 
 
 def _distances_table(result: ProgramResult) -> Table:
-    """Return a table of quantiles of the loaded tool's distance from its target, and of the corrections."""
+    """Return a table of quantiles of the loaded tool's distance from its target, and of the corrections.
+
+    Each quantile has its interval; the last column says whether the intervals include the model error.
+    """
+    confidence, style = f"{100 * result.confidence:g} %", style_for(result.assessment.verdict)
     rows = {
-        "without correction": result.deflection,
-        "predicted, as written": result.residual,
-        "  part from rounding": result.rounding,
-        "displacement of targets": result.correction,
+        "without correction": (result.deflection, result.deflection_ends),
+        "predicted, as written": (result.residual, result.residual_ends),
     }
+    quantiles = {"median": "median", "95 % of the points": "p95", "greatest": "greatest"}
+    columns = [
+        Column(title, [replace(_show_quantile(*row, name), style=style) for row in rows.values()], show_cell)
+        for title, name in quantiles.items()
+    ]
+    return Table(
+        [
+            Column("quantity", list(rows), text=True),
+            *columns,
+            Column("model error", [model_error_text(result.with_model_error)] * len(rows), text=True),
+        ],
+        title="Distance of the loaded tool from its target, mm",
+        caption=f"in brackets: {confidence} interval",
+    )
+
+
+def _show_quantile(sizes: Spread | None, ends: SpreadEnds | None, name: str) -> ShownEstimate:
+    """Format a quantile of distances [m] in mm with its interval; `name` is its field of the spread."""
+    value = None if sizes is None else getattr(sizes, name)
+    interval = None if ends is None else (getattr(ends.low, name), getattr(ends.high, name))
+    return show_estimate(value, interval, 1e3)
+
+
+def _corrections_table(result: ProgramResult) -> Table:
+    """Return a table of what is written: displacement of the targets, and rounding of their numbers."""
+    rows = {"displacement of targets": result.correction, "rounding of the numbers": result.rounding}
     format_mm = number_formatter(".4f", 1e3)
     return Table(
         [
             Column("quantity", list(rows), text=True),
             Column("median", [each and each.median for each in rows.values()], format_mm),
-            Column("95 %", [each and each.p95 for each in rows.values()], format_mm),
+            Column("95 % of the points", [each and each.p95 for each in rows.values()], format_mm),
             Column("greatest", [each and each.greatest for each in rows.values()], format_mm),
         ],
-        title="Distance of the loaded tool from its target, mm",
+        title="Corrections as written, mm",
     )
 
 
 def _worst_table(result: ProgramResult) -> Table:
-    """Return a table of the points with the greatest deflections."""
-    points, interval = result.worst[:_SHOWN_POINTS], interval_formatter(".3f", 1e3, " … ")
+    """Return a table of the points with the greatest deflections, before and after the correction."""
+    points, style = result.worst[:_SHOWN_POINTS], style_for(result.assessment.verdict)
+    before = [
+        show_estimate(point.deflection, point.interval_with_model_error or point.interval, 1e3, style=style)
+        for point in points
+    ]
+    after = [
+        show_estimate(
+            point.residual,
+            point.residual_interval_with_model_error or point.residual_interval,
+            1e3,
+            style=style,
+        )
+        for point in points
+    ]
+    included = [model_error_text(point.interval_with_model_error is not None) for point in points]
+    remarks = ["capped" if point.capped else "" for point in points]
     return Table(
         [
             Column("point", [point.number for point in points]),
             Column("name", [point.name for point in points], text=True),
             Column("line", [point.line for point in points]),
-            Column("deflection", [point.deflection for point in points], number_formatter(".3f", 1e3), "mm"),
-            Column(
-                f"{100 * result.confidence:g} %, readings only",
-                [point.interval for point in points],
-                interval,
-                "mm",
-            ),
-            Column("with model error", [point.interval_with_model_error for point in points], interval, "mm"),
-            Column("residual", points, _format_residual, "mm"),
+            Column("before", before, show_cell, "mm"),
+            Column("after", after, show_cell, "mm"),
+            Column("model error", included, text=True),
+            *([Column("", remarks, text=True)] if any(remarks) else []),
         ],
         title="Worst points",
+        caption=f"distance from the target, with its {100 * result.confidence:g} % interval",
     )
-
-
-def _format_residual(point: ProgramPoint) -> str:
-    """Format the residual of a point in mm, with a remark if limits reduced the correction."""
-    return f"{1e3 * point.residual:.4f}{' (capped)' if point.capped else ''}"
 
 
 def make_charts(result: ProgramResult) -> list[Chart]:
@@ -163,11 +205,18 @@ def make_charts(result: ProgramResult) -> list[Chart]:
     points = result.worst
     before = {"without correction": [point.deflection for point in points]}
     after = {"as written": [point.residual for point in points]}
-    intervals = {"without correction": [point.interval for point in points]}
+    intervals = {
+        "without correction": [point.interval_with_model_error or point.interval for point in points]
+    }
+    intervals_after = {
+        "as written": [
+            point.residual_interval_with_model_error or point.residual_interval for point in points
+        ]
+    }
     names = [point.name or str(point.number) for point in points]
     charts = [
         Chart("Without correction, worst points", names, before, 1e3, "mm", "points", intervals),
-        Chart("As written, if the prediction is exact", names, after, 1e6, "µm", "points"),
+        Chart("As written, worst points", names, after, 1e3, "mm", "points", intervals_after),
     ]
     return [replace(chart, quantity="distance to target") for chart in charts] if points else []
 
@@ -188,7 +237,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     files=(
         *list_table_files(
             "points",
-            "all points: deflection, correction, interval, residual, reason if not corrected",
+            "all points: deflection, correction, residual, intervals, reason if not corrected",
             make_points_sheet,
         ),
     ),

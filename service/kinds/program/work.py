@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jointstiff.schemas.finding import Assessment, Finding, Verdict
 from jointstiff.schemas.process import Process, ProcessRequest
@@ -27,6 +28,7 @@ from jointstiff.schemas.program import (
     ProgramRequest,
     ProgramResult,
     Spread,
+    SpreadEnds,
 )
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
@@ -111,6 +113,10 @@ _LOADED_COLUMNS: Final = (
     "rounding [mm]",
     "share [1]",
 )
+_REMAINING_COLUMNS: Final = tuple(
+    f"residual {end}, {by} [mm]" for by in ("readings", "with model error") for end in ("low", "high")
+)
+"""Columns that stored tables of older versions lack."""
 _UNCERTAIN: Final = "uncertain: not corrected"
 _REMARKS: Final = ("", "no load", "capped", _UNCERTAIN)
 """Remarks on a point in the table of points, stored there by index."""
@@ -169,14 +175,46 @@ class WrittenPoints:
 
         NaN where an interval is unknown.
         """
-        corrections = self.corrections
-        half_widths = np.stack([self.quantile * corrections.uncertainty, corrections.model_error])
+        return self._make_intervals(self.corrections.uncorrected, self.corrections.uncertainty)
+
+    @cached_property
+    def _remaining_intervals(self) -> FloatArray:
+        """Confidence intervals of each residual (2, k, 2) [m]: from readings only, then with model error.
+
+        A correction by the prediction leaves the error of the prediction, whose direction is unknown. NaN
+        where an interval is unknown.
+        """
+        return self._make_intervals(self.residual, self.corrections.scatter)
+
+    def _make_intervals(self, motion: FloatArray, uncertainty: FloatArray) -> FloatArray:
+        """Return intervals (2, k, 2) of the lengths of motions (k, 6) [m]: by readings, and with model error.
+
+        `uncertainty` (k,) is the standard uncertainty of each length from the readings [m].
+        """
+        half_widths = np.stack([self.quantile * uncertainty, self.corrections.model_error])
         half_widths = np.where(np.isfinite(half_widths), half_widths, np.nan)
-        # half[0] is from readings only, half[1] with model error.
+        # half_widths[0] is from readings only, half_widths[1] with model error.
         # The interval with model error must not be narrower than the interval from readings only.
         half_widths[1] = np.where(np.isnan(half_widths[1]), np.nan, np.fmax(half_widths[0], half_widths[1]))
-        deflection = _vector_lengths(corrections.uncorrected[:, :3])
-        return np.stack([np.maximum(deflection - half_widths, 0.0), deflection + half_widths], axis=2)
+        length = _vector_lengths(motion[:, :3])
+        return np.stack([np.maximum(length - half_widths, 0.0), length + half_widths], axis=2)
+
+    @cached_property
+    def has_model_error(self) -> bool:
+        """Whether the model error has a bound at all points whose deflections count."""
+        return bool(np.isfinite(self._intervals[1, self.counted]).all())
+
+    def summarize_intervals(self, of: Literal["deflection", "residual"]) -> SpreadEnds | None:
+        """Return the spreads of the lower and of the upper ends of intervals, over the points that count.
+
+        The intervals include the model error if its bound is known. Return None if no interval is known.
+        """
+        intervals = self._intervals if of == "deflection" else self._remaining_intervals
+        low, high = intervals[1 if self.has_model_error else 0].T
+        if not np.isfinite(high[self.counted]).all():
+            return None
+        ends = self.summarize_sizes(low), self.summarize_sizes(high)
+        return None if ends[0] is None or ends[1] is None else SpreadEnds(low=ends[0], high=ends[1])
 
     def list_worst_points(self) -> list[ProgramPoint]:
         """Return at most `MAX_WORST` points with the greatest deflections, greatest first."""
@@ -185,6 +223,7 @@ class WrittenPoints:
         points = corrections.points[worst_first]
         worst_targets = self.path.targets[points]
         readings, with_error = self._intervals[:, worst_first]
+        remaining, remaining_with_error = self._remaining_intervals[:, worst_first]
         names = [targets.names[i] for i in worst_targets.tolist()]
         return messages.build_messages(
             ProgramPoint,
@@ -203,6 +242,8 @@ class WrittenPoints:
             interval_with_model_error=with_error,
             residual=_vector_lengths(self.residual[worst_first, :3]),
             residual_rotation=_vector_lengths(self.residual[worst_first, 3:]),
+            residual_interval=remaining,
+            residual_interval_with_model_error=remaining_with_error,
             rounding=self.rounding[worst_first],
             share=corrections.share[worst_first],
             capped=corrections.capped[worst_first],
@@ -263,9 +304,17 @@ class WrittenPoints:
             line_of_point,
             file_names,
             np.frombuffer(names, dtype=np.uint8),
+            self._pack_remaining(),
         ):
             np.save(content, array, allow_pickle=False)
         return content.getvalue()
+
+    def _pack_remaining(self) -> NDArray[np.float32]:
+        """Return the columns `_REMAINING_COLUMNS` (4, m) [mm] of the points of the path; NaN without load."""
+        columns = np.full((len(_REMAINING_COLUMNS), len(self.path.targets)), np.nan, dtype=np.float32)
+        intervals = 1e3 * self._remaining_intervals
+        columns[:, self.corrections.points] = np.moveaxis(intervals, 1, 2).reshape(len(columns), -1)
+        return columns
 
 
 def points_sheet(content: bytes) -> Sheet:
@@ -283,6 +332,9 @@ def points_sheet(content: bytes) -> Sheet:
         "line": line,
     }
     columns |= numbers
+    if stored.read(1):
+        stored.seek(-1, io.SEEK_CUR)
+        columns |= dict(zip(_REMAINING_COLUMNS, np.load(stored, allow_pickle=False), strict=True))
     columns["remark"] = np.array(_REMARKS, dtype=object)[remark]
     return Sheet(columns, texts=frozenset({"name", "file", "remark"}), digits=".7g")
 
@@ -784,6 +836,9 @@ class ProgramWork(Work):
             deflection=deflection,
             correction=correction,
             residual=residual,
+            deflection_ends=points.summarize_intervals("deflection"),
+            residual_ends=points.summarize_intervals("residual"),
+            with_model_error=points.has_model_error,
             rounding=points.summarize_sizes(points.rounding),
             confidence=self._request.confidence,
             worst=points.list_worst_points(),

@@ -24,6 +24,13 @@ from jointstiff.schemas.run import (
     WeightResult,
 )
 from jointstiff.service.kinds.kind import File, Kind
+from jointstiff.service.tables.estimate import (
+    NORMAL_95,
+    ShownEstimate,
+    estimate_columns,
+    half_width,
+    show_estimate,
+)
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import (
@@ -34,6 +41,7 @@ from jointstiff.service.tables.table import (
     Part,
     Sheet,
     Table,
+    as_line,
     format_percent,
     format_rounded,
     number_formatter,
@@ -81,25 +89,23 @@ def _make_report(run: Run, result: RunResult, view: View) -> Report:
 
 
 def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
-    """Return the table of joints: stiffness with uncertainty and interval, weight of a prior, verdict."""
+    """Return the table of joints: stiffness with its interval, weight of a prior, verdict."""
     request, joints = run.request, result.joints
     constraint = "compliance ≥ 0" if request.positive else "unconstrained"
     method = f"{METHOD_NAMES[request.method]}, {request.weighting} weights"
     if request.weight is not None:
         method = "by the robot's own weight"
-    cells = [unit.cells(joint) for joint in joints]
+    estimates = [unit.show_joint(joint) for joint in joints]
     prior_cells = [_format_prior(joint, has_prior=joint.name in request.priors) for joint in joints]
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),
-            Column(unit.quantity, [value for value, _, _ in cells]),
-            Column("std. uncertainty", [uncertainty for _, uncertainty, _ in cells]),
-            Column(f"{100 * request.confidence:g} % interval", [interval for _, _, interval in cells]),
+            *estimate_columns(unit.quantity, estimates, request.confidence),
             *([Column("prior/data", prior_cells)] if request.priors else []),
             Column("verdict", joints, _verdict_cell, text=True),
         ],
         title=f"Joint {unit.quantity}, {method}, {constraint}",
-        caption=f"{unit.quantity}, its standard uncertainty and interval in {unit.label_of(joints)}",
+        caption=f"{unit.quantity} and its interval in {unit.label_of(joints)}",
     )
 
 
@@ -109,30 +115,22 @@ def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit)
     `before` and `after` are results with the same joints, such as before and after readings were left out.
     """
 
-    def format_cells(result: RunResult) -> list[str]:
+    def list_cells(result: RunResult) -> list[Line]:
         """Return the cells of a result's column, from its verdict down to the last joint."""
-        explained = result.compensation
-        cells = {joint.name: unit.cells(joint) for joint in result.joints}
-        return [
-            VERDICTS[result.assessment.verdict],
-            "—" if explained is None else f"{100 * explained:.1f} %",
-            length_text(result.rms_residual),
-            # The third part of `cells` is the interval.
-            *(
-                value if uncertainty == NO_NUMBER else f"{value} (u = {uncertainty})"
-                for value, uncertainty, _ in (cells[joint.name] for joint in before.joints)
-            ),
-        ]
+        cells = {joint.name: unit.show_joint(joint).cell for joint in result.joints}
+        explained = NO_NUMBER if result.compensation is None else f"{100 * result.compensation:.1f} %"
+        texts = (VERDICTS[result.assessment.verdict], explained, length_text(result.rms_residual))
+        return [*map(Line, texts), *(cells[joint.name] for joint in before.joints)]
 
     names = ["verdict", "explained", "rms residual", *(joint.name for joint in before.joints)]
     return Table(
         [
             Column("", names, text=True),
-            Column("before", format_cells(before)),
-            Column("after", format_cells(after)),
+            Column("before", list_cells(before), as_line),
+            Column("after", list_cells(after), as_line),
         ],
         title="Before and after",
-        caption=f"{unit.quantity} with its standard uncertainty u in {unit.label_of(before.joints)}",
+        caption=f"{unit.quantity} (interval) in {unit.label_of(before.joints)}",
     )
 
 
@@ -230,24 +228,20 @@ def _describe_advised_reading(advice: Advice, kinds: Sequence[JointKind]) -> str
 
 
 def _predicted_gain_text(run: Run, advice: Advice, joint: JointResult) -> str:
-    """Describe how an advised reading would reduce a joint's uncertainty; "" if this is not predicted.
+    """Describe how an advised reading would narrow a joint's interval; "" if this is not predicted.
 
     The prediction is valid only for the partial pose with covariance weights and without priors.
     """
     request = run.request
-    # u(c) is the standard uncertainty of the joint's compliance c.
-    u, ratio = joint.standard_uncertainty, advice.uncertainty_ratio
     if request.method != "partial_pose" or request.weighting != "covariance" or request.priors:
         return ""
-    if ratio is None or u is None or not joint.compliance:
-        predicted_u = advice.standard_uncertainty
-        return (
-            ""
-            if predicted_u is None
-            else f": u(c) becomes {1e6 * predicted_u:.2g} {JOINT_UNITS[joint.kind].micro_compliance}"
-        )
-    percent = 100 * u / abs(joint.compliance)
-    return f": u {percent:.2g} % → {ratio * percent:.2g} %"
+    ratio, interval = advice.uncertainty_ratio, joint.compliance_interval
+    if ratio is None or interval is None or not joint.compliance:
+        narrowed = half_width(advice.standard_uncertainty, 1e6)
+        unit = JOINT_UNITS[joint.kind].micro_compliance
+        return "" if narrowed is None else f": the interval becomes {narrowed} {unit}"
+    percent = 100 * (interval[1] - interval[0]) / 2 / abs(joint.compliance)
+    return f": the interval ± {percent:.2g} % becomes ± {ratio * percent:.2g} %"
 
 
 _SIGMA_TESTS = {
@@ -312,14 +306,14 @@ _UNCERTAINTY_SOURCES = {
 
 
 def _budget_lines(result: RunResult) -> Iterator[str]:
-    """Yield a line for each source of uncertainty: least and greatest uncertainty in % of a compliance."""
+    """Yield a line for each source of uncertainty: least and greatest half-width in % of a compliance."""
     budget = result.budget
     if budget is None:
         return
     compliances = [joint.compliance for joint in result.joints if joint.name in budget.joints]
     for component in budget.components:
         percentages = [
-            100 * contribution / abs(compliance)
+            100 * budget.coverage_factor * contribution / abs(compliance)
             for contribution, compliance in zip(component.contributions, compliances, strict=True)
             if compliance
         ]
@@ -329,7 +323,7 @@ def _budget_lines(result: RunResult) -> Iterator[str]:
             excluded = "" if component.included else ", not in the intervals"
             source = _UNCERTAINTY_SOURCES.get(component.source, component.source)
             yield (
-                f"uncertainty from {source} (type {component.evaluation}{excluded}): "
+                f"uncertainty from {source} (type {component.evaluation}{excluded}): ± "
                 f"{' to '.join(range_texts)} % of a compliance"
             )
 
@@ -545,15 +539,20 @@ def choice_table(choice: ModelChoice) -> Table:
         [
             Column("model", [_MODEL_NAMES[each.model] for each in models], text=True),
             Column("loss", [each.loss for each in models], text=True),
-            Column("compensation", [each.compensation for each in models], format_percent),
-            Column("std. error", [each.standard_error for each in models], format_percent),
+            *estimate_columns("compensation", [_show_compensation(each) for each in models], 0.95, "%"),
             Column("penalty", [each.penalty for each in models], number_formatter(".2g")),
             Column("", [_model_remarks(each, choice) for each in models], text=True),
         ],
         title="Compensation of held-out configurations",
-        caption="mean over the folds of the cross-validation, with its standard error; the last column marks "
-        "the best model, and the simplest model within one standard error, each with its best loss",
+        caption="mean over the folds of the cross-validation; the last column marks the best model, and the "
+        "simplest model within one standard error, each with its best loss",
     )
+
+
+def _show_compensation(model: ScoredModel) -> ShownEstimate:
+    """Format the compensation of a compared model in %, with its 95 % interval."""
+    half = NORMAL_95 * model.standard_error
+    return show_estimate(model.compensation, (model.compensation - half, model.compensation + half), 100.0)
 
 
 def _model_remarks(scored: ScoredModel, choice: ModelChoice) -> str:

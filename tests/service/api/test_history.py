@@ -180,12 +180,12 @@ def test_a_trend_is_shown_as_a_table_a_picture_and_a_file(client, long, tmp_path
     assert repr(shown) == f"<RobotTrend: {shown.summary()}>"
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in str(shown).splitlines()]
     assert [row for row in rows if row] == [
-        ["joint_1", "", "1.2 % (u = 1 %)", "0.25"],
-        ["joint_2", "", "0.89 % (u = 0.88 %)", "0.31"],
-        ["joint_3", "changed", "-10 % (u = 1.4 %)", "8.4 · 10⁻¹²"],
-        ["joint_4", "", "1.8 % (u = 10 %)", "0.86"],
-        ["joint_5", "", "-1.9 % (u = 3.7 %)", "0.62"],
-        ["joint_6", "", "-11 % (u = 11 %)", "0.37"],
+        ["joint_1", "", "1.2 % (-0.8 … 3.2 %)", "0.25"],
+        ["joint_2", "", "0.89 % (-0.84 … 2.61 %)", "0.31"],
+        ["joint_3", "changed", "-10.2 % (-12.9 … -7.4 %)", "8.4 · 10⁻¹²"],
+        ["joint_4", "", "1.8 % (-18.1 … 21.7 %)", "0.86"],
+        ["joint_5", "", "-1.9 % (-9.1 … 5.3 %)", "0.62"],
+        ["joint_6", "", "-11 % (-34 … 12 %)", "0.37"],
     ]
     assert [len(axes.lines) for axes in shown.plot().axes] == [3] * 6
     shown.save(tmp_path / "trend.csv")

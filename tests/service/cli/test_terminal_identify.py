@@ -37,12 +37,12 @@ def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
         typed("identify weight.json --details"),
         "Use 5 of 6 joints: no number of the other joints passed the checks",
         "Joint stiffness, partial pose, covariance weights, compliance ≥ 0",
-        "┃ joint ┃ stiffness ┃ std. uncertainty ┃ 95 % interval ┃ verdict ┃",
-        "│ joint_1 │ — │ — │ — │ not observable │",
-        "│ joint_2 │ 3.111 │ 0.036 │ 3.042 … 3.184 │ well determined │",
-        "│ joint_5 │ 0.2547 │ 0.0066 │ 0.2424 … 0.2683 │ determined │",
-        "│ joint_6 │ 0.0960 │ 0.0096 │ 0.0802 … 0.1194 │ roughly known │",
-        "stiffness, its standard uncertainty and interval in 10⁶ N·m/rad",
+        "┃ joint ┃ stiffness ┃ 95 % interval ┃ verdict ┃",
+        "│ joint_1 │ — │ — │ not observable │",
+        "│ joint_2 │ 3.111 │ 3.042 … 3.184 │ well determined │",
+        "│ joint_5 │ 0.2547 │ 0.2424 … 0.2683 │ determined │",
+        "│ joint_6 │ 0.0960 │ 0.0802 … 0.1194 │ roughly known │",
+        "stiffness and its interval in 10⁶ N·m/rad",
         "joint_1: the load never twists this joint: add loads that twist the joint",
         "To do 1. joint_1: in posture c05 apply 1500 N along (0.50, 0.87, 0.00): the uncertainty of "
         "joint_1's compliance falls to 0.0018 µrad/(N·m)",
@@ -78,10 +78,10 @@ def test_details_have_the_evidence_behind_the_numbers():
         "The model has elastic joints alone: no test shows that other parts bend (F test of links added to "
         "the joints: p = 0.9).",
         "χ²/dof 0.84: consistent with sigma (1 if model and sigma are right; 103 degrees of freedom)",
-        "uncertainty from readings (type B): 0.51 to 8.7 % of a compliance",
-        "uncertainty from scale of the force, 1 % assumed (type B): 1 % of a compliance",
-        "uncertainty from load point, 10 mm assumed (type B): 0.31 to 4.8 % of a compliance",
-        "uncertainty from model error (type A, not in the intervals): 0.054 to 6.5 % of a compliance",
+        "uncertainty from readings (type B): ± 1 to 17 % of a compliance",
+        "uncertainty from scale of the force, 1 % assumed (type B): ± 2 % of a compliance",
+        "uncertainty from load point, 10 mm assumed (type B): ± 0.61 to 9.5 % of a compliance",
+        "uncertainty from model error (type A, not in the intervals): ± 0.11 to 13 % of a compliance",
         "complementary stiffness included (4 refits); it changes a compliance by at most 0.51 std. "
         "uncertainties (K_c/k at most 0.0024)",
         "causes tested with the joints, p-value: play 0.5, curved springs 0.6, load zero 0.6, load point "
@@ -97,9 +97,9 @@ def test_details_have_the_evidence_behind_the_numbers():
 def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
     assert_said(
         typed("identify pull.json --unit nm/arcmin --details --resample 8:200 --elasticity joints"),
-        "│ joint_1 │ 1111 │ 13 │ 1087 … 1136 │ well determined │",
-        "│ joint_6 │ 27.0 │ 2.9 │ 22.3 … 34.2 │ roughly known │",
-        "stiffness, its standard uncertainty and interval in N·m/arcmin",
+        "│ joint_1 │ 1111 │ 1087 … 1136 │ well determined │",
+        "│ joint_6 │ 27.0 │ 22.3 … 34.2 │ roughly known │",
+        "stiffness and its interval in N·m/arcmin",
         "200 fits of 8 configurations drawn at random",
         "┃ joint ┃ mean ┃ deviation ┃ negative ┃ rigid ┃ undetermined ┃",
         "│ joint_1 │ 1110.2 │ 4.7 │ 0 % │ 0 % │ 0 % │",
@@ -129,7 +129,7 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             "--method complete_pose --no-positive",
             [
                 "Joint stiffness, complete pose, covariance weights, unconstrained",
-                "│ joint_1 │ 3.819 │ 0.043 │ 3.736 … 3.906 │ well determined │",
+                "│ joint_1 │ 3.819 │ 3.736 … 3.906 │ well determined │",
                 "The model has elastic joints alone: elastic links cannot be combined with the option "
                 "method (F test of links added to the joints: p = 0.07).",
             ],
@@ -138,28 +138,28 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             "--elasticity joints --method decoupled_partial_pose --weighting uniform",
             [
                 "Joint stiffness, decoupled partial pose, uniform weights, compliance ≥ 0",
-                "│ joint_3 │ 2.541 │ 0.076 │ 2.400 … 2.700 │ determined │",
+                "│ joint_3 │ 2.541 │ 2.400 … 2.700 │ determined │",
                 "residual 43.2 µm rms",
                 "1 warning (--details) To do 1. joint_4: 1500 N along (-0.48, -0.85, -0.21) in posture c03",
             ],
         ),
         (
             "--elasticity joints --loss huber --huber-threshold 2",
-            ["│ joint_3 │ 2.484 │ 0.044 │ 2.400 … 2.573 │", "│ joint_4 │ 0.444 │ 0.038 │ 0.380 … 0.533 │"],
+            ["│ joint_3 │ 2.484 │ 2.400 … 2.573 │", "│ joint_4 │ 0.444 │ 0.380 … 0.533 │"],
         ),
         (
             "--elasticity joints --prior joint_2=3e6:2e5",
             [
                 "┃ 95 % interval ┃ prior/data ┃ verdict ┃",
-                "│ joint_1 │ 3.819 │ 0.043 │ 3.736 … 3.906 │ — │ well determined │",
-                "│ joint_2 │ 3.116 │ 0.036 │ 3.047 … 3.187 │ 0.0067 │ well determined │",
+                "│ joint_1 │ 3.819 │ 3.736 … 3.906 │ — │ well determined │",
+                "│ joint_2 │ 3.116 │ 3.047 … 3.187 │ 0.0067 │ well determined │",
             ],
         ),
         (
             "--elasticity joints --confidence 0.9 --leave-out c01",
             [
                 "┃ 90 % interval ┃",
-                "│ joint_1 │ 3.792 │ 0.045 │ 3.720 … 3.868 │",
+                "│ joint_1 │ 3.792 │ 3.720 … 3.868 │",
                 "residual 37.7 µm rms",
                 "1 warning (--details)",
             ],
@@ -170,14 +170,14 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
                 "Use with care: 1 reason every load point moved by (-9.25, 1.95, 9.44) mm ± (8.38, 4.41, "
                 "29.8) mm in the flange frame (95 %) was fitted with the joints; the intervals include the "
                 "uncertainty of this cause, and the readings contradict the stated value",
-                "│ joint_1 │ 3.827 │ 0.046 │ 3.739 … 3.918 │ use with care │",
+                "│ joint_1 │ 3.827 │ 3.739 … 3.918 │ use with care │",
                 "To do 1. measure the load point on the flange 2. joint_6: 1500 N along (0.00, 0.00, 1.00) "
-                "in posture c08: u 10 % → 9 %",
+                "in posture c08",
             ],
         ),
         (
             "--elasticity joints --complementary-stiffness neglected",
-            ["│ joint_1 │ 3.821 │ 0.043 │ 3.738 … 3.908 │", "residual 39.1 µm rms"],
+            ["│ joint_1 │ 3.821 │ 3.738 … 3.908 │", "residual 39.1 µm rms"],
         ),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
@@ -229,12 +229,12 @@ def test_methods_that_agree_are_compared_in_the_unit_that_is_asked_for():
     assert_said(
         typed("compare pull.json --unit kNm/deg"),
         "Use this comparison: no fault was found; all 6 joints of its run passed the checks",
-        "Stiffness in kN·m/° joint sign CP/L CP PP DPP",
-        "joint_1 free 66.57(85) 66.65(76) 66.65(76) 66.01(86)",
-        "joint_3 free 43.11(86) 43.34(66) 43.34(66) 43.6(1.0)",
-        "joint_6 free 1.43(30) 1.62(17) 1.62(17) 1.45(29)",
-        "translations divided by a length of 0.533 m; free: unconstrained; 3.188(17): 3.188 with standard "
-        "uncertainty 0.017; ≥ 0 gives the same numbers as free: no constraint is active",
+        "Stiffness in kN·m/° joint sign CP/L CP",
+        "joint_1 free 66.57 (64.95 … 68.28) 66.65 (65.20 … 68.17)",
+        "joint_3 free 43.11 (41.49 … 44.86) 43.34 (42.08 … 44.68)",
+        "joint_6 free 1.43 (1.02 … 2.42) 1.62 (1.34 … 2.05)",
+        "translations divided by a length of 0.533 m; free: unconstrained; in brackets: the "
+        "interval; ≥ 0 gives the same numbers as free: no constraint is active",
         "fit explained rms [µm] condition",
         "CP/L free 98.6 % 41 3.04",
         "DPP free 98.6 % 42 1.81",
@@ -247,13 +247,13 @@ def test_two_campaigns_are_compared_joint_by_joint():
         typed("compare pull.json soft.json --details"),
         "First: pull.json. Second: soft.json. Use this comparison with care: 1 reason of its own",
         "no configuration was measured on both sides, so the avoided deflection is predicted, not measured",
-        "│ joint_1 │ 3.819(43) │ 3.814(44) │ 0.999 │ 0.983 … 1.014 │ 0.86 │",
-        "│ joint_3 │ 2.483(38) │ 1.999(28) │ 0.805 │ 0.781 … 0.829 │ < 0.0001 │",
-        "│ joint_4 │ 0.442(36) │ 0.432(18) │ 0.98 │ 0.81 … 1.15 │ 0.79 │",
-        "ratio of the stiffnesses, second to first; p: p-value of equal stiffnesses",
+        "│ joint_1 │ 3.819 (3.736 … 3.906) │ 3.814 (3.729 … 3.902) │ 0.9986 (0.9832 … 1.0142) │ 0.86 │",
+        "│ joint_3 │ 2.483 (2.411 … 2.560) │ 1.999 (1.945 … 2.055) │ 0.805 (0.781 … 0.829) │ < 0.0001 │",
+        "│ joint_4 │ 0.442 (0.381 … 0.526) │ 0.432 (0.400 … 0.469) │ 0.977 (0.810 … 1.155) │ 0.79 │",
+        "ratio of the stiffnesses, second to first; in brackets: 95 % interval; p: p-value of equal",
         "deflection avoided by the second side: no observation is common to both sides; predicted -5.7 % "
         "in all",
-        "joint_3 1 free 2.470(49) 2.483(38) 2.483(38) 2.497(58)",
+        "joint_3 1 free 2.470 (",
         "CP/L 2 ≥ 0 98.2 % 47 2.68",
         "warning: 12 observations have the same label but different postures or loads, or no common "
         "target; the first of these observations is 'c01'; measure the same postures under the same load, "

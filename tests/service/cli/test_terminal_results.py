@@ -129,12 +129,11 @@ def test_deflections_are_predicted_with_their_uncertainty():
             "predict pull.json postures.csv --load-point 0,0,120 --run run.json --output p.csv --overwrite"
         ),
         "Use this prediction: no fault was found; all 6 joints of its run passed the checks",
-        "Deflections in R0; U does not include the model error",
-        "a -0.253 ± 0.013",
-        "0.000 ± 0.000 -1.194 ± 0.031 — 671",
-        "b 0.063 ± 0.001 -0.019 ± 0.001 -0.028 ± 0.001 — 1591",
-        "U: expanded uncertainty from readings, loads and places; U and model error at 95 %; stiffness along "
-        "the force, free to move sideways",
+        "Deflections in R0",
+        "a -0.2533 (-0.2666 … -0.2400) 0.0000 (0.0000 … 0.0000) -1.194 (-1.224 … -1.163)",
+        "b 0.06284 (0.06141 … 0.06427) -0.01855 (-0.01922 … -0.01787) -0.02806 (-0.02892 … -0.02720)",
+        "1591 (1556 … 1628)",
+        "in brackets: 95 % interval, model error unknown; stiffness along the force",
         "own weight is not included, because no masses are given",
         "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12",
     )
@@ -177,12 +176,11 @@ def test_a_map_shows_its_worst_and_its_stiffest_place():
         "┃ ┃ worst place ┃ stiffest place ┃",
         "│ place [mm] │ 1800 -200 600 │ 1400 200 600 │",
         "│ controller's angles [°] │ -6.3 20.7 16.1 0.0 53.2 -173.7 │ 8.1 2.7 38.0 0.0 49.3 171.9 │",
-        "│ deflection [µm] │ 795.1 │ 507 │",
-        "│ readings only [µm] │ 776 to 814 │ 494 to 520 │",
-        "│ with model error [µm] │ — │ — │",
+        "│ deflection [µm] │ 795.1 (776.3 … 813.9) │ 507.0 (494.2 … 519.8) │",
+        "│ model error │ unknown │ unknown │",
         "│ compliance along [µm/N] │ 1.25 │ 0.743 │",
         "│ compliance across [µm/N] │ 1.72 │ 1.83 │",
-        "intervals at 95 %",
+        "deflection with its 95 % interval",
         "│ Area │ (1400, -200, 600) mm; (1800, 200, 600) mm │",
         "│ Force │ (0, 300, -500) N │",
     )
@@ -194,10 +192,10 @@ def test_a_map_along_the_flange_takes_the_best_of_its_turns_and_bounds_its_model
         typed(f"{line} --turns 3 --direction 1,0,0 --axes flange --confidence 0.9"),
         "deflection: median 388.9 µm, 90 % of the places 303.6 to 489 µm, greatest 494 µm",
         "│ controller's angles [°] │ 6.3 20.7 16.1 0.0 53.2 53.7 │ -8.1 2.7 38.0 0.0 49.3 68.1 │",
-        "│ readings only [µm] │ 484 to 504 │ 293 to 310 │",
-        "│ with model error [µm] │ 470 to 518 │ 277 to 325 │",
+        "│ deflection [µm] │ 494 (470 … 518) │ 301 (277 … 325) │",
+        "│ model error │ included │ included │",
         "│ compliance along [µm/N] │ 1.34 │ 0.952 │",
-        "intervals at 90 %",
+        "deflection with its 90 % interval",
     )
 
 
@@ -227,9 +225,9 @@ def test_a_plan_says_what_it_adds_and_is_a_campaign_to_fill_in():
     assert_said(
         typed("plan pull.json --readings 3 --candidates 200 --campaign filled.json --overwrite --details"),
         "Use this plan: no fault was found; all 6 joints of its run passed the checks",
-        "│ joint_1 │ 0.45 % │ 0.47 % │",
-        "│ joint_4 │ 2.3 % │ 7.9 % │",
-        "│ joint_6 │ 5.7 % │ 8.7 % │",
+        "│ joint_1 │ ± 0.87 % │ ± 0.93 % │",
+        "│ joint_4 │ ± 4.6 % │ ± 15 % │",
+        "│ joint_6 │ ± 11 % │ ± 17 % │",
         "from the noise of the readings alone; model error is not included",
         "p1 -150.0 -4.0 48.0 -10.0 95.0 -15.0 1500",
         "v2 -22.0 69.0 37.0 44.0 -73.0 68.0 1500",
@@ -271,12 +269,12 @@ def test_a_program_is_corrected_and_its_points_are_written():
         "Use this program: no fault was found; all 6 joints of its run passed the checks",
         "4 of 4 targets are corrected",
         "Distance of the loaded tool from its target, mm",
-        "│ without correction │ 2.2648 │ 2.7519 │ 2.8292 │",
-        "│ predicted, as written │ 0.0000 │ 0.0001 │ 0.0001 │",
+        "│ without correction │ 2.265 (2.208 … 2.322) │ 2.752 (2.685 … 2.819) │ 2.829 (2.761 … 2.897)",
+        "│ predicted, as written │ 0.000 (0.000 … 0.066) │ 0.000 (0.000 … 0.074) │ 0.000 (0.000",
         "│ displacement of targets │ 2.2688 │ 2.7574 │ 2.8349 │",
         "Worst points",
-        "│ 1 │ │ 7 │ 2.829 │ 2.761 … 2.897 │ — │ 0.0000 │",
-        "│ 4 │ │ 10 │ 2.314 │ 2.252 … 2.376 │ — │ 0.0000 │",
+        "│ 1 │ │ 7 │ 2.829 (2.761 … 2.897) │ 0.000 (0.000 … 0.074) │ unknown │",
+        "│ 4 │ │ 10 │ 2.314 (2.252 … 2.376) │ 0.000 (0.000 … 0.074) │ unknown │",
         "wrote out.src wrote points.csv",
     )
     assert_said(

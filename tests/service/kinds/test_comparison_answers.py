@@ -313,9 +313,9 @@ class TestMethods:
         words = shown(of_one_target)
         for line in [
             "Use this comparison: no fault was found; all 6 joints of its run passed the checks",
-            "joint_1 free 3.839(65)",
-            "joint_6 free 0.093(14)",
-            "PP: partial pose; free: unconstrained; 3.188(17): 3.188 with standard uncertainty 0.017; "
+            "joint_1 free 3.839 (3.716 … 3.971)",
+            "joint_6 free 0.093 (",
+            "PP: partial pose; free: unconstrained; in brackets: the interval; "
             "≥ 0 gives the same numbers as free: no constraint is active",
             "PP free 98.4 % 40 2.71",
             f"no complete pose, decoupled partial pose: {THREE_TARGETS}",

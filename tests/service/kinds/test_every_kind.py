@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import uuid
 
 import httpx2
@@ -162,6 +163,28 @@ def test_it_has_a_report_and_its_tables(client, job, kind):
     assert "<script" not in page
     if kind.name in {"comparison", "plan"}:
         assert "[bold red]=1+1 #read(&quot;/etc/passwd&quot;) &lt;script&gt;" in page
+
+
+STANDARD_UNCERTAINTY = re.compile(r"\bu(?:\b|\()|\bstd\b|^standard uncertainty|\d\(\d+\)")
+"""A column of standard uncertainties, or a number with one in its last digits."""
+STIFFNESS = re.compile(r"^(?:stiffness|compliance|found)(?: \[|$)|^(?:first|second|CP|PP|DPP|joint_\d)")
+"""Column of identified stiffnesses."""
+
+
+@kinds
+def test_its_tables_have_intervals_and_no_standard_uncertainty(client, job, kind):
+    tables = client.get(file_at(job, "tables.json?details=true")).json()["tables"]
+    for table in tables:
+        texts = [*table["head"], table["caption"], *(cell for row in table["rows"] for cell in row)]
+        assert [text for text in texts if STANDARD_UNCERTAINTY.search(text)] == []
+        if any("interval" in title for title in table["head"]):
+            assert not any("±" in cell for row in table["rows"] for cell in row)
+            continue
+        for column, title in enumerate(table["head"]):
+            if not STIFFNESS.search(title) or "joint" not in table["head"]:
+                continue
+            for cell in (row[column] for row in table["rows"]):
+                assert "…" in cell or cell[:1] in ("—", ">", "<", "") or "no interval" in cell, (title, cell)
 
 
 @kinds

@@ -61,10 +61,13 @@ class TestComparison:
         stiffness, whole = found["tables"]
         assert stiffness["title"] == "Stiffness in 10⁶ N·m/rad"
         assert stiffness["caption"] == (
-            "PP: partial pose; free: unconstrained; ≥ 0: compliances zero or positive; 3.188(17): 3.188 with "
-            "standard uncertainty 0.017"
+            "PP: partial pose; free: unconstrained; ≥ 0: compliances zero or positive; in brackets: "
+            "the interval"
         )
-        values = ["3.819(43)", "3.116(36)", "2.483(38)", "0.442(36)", "0.2457(64)", "0.0928(99)"]
+        values = [
+            *("3.819 (3.736 … 3.906)", "3.116 (3.048 … 3.188)", "2.483 (2.411 … 2.560)"),
+            *("0.442 (0.381 … 0.526)", "0.2457 (0.2339 … 0.2589)", "0.0928 (0.0767 … 0.1174)"),
+        ]
         assert stiffness["rows"] == [
             row
             for i, value in enumerate(values, 1)
@@ -94,7 +97,7 @@ class TestComparison:
         ids = f"{jobs['run']['id']}; {jobs['other']['id']}"
         lines = report_of(local, jobs["comparison"])
         assert lines[lines.index("Run ids") + 1] == ids
-        assert "joint_5 | free | 0.2457(64) |" in lines
+        assert "joint_5 | free | 0.2457 (0.2339 … 0.2589) |" in lines
         assert f"– Use this comparison: {ALL_SIX}" in lines
 
 
@@ -116,12 +119,14 @@ class TestGeometry:
         found = tables_of(local, jobs["geometry"])
         axes, sweeps, frame, targets = found["tables"]
         assert axes["title"] == "Axes at model angle zero, in R0"
-        assert axes["head"] == ["axis", "x", "y", "z", "direction", "u [µm]", "u [µrad]"]
-        assert axes["rows"][1][:2] + axes["rows"][1][5:] == ["joint_2", "300.017", "18.9", "28.4"]
+        assert axes["head"] == ["axis", "x", "y", "z", "direction", "place [µm]", "turn [µrad]"]
+        assert axes["rows"][1][:2] + axes["rows"][1][5:] == ["joint_2", "300.017", "± 37", "± 56"]
         assert sweeps["rows"][0] == ["joint_1", "120.0°", "4", "0.99995", "1.53", "8.76", "0.138"]
         assert [row[2] for row in frame["rows"]] == ["-2033.600", "1885.283", "-100.062"]
-        assert frame["rows"][2][3:] == ["9.82", "28.4"]
-        assert targets["rows"] == [["P10", "-800.030(16)", "-0.005(14)", "99.997(27)"]]
+        assert frame["rows"][2][3:] == ["± 19", "± 56"]
+        assert targets["rows"] == [
+            ["P10", "-800.030 (-800.061 … -799.999)", "-0.005 (-0.032 … 0.021)", "99.997 (99.945 … 100.049)"]
+        ]
         assert found["lines"][:3] == [
             "sigma of a coordinate 10.0 µm (stated), χ²/dof 1.13 with 5 degrees of freedom",
             "one robot model fits all sweeps (noise alone would give a worse fit with a probability of 80 %)",
@@ -150,12 +155,12 @@ class TestPlan:
         found = tables_of(local, jobs["plan"])
         uncertainties, readings = found["tables"]
         assert uncertainties["rows"] == [
-            ["joint_1", "0.43 %", "0.47 %"],
-            ["joint_2", "0.46 %", "0.53 %"],
-            ["joint_3", "0.81 %", "0.92 %"],
-            ["joint_4", "2.6 %", "7.9 %"],
-            ["joint_5", "1.1 %", "1.1 %"],
-            ["joint_6", "5.7 %", "8.7 %"],
+            ["joint_1", "± 0.85 %", "± 0.93 %"],
+            ["joint_2", "± 0.91 %", "± 1 %"],
+            ["joint_3", "± 1.6 %", "± 1.8 %"],
+            ["joint_4", "± 5.2 %", "± 15 %"],
+            ["joint_5", "± 2.1 %", "± 2.2 %"],
+            ["joint_6", "± 11 %", "± 17 %"],
         ]
         assert [row[:7] for row in readings["rows"]] == [
             ["p1", "-99.0", "11.0", "54.0", "-55.0", "83.0", "160.0"],
@@ -177,7 +182,7 @@ class TestPlan:
         assert all(cell == "" for cell in rows[0][15:33])
         lines = report_of(local, jobs["plan"])
         for line in [
-            "joint_4 | 2.6 % | 7.9 % |",
+            "joint_4 | ± 5.2 % | ± 15 % |",
             "Readings, in order; Readings v1, v2, … validate the model, and are not fitted. Targets: P10, "
             "P11, P12. Load point in the flange frame: -60, 20, 180 mm",
             "p1 | -99.0 | 11.0 | 54.0 | -55.0 | 83.0 | 160.0 | 1500 | x -0.38 y +0.86 z -0.33 | [ ] | [ ] |",
@@ -199,8 +204,8 @@ class TestMap:
         for line in [
             "place [mm] | 1800 -200 600 | 1400 200 600 |",
             "controller's angles [°] | -6.3 20.7 16.1 0.0 53.2 -173.7 | 8.1 2.7 38.0 0.0 49.3 171.9 |",
-            "deflection [µm] | 795.1 | 507 |",
-            "readings only [µm] | 776 to 814 | 494 to 520 |",
+            "deflection [µm] | 795.1 (776.3 … 813.9) | 507.0 (494.2 … 519.8) |",
+            "model error | unknown | unknown |",
             "compliance along [µm/N] | 1.25 | 0.743 |",
             "compliance across [µm/N] | 1.72 | 1.83 |",
             "– all 4 places reached",
@@ -239,16 +244,17 @@ class TestProgram:
         assert [(each["number"], each["line"]) for each in result["worst"]] == [(1, 7), (3, 9), (2, 8)]
         lines = report_of(local, jobs["program"])
         for line in [
-            "without correction | 2.3143 | 2.7777 | 2.8292 |",
-            "predicted, as written | 0.0000 | 0.0000 | 0.0000 |",
+            "without correction | 2.314 (2.252 … 2.376) | 2.778 (2.710 … 2.845) | 2.829 (2.761 … 2.897) | "
+            "unknown |",
             "displacement of targets | 2.3180 | 2.7832 | 2.8349 |",
-            "1 | | 7 | 2.829 | 2.761 … 2.897 | — | 0.0000 |",
+            "1 | | 7 | 2.829 (2.761 … 2.897) | 0.000 (0.000 … 0.074) | unknown |",
             "– 3 of 3 targets are corrected",
             f"– {BOUND[0]}",
             "(300, 400, -1400) N",
             "(10, -5, 10, 5, 45, 3) °",
         ]:
             assert line in lines
+        assert any(line.startswith("predicted, as written | 0.000 (0.000 … 0.0") for line in lines)
 
     def test_the_program_has_other_targets_and_nothing_else_changed(self, local, jobs):
         answer = local.get(file_at(jobs["program"], "program"))

@@ -76,33 +76,33 @@ def test_readings_in_millimetres_are_those_in_metres_and_each_joint_is_beside_it
         (
             "mnm/rad",
             [
-                "joint_1 │ 0.596 │ 0.021 │ 0.558 … 0.639 │ determined",
-                "joint_3 │ 4.22 N/µm │ 0.38 │ 3.60 … 5.12 │ determined",
-                "stiffness, its standard uncertainty and interval in 10⁶ N·m/rad, or N/µm where stated",
+                "joint_1 │ 0.596 │ 0.558 … 0.639 │ determined",
+                "joint_3 │ 4.22 N/µm │ 3.60 … 5.12 │ determined",
+                "stiffness and its interval in 10⁶ N·m/rad, or N/µm where stated",
             ],
         ),
         (
             "knm/deg",
             [
-                "joint_1 │ 10.39 │ 0.36 │ 9.73 … 11.15 │ determined",
-                "joint_3 │ 4.22 N/µm │ 0.38 │ 3.60 … 5.12 │ determined",
-                "stiffness, its standard uncertainty and interval in kN·m/°, or N/µm where stated",
+                "joint_1 │ 10.39 │ 9.73 … 11.15 │ determined",
+                "joint_3 │ 4.22 N/µm │ 3.60 … 5.12 │ determined",
+                "stiffness and its interval in kN·m/°, or N/µm where stated",
             ],
         ),
         (
             "nm/rad",
             [
-                "joint_1 │ 596000 │ 21000 │ 558000 … 639000 │ determined",
-                "joint_3 │ 4220000 N/m │ 380000 │ 3600000 … 5120000 │ determined",
-                "stiffness, its standard uncertainty and interval in N·m/rad, or N/m where stated",
+                "joint_1 │ 596000 │ 558000 … 639000 │ determined",
+                "joint_3 │ 4220000 N/m │ 3600000 … 5120000 │ determined",
+                "stiffness and its interval in N·m/rad, or N/m where stated",
             ],
         ),
         (
             "urad/nm",
             [
-                "joint_1 │ 1.679 │ 0.058 │ 1.565 … 1.793 │ determined",
-                "joint_3 │ 0.237 µm/N │ 0.021 │ 0.195 … 0.278 │ determined",
-                "compliance, its standard uncertainty and interval in µrad/(N·m), or µm/N where stated",
+                "joint_1 │ 1.679 │ 1.565 … 1.793 │ determined",
+                "joint_3 │ 0.237 µm/N │ 0.195 … 0.278 │ determined",
+                "compliance and its interval in µrad/(N·m), or µm/N where stated",
             ],
         ),
     ],
@@ -128,9 +128,9 @@ def test_the_rail_is_shown_first_and_the_axes_in_their_unit(files):
     words = " ".join(terminal("identify", files / "rail.json", width=120).stdout.split())
     for line in [
         "Use: all 7 joints passed the checks",
-        "joint_1 │ 19.0 N/µm │ 1.6 │ 16.4 … 22.7 │ determined",
-        "joint_2 │ 3.796 │ 0.042 │ 3.716 … 3.879 │ well determined",
-        "joint_7 │ 0.1007 │ 0.0064 │ 0.0896 … 0.1149 │ determined",
+        "joint_1 │ 19.0 N/µm │ 16.4 … 22.7 │ determined",
+        "joint_2 │ 3.796 │ 3.716 … 3.879 │ well determined",
+        "joint_7 │ 0.1007 │ 0.0896 … 0.1149 │ determined",
     ]:
         assert line in words
 

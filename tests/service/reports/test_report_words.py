@@ -101,14 +101,14 @@ def test_a_report_names_laboratory_customer_item_and_measurement(laboratory, pul
     )
 
 
-def test_a_report_has_results_with_expanded_uncertainty(laboratory, pulled):
+def test_a_report_has_results_with_their_intervals(laboratory, pulled):
     assert_said(
         report_of(laboratory, pulled),
         "2 Results",
-        "expanded uncertainty [10⁶ N·m/rad], k = 2 | 95 % interval [10⁶ N·m/rad] | verdict |",
-        "joint_1 | 3.819 | 0.043 | 0.087 | 3.736 … 3.906 | use |",
-        "joint_4 | 0.442 | 0.036 | 0.072 | 0.381 … 0.526 | use |",
-        "joint_6 | 0.0928 | 0.0099 | 0.020 | 0.0767 … 0.1174 | use |",
+        "joint | stiffness [10⁶ N·m/rad] | 95 % interval | verdict |",
+        "joint_1 | 3.819 | 3.736 … 3.906 | use |",
+        "joint_4 | 0.442 | 0.381 … 0.526 | use |",
+        "joint_6 | 0.0928 | 0.0767 … 0.1174 | use |",
         "Fraction of the mean deflection that the model explains 98.7 %",
         "Root mean square of the residuals' lengths 38.8 µm",
         "Standard uncertainty of a coordinate of a reading 20 µm (given)",
@@ -117,9 +117,9 @@ def test_a_report_has_results_with_expanded_uncertainty(laboratory, pulled):
         "1 to 12 of 12 measured residual",
         "The arm in the posture of the first observation x y z 1 2 3, 4 5, 6",
         "3 Predicted static compliance of the flange",
-        "X | 0.000509 | -0.000196 | -0.000994 | 0.000025 |",
-        "Y | -0.000196 | 0.001892 | -0.000049 | 0.000043 |",
-        "Z | -0.000995 | -0.000049 | 0.002515 | 0.000058 |",
+        "in brackets: 95 % interval",
+        "X | 0.0005091 (0.0004977 … 0.0005204) | -0.0001956 (-0.0002015 … -0.0001897) | "
+        "-0.000994 (-0.001016 … -0.000973) | unknown |",
         "Predicted from the identified stiffness, not measured",
         "Mean deflection, before: as measured 2.762 mm",
         "Mean deflection, after compensation by the model, computed 0.03567 mm",
@@ -138,11 +138,12 @@ def test_a_report_has_the_budget_of_each_joint(laboratory, pulled):
         "combined, only sources that the intervals include | | 1.1 | 1.2 | 1.5 | 8.1 | 2.6 | 11 |",
         "combined, all sources | | 1.1 | 1.2 | 1.5 | 8.1 | 2.6 | 11 |",
         "expanded, all sources, k = 2 | | 2.3 | 2.3 | 3.1 | 16 | 5.2 | 21 |",
+        "expanded, of the stiffness [10⁶ N·m/rad] | | 0.087 | 0.072 | 0.076 | 0.072 | 0.013 | 0.020 |",
         "Greatest correlation coefficient between two joints: 0.82 (joint_1 and joint_2); all are in "
         "run.json.",
-        "The interval of a joint differs from y ± U: the interval contains all stiffnesses that the "
-        "likelihood of the readings does not exclude, can be asymmetric, and omits the sources that are "
-        "not included above.",
+        "The interval of a joint in the results differs from y ± U: the interval contains all "
+        "stiffnesses that the likelihood of the readings does not exclude, can be asymmetric, and omits the "
+        "sources that are not included above.",
     )
 
 
@@ -176,12 +177,12 @@ def test_a_report_says_what_is_assumed_and_where_its_numbers_come_from(laborator
 def test_a_joint_without_a_number_has_none_in_results_prediction_and_budget(laboratory, weighed):
     assert_said(
         report_of(laboratory, weighed),
-        "joint_1 | — | — | — | — | not observable |",
-        "joint_2 | 3.109 | 0.016 | 0.032 | 3.078 … 3.141 | use |",
-        "joint_6 | 0.0880 | 0.0043 | 0.0086 | 0.0804 … 0.0971 | use |",
+        "joint_1 | — | — | not observable |",
+        "joint_2 | 3.109 | 3.078 … 3.141 | use |",
+        "joint_6 | 0.0880 | 0.0804 … 0.0971 | use |",
         "joint_1: no number: the load never twists this joint: add loads that twist the joint.",
         "joint_1 no number: see the table joint_2",
-        "X | — | — | — | — | Y | — | — | — | — | Z | -0.000276 | 0.000226 | 0.001787 | 0.000011 |",
+        "X | — | — | — | — | Y | — | — | — | — | Z | -0.000276",
         "the load or own weight twists joint_1, which the readings of the run do not determine: the "
         "prediction is not valid",
         "source | type | joint_2 | joint_3 | joint_4 | joint_5 | joint_6 |",
@@ -216,12 +217,12 @@ def test_the_tables_of_a_run_have_its_lines_and_its_evidence(laboratory, weighed
     assert (answer["assessment"]["verdict"], answer["assessment"]["joints_identified"]) == ("use", 5)
     (table,) = answer["tables"]
     assert table["title"] == "Joint stiffness, partial pose, covariance weights, compliance ≥ 0"
-    assert table["caption"] == "stiffness, its standard uncertainty and interval in 10⁶ N·m/rad"
+    assert table["caption"] == "stiffness and its interval in 10⁶ N·m/rad"
     assert table["legend"] == f"{table['title']}; {table['caption']}"
-    assert table["head"] == ["joint", "stiffness", "std. uncertainty", "95 % interval", "verdict"]
-    assert table["rows"][0] == ["joint_1", "—", "—", "—", "not observable"]
-    assert table["rows"][1] == ["joint_2", "3.109", "0.016", "3.078 … 3.141", "well determined"]
-    assert table["texts"] == [0, 4]
+    assert table["head"] == ["joint", "stiffness", "95 % interval", "verdict"]
+    assert table["rows"][0] == ["joint_1", "—", "—", "not observable"]
+    assert table["rows"][1] == ["joint_2", "3.109", "3.078 … 3.141", "well determined"]
+    assert table["texts"] == [0, 3]
     assert answer["lines"] == [
         "joint_1: the load never twists this joint: add loads that twist the joint",
         "explains 98.8 % of the mean deflection, residual 44.1 µm rms (3-D), sigma of a reading 20 µm "
@@ -229,8 +230,8 @@ def test_the_tables_of_a_run_have_its_lines_and_its_evidence(laboratory, weighed
     ]
     assert answer["evidence"][:3] == [
         "χ²/dof 0.85: consistent with sigma (1 if model and sigma are right; 103 degrees of freedom)",
-        "uncertainty from readings (type B): 0.47 to 4.7 % of a compliance",
-        "uncertainty from scale of the force (type B): 0.2 % of a compliance",
+        "uncertainty from readings (type B): ± 0.93 to 9.2 % of a compliance",
+        "uncertainty from scale of the force (type B): ± 0.39 % of a compliance",
     ]
 
 
@@ -267,8 +268,8 @@ def test_a_certificate_states_place_days_and_languages_of_the_laboratory(laborat
             },
             {},
             [
-                "joint_1 | 3.769 | 0.046 | 0.093 | 3.680 … 3.862 | use |",
-                "X | 0.000903 | 0.000138 | -0.000195 | 0.000022 |",
+                "joint_1 | 3.769 | 3.680 … 3.862 | use |",
+                "X | 0.000903 (0.000882 … 0.000924) | 0.0001380 (0.0001333 … 0.0001427) |",
                 "combined, all sources | | 1.2 | 1.2 | 1.6 | 5.6 | 2.6 | 7.7 |",
                 "Deviation: negative compliances were allowed.",
                 "complete pose, covariance weights, without constraints",
@@ -287,8 +288,8 @@ def test_a_certificate_states_place_days_and_languages_of_the_laboratory(laborat
             },
             {"encoders": "secondary"},
             [
-                "joint_1 | 3.803 | 0.047 | 0.095 | 3.712 … 3.898 | use |",
-                "joint_6 | 0.099 | 0.019 | 0.038 | 0.071 … 0.159 | use |",
+                "joint_1 | 3.803 | 3.712 … 3.898 | use |",
+                "joint_6 | 0.099 | 0.071 … 0.159 | use |",
                 "Deviation: loss huber: large residuals have less weight.",
                 "Deviation: prior knowledge of joint_1 was used.",
                 "Deviation: stiffness of joint_6 was bounded.",
