@@ -275,4 +275,4 @@ def test_a_process_of_a_marked_test_is_not():
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
 def test_a_test_on_postgresql_is_marked(request, kind):
     expected = {"sqlite": set(), "postgresql": {"postgresql", "process"}}[kind]
-    assert {mark.name for mark in request.node.iter_markers()} - {"parametrize"} == expected
+    assert {mark.name for mark in request.node.iter_markers()} - {"parametrize", "xdist_group"} == expected

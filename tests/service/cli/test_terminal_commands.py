@@ -114,7 +114,7 @@ def test_the_catalogue_lists_arms_with_reach_and_signs():
 
 def test_an_arm_is_shown_by_a_part_of_its_name_with_rows_and_sources():
     assert_said(
-        typed("robots 'kr 210'", width=140),
+        typed("robots 'kr 210 r2700'", width=140),
         "KUKA KR 210 R2700 extra (nominal) Denavit-Hartenberg, modified",
         "│ 1 │ 0 │ 0 │ 675 │ 0 │ -185 to 185 │",
         "│ 2 │ 350 │ -90 │ 0 │ 0 │ -140 to -5 │",
