@@ -120,6 +120,10 @@ def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
     return [*lines, *(Line(f"  {note}", "dim") for note in notes)]
 
 
+_OPTION_OF_ACTION: Final[Mapping[str, str]] = {"state_payload": "--payload KG"}
+"""Action → its option on the command line, if this is another one than `--apply`."""
+
+
 def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
     """Return the remedies of an assessment's reasons, without repetitions.
 
@@ -128,7 +132,7 @@ def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
     kinds = [None if reason.action is None else reason.action.kind for reason in assessment.reasons]
     # `--apply KIND` applies the first action of a kind, so only the remedy of that action names the option.
     suffixes = [
-        f", or repeat the command with `--apply {kind}`"
+        f", or repeat the command with `{_OPTION_OF_ACTION.get(kind, f'--apply {kind}')}`"
         if applies and kind not in (None, "show_posture", *kinds[:number])
         else ""
         for number, kind in enumerate(kinds)
