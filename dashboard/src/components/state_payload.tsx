@@ -16,7 +16,7 @@ export function StatePayload({ action, run }: { action: AdvisedAction; run: Run 
     <>
       <SchemaFields of="RobotChange" show={["payload"]} value={stated} change={setStated} />
       <ActionButton action={state} disabled={payload === null} going={text.start.going}>
-        {text.assessment.actions.state_payload(action)}
+        {text.assessment.actions.state_payload()}
       </ActionButton>
     </>
   );

@@ -217,4 +217,4 @@ def test_the_prior_of_a_measured_arm_is_within_a_factor_of_two_of_it():
 
 def test_an_arm_without_payload_has_no_prior():
     with pytest.raises(RobotError, match="no payload"):
-        build_prior_model(ROBOT)
+        build_prior_model(ROBOT.with_payload(None))
