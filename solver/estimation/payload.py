@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.finding import AdvisedAction, Finding
-from jointstiff.schemas.measurement import ConfusedForceUnit
+from jointstiff.schemas.measurement import ConfusedForceUnit, ForceUnit
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.estimation.estimate import JointCompliance
 from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
@@ -202,7 +202,7 @@ def _compare_with_payload(
         )
 
 
-def _relative_units(declared: str) -> dict[ConfusedForceUnit, float]:
+def _relative_units(declared: ForceUnit) -> dict[ConfusedForceUnit, float]:
     """Return the size of each unit of force relative to the unit that was declared."""
     newtons_of_declared = FORCE_UNITS["kgf" if declared == "kg" else declared]
     return {unit: newtons / newtons_of_declared for unit, newtons in FORCE_UNITS.items()}
