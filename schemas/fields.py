@@ -131,6 +131,10 @@ Compliance = Annotated[
 Timestamp = datetime
 """A time in UTC; in JSON it ends with `Z`."""
 
+LEAST_PAYLOAD, GREATEST_PAYLOAD = 0.1, 1e4
+Payload = Kilograms[Annotated[float, Field(strict=True, ge=LEAST_PAYLOAD, le=GREATEST_PAYLOAD)]]
+"""The largest payload of a robot by its maker."""
+
 Item = TypeVar("Item", bound=Message)
 
 

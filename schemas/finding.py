@@ -7,7 +7,15 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Positions, Terminal
+from jointstiff.schemas.fields import (
+    Dimensionless,
+    Identifier,
+    Message,
+    Name,
+    Payload,
+    Positions,
+    Terminal,
+)
 
 
 class ProblemItem(Message):
@@ -51,6 +59,7 @@ ActionKind = Literal[
     "exchange_readings",
     "choose_model",
     "choose_robot",
+    "state_payload",
     "show_posture",
 ]
 
@@ -83,7 +92,7 @@ class AdvisedAction(Message):
         description="`fit_causes`: identify with `causes` as further unknowns, without `observations`. "
         "`convert_units`: keep the numbers, and declare `unit`. `exchange_readings`: swap unloaded and "
         "loaded readings. `choose_model`: let the readings choose elasticity and loss. `choose_robot`: "
-        "identify with `robot`."
+        "identify with `robot`. `state_payload`: keep `payload`, which the user states, with the robot."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
@@ -108,6 +117,10 @@ class AdvisedAction(Message):
     robot_id: Identifier | None = Field(
         default=None,
         description="Id of the stored robot; null for an arm of the catalogue, and for other actions.",
+    )
+    payload: Payload | None = Field(
+        default=None,
+        description="Payload of the robot, to be filled in for `state_payload`; null for other actions.",
     )
 
     @classmethod
@@ -198,6 +211,7 @@ FindingCode = Literal[
     "load_at_target",
     "stiffness_implausible",
     "stiffness_against_payload",
+    "payload_not_stated",
     "prior_dominates",
     "complementary_stiffness_matters",
     "links_bend_with_joints",

@@ -13,6 +13,7 @@ from jointstiff.schemas.fields import (
     Message,
     Metres,
     Name,
+    Payload,
     Point,
     Positions,
     Quantity,
@@ -125,9 +126,6 @@ class Body(Message):
     )
 
 
-Payload = Kilograms[Annotated[float, Field(strict=True, ge=0.1, le=1e4)]]
-
-
 class RobotDocument(Message):
     """A robot: a description, a stored geometry, or an arm of the catalogue."""
 
@@ -231,6 +229,8 @@ class Robot(RobotDocument, RobotSummary):
 
 class RobotChange(ResourceChange):
     """Changes of a robot except its kinematics. Omitted fields remain unchanged."""
+
+    payload: Payload | None = Field(default=None, description="Payload by the maker; null: unchanged.")
 
 
 class JointMapPreset(Message):

@@ -24,6 +24,7 @@ STIFFNESSES: dict[Encoders, tuple[float, ...]] = {
     "motor": (3.8e6, 3.1e6, 2.5e6, 0.45e6, 0.25e6, 0.09e6),
     "secondary": (6.6e6, 5.7e6, 6.1e6, 0.45e6, 0.25e6, 0.09e6),
 }
+PAYLOAD = 240.0  # of the default arm [kg]
 LIMITS_DEGREES = ((-180, 180), (-40, 70), (-100, 60), (-200, 200), (-120, 120), (-350, 350))
 
 
@@ -44,6 +45,7 @@ class SpringArm:
     #: Lowest and highest angle of each joint [rad], (n, 2); ±π if not given
     limits: FloatArray = field(default_factory=lambda: np.array([-np.pi, np.pi]))
     prismatic: tuple[int, ...] = ()  #: Indices of the prismatic joints
+    payload: float | None = None  #: Largest payload [kg], as a maker would state it; None if not stated
 
     def __post_init__(self) -> None:
         n = np.size(self.stiffnesses)
@@ -176,6 +178,7 @@ def default_arm(encoders: Encoders = "motor", *, wrist_offset: float = 0.0) -> S
         flange_translation=np.array([wrist_reach + 0.24, 0.0, tool_height]),
         stiffnesses=np.array(STIFFNESSES[encoders]),
         limits=np.radians(LIMITS_DEGREES),
+        payload=PAYLOAD,
     )
 
 

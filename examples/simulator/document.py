@@ -33,7 +33,8 @@ def robot_document(arm: SpringArm) -> Document:
         "base": BASE_LINK,
         "flange": FLANGE_LINK,
     }
-    return {"name": name, "model": model}
+    payload = {} if arm.payload is None else {"payload": arm.payload}
+    return {"name": name, "model": model, **payload}
 
 
 def measurement_set(

@@ -98,7 +98,7 @@ def change_robot(
     robot_id: RobotId,
     body: Annotated[RobotChange, json_body(EXAMPLES["robot_changes"])],
 ) -> Response:
-    """Change a robot's name, delete it, or restore it.
+    """Change a robot's name or payload, delete it, or restore it.
 
     A robot that a measurement set or a job refers to cannot be deleted; a deleted robot can be restored for
     30 days.

@@ -24,7 +24,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.process import Process, ProcessRequest
 from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
 from jointstiff.schemas.program import Program, ProgramRequest
-from jointstiff.schemas.robot import CatalogueModel, RobotDocument
+from jointstiff.schemas.robot import CatalogueModel, RobotChange, RobotDocument
 from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.api.answers import InjectedParts, describe_post_responses, json_response
 from jointstiff.service.api.bodies import (
@@ -49,7 +49,7 @@ from jointstiff.service.problems import NotFoundError, find_path_in_document
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.resources.stored import load_job, robot_from_record
 from jointstiff.service.runs.deflection import predict_by_run
-from jointstiff.service.runs.mending import apply_action_to_campaign
+from jointstiff.service.runs.mending import apply_action_to_campaign, fill_in_payload
 from jointstiff.service.security.access import OPERATOR
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.tables import IdempotencyKey, JobRecord
@@ -118,13 +118,15 @@ async def apply_action(
     """Apply an action of a run's assessment, and identify: the new run is a `variant_of` this one.
 
     Readings or a robot that the action changes are stored in addition to the old ones, under names that show
-    the change. The same action of the same run gives the same run.
+    the change. A payload is kept with the robot itself. The same action of the same run gives the same run.
     """
 
     def create(jobs: Jobs) -> JobRecord:
         """Store the changed inputs and the job of the new run; return the job's record."""
         variant = _make_request_after_action(posted.parts, cast("Run", jobs.current(run_id)), body)
-        return jobs.create(variant, _make_key_from_content(variant.model_dump_json()), posted.by)
+        # The payload is no field of the request: another payload is another run.
+        payload = "" if body.payload is None else f" {body.payload!r} kg"
+        return jobs.create(variant, _make_key_from_content(variant.model_dump_json() + payload), posted.by)
 
     return await posted.answer(Run.kind_name(), create)
 
@@ -138,13 +140,19 @@ def _make_request_after_action(parts: Parts, run: Run, action: AdvisedAction) ->
     """
     if run.result is None:
         raise HTTPException(409, f"the run has no assessment, because its state is {run.state}")
-    if all(reason.action != action for reason in run.result.assessment.reasons):
+    is_filled_in = action.kind == "state_payload"
+    advised_action = action.model_copy(update={"payload": None}) if is_filled_in else action
+    if all(reason.action != advised_action for reason in run.result.assessment.reasons):
         raise RequestError(
             "the assessment of this run does not recommend this action",
             where="kind",
-            remedy="send the `action` of one of the reasons of this assessment, without changes",
+            remedy="send the `action` of one of the reasons of this assessment; only `payload` is filled in",
         )
     request = run.request.model_copy(update={"variant_of": run.id})
+    if is_filled_in:
+        robot_id = parts.sets.document(request.measurement_set_id).robot_id
+        parts.robots.change(robot_id, RobotChange(payload=fill_in_payload(action, action.payload).payload))
+        return request
     if action.kind in {"leave_out_readings", "fit_causes"}:
         left_out = dict.fromkeys([*request.leave_out, *action.observations])
         causes = [*request.causes, *action.causes]

@@ -135,6 +135,15 @@ _LENGTH_FIELDS: Final = frozenset(("noise", "load_point", "flange_targets"))
 
 _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
     "robot": (cli.NamedRobot, None),
+    "payload": (
+        Annotated[
+            float | None,
+            typer.Option(
+                metavar="KG", help="Largest payload of the robot by its maker [kg], if its file states none."
+            ),
+        ],
+        None,
+    ),
     "about": (
         Annotated[
             list[str] | None,
@@ -228,6 +237,7 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
         # With the robot the readings are checked again: the preview then has the findings of the inspection.
         robot = read_robot(robot_name)
         import_answer, _ = _read_and_ask(files, options, robot, may_ask=False)
+    robot = _state_payload(robot, values["payload"])
     if robot is not None and import_answer.bodies:
         robot = robot.model_copy(update={"bodies": import_answer.bodies})
     if import_answer.measurement_set is not None:
@@ -242,6 +252,24 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
         raise typer.Exit(1)
     if values["output"] is not None:
         _write_campaign(values["output"], import_answer, robot, overwrite=values["overwrite"])
+
+
+def _state_payload(robot: RobotDocument | None, payload: float | None) -> RobotDocument | None:
+    """Return the robot with a payload [kg]; without a payload, return the robot unchanged.
+
+    Raises:
+        typer.BadParameter: the robot is unknown.
+        CampaignError: the payload is not plausible.
+    """
+    from jointstiff.schemas.robot import RobotDocument
+    from jointstiff.service.resources.documents import parse_document
+
+    if payload is None:
+        return robot
+    if robot is None:
+        raise typer.BadParameter("needs the robot: add --robot", param_hint="--payload")
+    fields = robot.model_dump(mode="json", exclude_unset=True)
+    return parse_document({**fields, "payload": payload}, RobotDocument)
 
 
 def _print_answer(answer: ImportAnswer, *, as_json: bool) -> None:

@@ -453,7 +453,7 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
         if values.get("second") is not None:
             typer.echo(f"First: {values['file']}. Second: {values['second']}.")
         # The report of a run names the actions to use with --apply, unless an action was applied just now.
-        names_actions = kind.name == "run" and values["apply"] is None
+        names_actions = kind.name == "run" and _choose_action(values) is None
         name_options = partial(name_options_in_text, kind.options)
         shown = lay_out_job(
             kind,
@@ -637,29 +637,48 @@ def _unwrap_type(annotation: Any) -> Any:  # noqa: ANN401 - a type
 
 
 def _choose_corrected_path(values: _Values) -> Path | None:
-    """Return the path for the corrected campaign, by default next to the old campaign; None without --apply.
+    """Return the path for the corrected campaign, by default next to the old one; None without an action.
 
     Raises:
-        typer.BadParameter: --output is given without --apply, or does not end in .json.
+        typer.BadParameter: --output is given without --apply or --payload, or does not end in .json; or
+            --payload is given with another action than its own.
     """
     output: Path | None = values["output"]
-    if values["apply"] is None:
+    action = _choose_action(values)
+    if action is None:
         if output is not None:
             hint = "`jointstiff export` writes tables, `jointstiff report` writes reports"
-            message = f"names the file for the campaign that --apply corrects, so --apply is needed; {hint}"
+            message = (
+                "names the file for the campaign that --apply or --payload corrects, so one of them is "
+                f"needed; {hint}"
+            )
             raise typer.BadParameter(message, param_hint="--output")
         return None
     if output is not None:
         cli.check_ending(output, [".json"])
-    file, name = values["file"], values["apply"].replace("_", "-")
+    file, name = values["file"], action.replace("_", "-")
     return output or file.with_name(f"{file.stem}-{name}{file.suffix}")
 
 
-def _apply_action(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - runs
-    """Apply the action of --apply; write the corrected campaign, and return its run.
+def _choose_action(values: _Values) -> str | None:
+    """Return the action of --apply; with --payload alone the action that states the payload; else None.
 
-    A table that compares the old and the new run is printed, unless --json is given. Without --apply, return
-    the old run `job`.
+    Raises:
+        typer.BadParameter: --payload is given with another action.
+    """
+    action: str | None = values["apply"]
+    if values["payload"] is None:
+        return action
+    if action not in (None, "state_payload"):
+        raise typer.BadParameter(f"belongs to no action {action}: omit it", param_hint="--payload")
+    return "state_payload"
+
+
+def _apply_action(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - runs
+    """Apply the action of --apply or --payload; write the corrected campaign, and return its run.
+
+    A table that compares the old and the new run is printed, unless --json is given. Without an action,
+    return the old run `job`.
     """
     from jointstiff.service.kinds.run.kind import before_after_table
     from jointstiff.service.tables.stiffness import UNITS
@@ -668,7 +687,7 @@ def _apply_action(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  #
     path = _choose_corrected_path(values)
     if path is None:
         return job
-    new_run = job.apply(values["apply"])
+    new_run = job.apply(_choose_action(values), payload=values["payload"])
     document = new_run.campaign.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     cli.write_json(path, document)
     if new_run.result is not None and not values["as_json"]:
@@ -818,6 +837,14 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                     "identify this campaign.",
                 ),
                 str,
+            ),
+            "payload": _make_optional_parameter(
+                typer.Option(
+                    metavar="KG",
+                    help="State the largest payload of the robot by its maker [kg], if the verdict requests "
+                    "it: write the campaign with the payload to a new file, and identify this campaign.",
+                ),
+                float,
             ),
             "output": _make_optional_parameter(
                 cli.output_option(

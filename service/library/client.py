@@ -450,12 +450,12 @@ class Client(Verbs):
         content: bytes = self.send("GET", address, query).content
         return content
 
-    def apply(self, run: TabledRun, action: str) -> TabledRun:
+    def apply(self, run: TabledRun, action: str, payload: float | None = None) -> TabledRun:
         """Apply an action that the run's assessment recommends; return the new run when it has ended."""
         from jointstiff.service.runs.mending import find_advised_action
 
         with as_campaign_error(""):
-            recommended = find_advised_action(cast("Any", run.result).assessment, action)
+            recommended = find_advised_action(cast("Any", run.result).assessment, action, payload)
         address = f"/v1/runs/{quote(run.id, safe='')}/apply"
         return self.runs.wait(self.runs.parse_answer(self.send("POST", address, _WAIT_QUERY, recommended)))
 

@@ -276,7 +276,7 @@ class Here(Verbs):
             return render_pdf(document) if suffix == "pdf" else render_html(document)
 
     @one_thread()
-    def apply(self, run: TabledRun, action: str) -> TabledRun:
+    def apply(self, run: TabledRun, action: str, payload: float | None = None) -> TabledRun:
         """Apply an action that the run's assessment recommends; return the run of the changed campaign.
 
         Raises:
@@ -287,7 +287,7 @@ class Here(Verbs):
 
         campaign: messages.Campaign = run.campaign.model_copy(update={"run": extract_run_options(run)})
         with as_campaign_error(""):
-            recommended = find_advised_action(cast("Any", run.result).assessment, action)
+            recommended = find_advised_action(cast("Any", run.result).assessment, action, payload)
             campaign = apply_action_to_campaign(campaign, recommended)
         return self.identify(campaign)
 

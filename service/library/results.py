@@ -86,7 +86,7 @@ class Backend(verb.Backend, Protocol):
     ) -> Prediction:
         """Predict deflections with the model of a run or a campaign; arguments as of `jointstiff.predict`."""
 
-    def apply(self, run: TabledRun, action: str) -> TabledRun:
+    def apply(self, run: TabledRun, action: str, payload: float | None = None) -> TabledRun:
         """Apply an action that the run's assessment recommends; return the run of the changed campaign."""
 
 
@@ -523,13 +523,14 @@ class TabledRun(PresentedJob, Run):
 
         return prepare_once(self.campaign.robot).robot
 
-    def apply(self, action: str) -> TabledRun:
+    def apply(self, action: str, *, payload: float | None = None) -> TabledRun:
         """Apply an action that the run's assessment recommends, and identify the changed campaign.
 
         The work is done where this run was done: in this process or in its service.
 
         Args:
             action: kind of the action, such as `exchange_columns` or `convert_units`.
+            payload: largest payload of the robot by its maker [kg], for the action `state_payload`.
 
         Returns:
             The run of the changed campaign, with the options of this run.
@@ -541,7 +542,7 @@ class TabledRun(PresentedJob, Run):
             RefusedError: the service refuses the request.
         """
         self._require_result()
-        return self._require_origin().apply(self, action)
+        return self._require_origin().apply(self, action, payload)
 
     def export(self, path: str | Path, accept_verdict: str | None = None) -> None:
         """Write the identified model to a table or a file for simulators.

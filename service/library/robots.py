@@ -91,6 +91,7 @@ def robot(
     columns: str | Sequence[str] | None = None,
     units: AnyUnits = None,
     joint_map: JointMap | Mapping[str, Any] | None = None,
+    payload: float | None = None,
 ) -> RobotDocument:
     """Return the document of a robot, from any form of description.
 
@@ -108,6 +109,7 @@ def robot(
             Columns with names need units, here or in their names.
         joint_map: map from the controller's joints to the model's, with an offset in rad or m; default:
             identity, or the map of the arm.
+        payload: largest payload by the maker [kg]; default: that of the document, or of the arm.
 
     Raises:
         CampaignError: the source does not describe a robot, or an argument does not concern this source.
@@ -135,6 +137,8 @@ def robot(
         document["joint_map"] = (
             plain_fields(joint_map) if isinstance(joint_map, Message | Mapping) else joint_map
         )
+    if payload is not None:
+        document["payload"] = payload
     parsed = parse_document({"name": "robot", **document, **({"name": name} if name else {})}, RobotDocument)
     return ModelledRobot.from_model(parsed, source, flange) if hasattr(source, "jointPlacements") else parsed
 

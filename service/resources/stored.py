@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Any, Final, Generic, TypeVar
@@ -96,14 +98,18 @@ class StoredInputs(Generic[Record, Entry, Prepared]):
         """
         if change.deleted is False:
             self.records.restore(identifier)
-        stated = {name: getattr(change, name) for name in change.model_fields_set - {"deleted"}}
-        # A name cannot be removed: null leaves it unchanged.
-        changes = {name: value for name, value in stated.items() if name != "name" or value is not None}
-        record = self.records.change(identifier, changes, include_deleted=change.deleted is True)
+        columns = self._list_changed_columns(identifier, change)
+        record = self.records.change(identifier, columns, include_deleted=change.deleted is True)
         self.load_prepared.cache_clear()
         if change.deleted:
             self.delete(identifier)
         return record
+
+    def _list_changed_columns(self, _identifier: str, change: ResourceChange) -> dict[str, object]:
+        """Return column → new value for the fields that a change states."""
+        stated = {name: getattr(change, name) for name in change.model_fields_set - {"deleted"}}
+        # A name cannot be removed: null leaves it unchanged.
+        return {name: value for name, value in stated.items() if name != "name" or value is not None}
 
     def delete(self, identifier: str) -> None:
         """Delete a resource: hide it, so that it can be restored. A repeated call changes nothing.
@@ -168,7 +174,17 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         Raises:
             NotFoundError: no robot has this id.
         """
-        return self.load_prepared(robot_id)
+        robot, content_hash = self.load_prepared(robot_id)
+        return robot.with_payload(self.read_payload(robot_id)), content_hash
+
+    def read_payload(self, robot_id: str) -> float | None:
+        """Return the payload of a stored robot [kg], which another process may have changed; None if unknown.
+
+        Raises:
+            NotFoundError: no robot has this id.
+        """
+        payload: float | None = json.loads(self._store.robots.get(robot_id).document).get("payload")
+        return payload
 
     def find(self, robot_id: str | None, document: robots.RobotDocument | None) -> Robot:
         """Return the robot that a document describes, without storing it; without a document, a stored robot.
@@ -188,8 +204,18 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         """
         page = self._store.robots.page(limit=_ROBOTS)
         for record in page.records:
-            yield KnownRobot(record.name, self.load(record.id)[0], record.id)
+            yield KnownRobot(record.name, self.load_prepared(record.id)[0], record.id)
         yield from catalogue_robots(excluded={record.content_hash for record in page.records})
+
+    def _list_changed_columns(self, identifier: str, change: ResourceChange) -> dict[str, object]:
+        """Return column → new value; the payload is a field of the document."""
+        columns = super()._list_changed_columns(identifier, change)
+        payload = columns.pop("payload", None)
+        if payload is not None:
+            stored = robots.Robot.model_validate_json(self._store.robots.get(identifier).document)
+            changed = stored.model_copy(update={"payload": payload})
+            columns["document"] = changed.model_dump_json(exclude={"last_campaign"})
+        return columns
 
     def _describe_robot(self, request: robots.RobotDocument) -> tuple[robots.RobotDocument, dict[str, str]]:
         """Return (complete document of a requested robot, origin of its model).
@@ -346,7 +372,9 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
             RequestError: the set has no observation with such a label, or no observation remains.
         """
         if not leave_out:
-            return self.load_prepared(set_id)
+            prepared = self.load_prepared(set_id)
+            robot = prepared.robot.with_payload(self._robots.read_payload(prepared.robot_id))
+            return replace(prepared, robot=robot)
         stored = self.document(set_id)
         kept_observations = leave_out_observations(stored.observations, frozenset(leave_out))
         robot, robot_hash = self._robots.load(stored.robot_id)

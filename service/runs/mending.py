@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.fields import GREATEST_PAYLOAD, LEAST_PAYLOAD, Vector3
 from jointstiff.schemas.finding import AdvisedAction, Assessment
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading, Units
-from jointstiff.schemas.robot import JointMap
+from jointstiff.schemas.robot import JointMap, RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 from jointstiff.service.conversion.prepared import leave_out_observations, prepare_robot
@@ -32,11 +32,17 @@ _USUAL_DISTANCE, _USUAL_SIGMA = 0.2, 2e-5
 _MAX_NAME_LENGTH: Final = 200
 
 
-def find_advised_action(assessment: Assessment, kind: str) -> AdvisedAction:
+def find_advised_action(assessment: Assessment, kind: str, payload: float | None = None) -> AdvisedAction:
     """Return the first action of a kind that the reasons of an assessment recommend.
 
+    Args:
+        assessment: assessment of the run.
+        kind: kind of the action.
+        payload: payload of the robot [kg], for `state_payload`; None for other actions.
+
     Raises:
-        RequestError: no reason recommends an action of this kind that changes a campaign.
+        RequestError: no reason recommends an action of this kind that changes a campaign, or the action needs
+            a payload, or no payload.
     """
     actions = [reason.action for reason in assessment.reasons if reason.action is not None]
     # `show_posture` only shows something: it cannot be applied to a campaign.
@@ -47,14 +53,35 @@ def find_advised_action(assessment: Assessment, kind: str) -> AdvisedAction:
             f"give one of: {', '.join(kinds)}" if kinds else "no reason offers an action: follow the remedies"
         )
         raise RequestError(f"the assessment does not recommend '{kind}'", where="apply", remedy=remedy)
+    if kind == "state_payload":
+        return fill_in_payload(advised_action, payload)
+    if payload is not None:
+        raise RequestError(f"the action '{kind}' needs no payload", where="payload", remedy="omit `payload`")
     return advised_action
+
+
+def fill_in_payload(action: AdvisedAction, payload: float | None) -> AdvisedAction:
+    """Return the action `state_payload` with the payload of the robot [kg].
+
+    Raises:
+        RequestError: the payload is missing or implausible.
+    """
+    if payload is None or not LEAST_PAYLOAD <= payload <= GREATEST_PAYLOAD:
+        given = "no payload is stated" if payload is None else f"a payload of {payload:g} kg is not plausible"
+        raise RequestError(
+            given,
+            where="payload",
+            remedy="state `payload`, the largest payload of the robot by its maker, from "
+            f"{LEAST_PAYLOAD:g} to {GREATEST_PAYLOAD:g} kg",
+        )
+    return action.model_copy(update={"payload": float(payload)})
 
 
 def apply_action_to_campaign(campaign: Campaign, action: AdvisedAction) -> Campaign:
     """Return a campaign after an action; the name of the changed robot or set states the action.
 
-    For `choose_robot` with a robot's id the campaign keeps its own robot: the caller reads the chosen robot
-    from the store.
+    With a payload the robot keeps its name. For `choose_robot` with a robot's id the campaign keeps its own
+    robot: the caller reads the chosen robot from the store.
 
     Raises:
         RequestError: actions of this kind change no campaign, or the set lacks data that the action changes.
@@ -73,10 +100,9 @@ def apply_action_to_campaign(campaign: Campaign, action: AdvisedAction) -> Campa
             )
         run = campaign.run.model_copy(update={"causes": causes})
         return campaign.model_copy(update={"run": run, "measurement_set": measurement_set})
-    if action.kind == "apply_joint_map":
-        joint_map = JointMap(matrix=action.joint_map, offset=action.offset)
-        changes = {"joint_map": joint_map, "name": _append_label(campaign.robot.name, "joint map corrected")}
-        return campaign.model_copy(update={"robot": campaign.robot.model_copy(update=changes)})
+    if action.kind in _ROBOT_CHANGES:
+        robot = _ROBOT_CHANGES[action.kind](campaign.robot, action)
+        return campaign.model_copy(update={"robot": robot})
     if action.kind == "choose_robot":
         name = action.robot or ""
         robot = campaign.robot if action.robot_id is not None else nominal_robot(find_arm(name, "apply"))
@@ -102,6 +128,18 @@ def apply_action_to_campaign(campaign: Campaign, action: AdvisedAction) -> Campa
         update={"name": _append_label(measurement_set.name, change_text)}
     )
     return campaign.model_copy(update={"measurement_set": measurement_set})
+
+
+def _correct_joint_map(robot: RobotDocument, action: AdvisedAction) -> RobotDocument:
+    """Return the robot with the action's joint map, under a name that states the change."""
+    joint_map = JointMap(matrix=action.joint_map, offset=action.offset)
+    name = _append_label(robot.name, "joint map corrected")
+    return robot.model_copy(update={"joint_map": joint_map, "name": name})
+
+
+def _state_payload(robot: RobotDocument, action: AdvisedAction) -> RobotDocument:
+    """Return the robot with the action's payload."""
+    return robot.model_copy(update={"payload": fill_in_payload(action, action.payload).payload})
 
 
 def _append_label(name: str, label: str) -> str:
@@ -271,6 +309,11 @@ def _convert_typed_lengths(measurement_set: _Set, old_metres: float, new_metres:
     return measurement_set.model_copy(update=changes)
 
 
+_ROBOT_CHANGES: Final[Mapping[str, Callable[[RobotDocument, AdvisedAction], RobotDocument]]] = {
+    "apply_joint_map": _correct_joint_map,
+    "state_payload": _state_payload,
+}
+"""Kind of an action → function that returns a robot after this action."""
 _SET_CHANGES: Final[Mapping[str, Callable[[_Set, AdvisedAction], _Set]]] = {
     "leave_out_readings": lambda measured, action: measured.model_copy(
         update={"observations": leave_out_observations(measured.observations, action.observations)}

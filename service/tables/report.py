@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
 
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.finding import Assessment, Finding, Problem, Verdict
+from jointstiff.schemas.finding import ActionKind, Assessment, Finding, Problem, Verdict
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
 from jointstiff.service.tables.table import Line, Part, Sheet, Style, field_unit
@@ -123,17 +123,22 @@ def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
 def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
     """Return the remedies of an assessment's reasons, without repetitions.
 
-    If `applies` is set, a remedy that a program can carry out names the option `--apply`.
+    If `applies` is set, a remedy that a program can carry out names its option.
     """
     kinds = [None if reason.action is None else reason.action.kind for reason in assessment.reasons]
     # `--apply KIND` applies the first action of a kind, so only the remedy of that action names the option.
     suffixes = [
-        f", or repeat the command with `--apply {kind}`"
-        if applies and kind not in (None, "show_posture", *kinds[:number])
+        f", or repeat the command with `{_name_option(kind)}`"
+        if applies and kind is not None and kind not in ("show_posture", *kinds[:number])
         else ""
         for number, kind in enumerate(kinds)
     ]
     return list(dict.fromkeys(map(str.__add__, (reason.remedy for reason in assessment.reasons), suffixes)))
+
+
+def _name_option(kind: ActionKind) -> str:
+    """Return the option on the command line that carries out an action."""
+    return "--payload KG" if kind == "state_payload" else f"--apply {kind}"
 
 
 def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:

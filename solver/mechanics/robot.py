@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -203,6 +204,14 @@ class Robot:
         self.limits.setflags(write=False)
         self._flange_frame = frame = _find_flange_frame(model, flange)
         self.flange, self.flange_placement = frame.name, frame.placement
+
+    def with_payload(self, payload: float | None) -> Robot:
+        """Return a copy with another payload [kg]; this object if it has this payload already."""
+        if payload == self.payload:
+            return self
+        robot = copy(self)
+        robot.payload = payload
+        return robot
 
     def joint_index(self, name: str, where: str) -> int:
         """Return the index of the joint with this name; `where` is the request's field, for the error.

@@ -1,7 +1,7 @@
 """Prior stiffness of an arm that nobody has measured: from its payload and reach.
 
-Makers build joints for the torque of the payload at the reach. Of the two arms that are published with
-numbers, the ratio of each joint's stiffness to this torque is known; see `estimation/payload.py`.
+Makers build joints for the torque of the payload at the reach. Of two arms with published stiffnesses the
+ratio of each joint's stiffness to this torque follows, with a payload and a reach that are assumed here.
 """
 
 from __future__ import annotations
@@ -12,12 +12,20 @@ import numpy as np
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.estimation.fit import Likelihood
-from jointstiff.solver.estimation.payload import MEASURED_ARMS, payload_torque
+from jointstiff.solver.estimation.payload import R_2000IC, MeasuredArm, payload_torque
 from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.postures import measure_reach
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.models import JointModel
 
+PRIOR_ARMS: Final = (
+    # Ambiehl, Garnier, Subrin, Furet, IROS 2017, Table II: decoupled partial pose, encoders inactive. Payload
+    # and reach of the arm are assumed.
+    MeasuredArm("arm of the paper", 240.0, 2.69, (3.2e6, 2.6e6, 0.42e6, 0.23e6, 0.089e6)),
+    # The source names no variant of the arm. The payload is assumed: that of the heavy variants.
+    MeasuredArm("FANUC R-2000iC", 240.0, 2.687, R_2000IC),
+)
+"""Arms from which the prior is derived. Other assumed payloads move it by less than its factor."""
 FACTOR: Final = 2.0
 """Factor within which a prior stiffness is expected to be right, at 95 %."""
 _DEVIATION: Final = 0.5 * float(np.log(FACTOR))
@@ -46,7 +54,7 @@ def build_prior_model(robot: Robot) -> JointModel:
             where="robot",
             remedy="identify the stiffness of the robot",
         )
-    ratios = np.exp(np.mean([np.log(arm.ratios()) for arm in MEASURED_ARMS], axis=0))  # of joints 2 to 6
+    ratios = np.exp(np.mean([np.log(arm.ratios()) for arm in PRIOR_ARMS], axis=0))  # of joints 2 to 6
     ratios = np.concatenate([[np.sqrt(ratios[0] * ratios[1])], ratios])
     compliance = 1.0 / (ratios * payload_torque(robot.payload, measure_reach(robot)))
     likelihood = Likelihood(np.arange(_SIX), compliance, np.diag(np.square(_DEVIATION * compliance)))

@@ -1,5 +1,7 @@
 """A whole run of arrays: the story that services, files and notebooks tell with messages."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.campaigns import ARM, prepare, simulated
@@ -52,6 +54,16 @@ def test_steps_of_the_long_part_come_to_the_same_as_a_whole_run():
     story = Identification(robot, measurements, options)
     halves = [story.long.compute(span) for span in ((0, 20), (20, 50))]
     assert story.conclude(halves) == run(robot, measurements, options)
+
+
+def test_a_run_that_is_not_to_be_used_advises_no_further_reading():
+    """A light load leaves joints uncertain, for which a sound run has advice."""
+    robot, measurements = simulated(load="pull", configurations=6, force=60.0, seed=4)
+    assert run(robot, measurements, RunOptions()).identifiability.advice
+    wrong = replace(measurements, force=-measurements.force)
+    result = run(robot, wrong, RunOptions())
+    assert result.assessment.verdict == "do_not_use"
+    assert result.identifiability.advice == []
 
 
 def test_options_that_do_not_go_with_the_readings_are_refused_before_any_work():

@@ -59,7 +59,10 @@ SIZES = {"force": -1.0, "size": 1.4}
 def campaign(name: str) -> dict[str, Any]:
     """Return a campaign document by its name."""
     if name in OF_SHARED_DATA:
-        return json.loads((SHARED / f"{OF_SHARED_DATA[name]}.json").read_text())
+        document = json.loads((SHARED / f"{OF_SHARED_DATA[name]}.json").read_text())
+        if "robot" in document and name != "fanuc":
+            document["robot"].setdefault("payload", 240.0)  # the simulated arm is of the 240 kg class
+        return document
     return json.loads((HERE / "campaigns" / f"{name}.json").read_text())
 
 

@@ -20,8 +20,8 @@ SIGMA = 2e-5
 
 
 def robot_of(arm: SpringArm) -> Robot:
-    """The arm's kinematics."""
-    return Robot(read_urdf(urdf_text(arm), BASE_LINK, FLANGE_LINK).model())
+    """The arm's kinematics and payload."""
+    return Robot(read_urdf(urdf_text(arm), BASE_LINK, FLANGE_LINK).model(), payload=arm.payload)
 
 
 def readings_of(

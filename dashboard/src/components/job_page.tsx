@@ -29,6 +29,7 @@ import { onPage, sentence } from "../lib/said";
 import { STIFFNESS_UNITS } from "../lib/stiffness";
 import { useQuery } from "../state/query";
 import { useSettings } from "../state/session";
+import { StatePayload } from "./state_payload";
 import { TableCard, fileName, saveJson } from "./table";
 import type { RunContext } from "../views/run_context";
 import type { ComponentChildren } from "preact";
@@ -253,6 +254,7 @@ function ActionButtons({ action, context }: { action: AdvisedAction; context: Ru
     return link(["runs", run.id]);
   });
   const [shown] = action.observations;
+  if (action.kind === "state_payload") return <StatePayload action={action} run={context.run} />;
   return (
     <>
       {action.kind !== "show_posture" && (

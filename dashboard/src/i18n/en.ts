@@ -324,6 +324,7 @@ export const en = {
         `Exchange unloaded and loaded${targets?.[0] ? ` of ${some(targets)}` : ""} and repeat`,
       choose_model: () => "Choose the model by the readings",
       choose_robot: ({ robot }) => `Choose another robot: ${robot ?? ""}`,
+      state_payload: () => "Keep the payload with the robot, and repeat",
       show_posture: () => "Show the posture",
     } satisfies Record<AdvisedAction["kind"], (action: AdvisedAction) => string>,
     noiseStated: "noise stated",

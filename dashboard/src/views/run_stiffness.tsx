@@ -1,6 +1,6 @@
 /** The first tab of a result: whether it may be used, what it comes to, each joint, and why the numbers can be trusted. */
 import { api } from "../api/calls";
-import type { Run, RunResult } from "../api/types";
+import type { AdvisedAction, Run, RunResult } from "../api/types";
 import {
   Badge,
   NameLink,
@@ -191,11 +191,14 @@ export const First = ({ run, set }: Pick<RunContext, "run" | "set">) =>
     </>
   );
 
+/** Actions that need a look or a number: they are offered with their reason only. */
+const ON_ITS_CARD: readonly AdvisedAction["kind"][] = ["show_posture", "state_payload"];
+
 /** What to do next, by the verdict: mend what is wrong, measure more, or use the result. */
 function Next({ run, set }: Pick<RunContext, "run" | "set">) {
   const words = text.run.first;
   const { verdict, reasons } = run.result?.assessment ?? { reasons: [] };
-  const offered = reasons.flatMap((reason) => reason.action ?? []).filter(({ kind }) => kind !== "show_posture");
+  const offered = reasons.flatMap((reason) => reason.action ?? []).filter(({ kind }) => !ON_ITS_CARD.includes(kind));
   const [action] = offered;
   const several = offered.filter(({ kind }) => kind === action?.kind).length > 1;
   const mend = useAction(async () => {

@@ -138,3 +138,26 @@ it("says a reason of the run on the run alone, and leads there", async () => {
   expect(root.textContent).toContain("Mend numbers_missing");
   expect(root.querySelector("a[href='#/runs/r']")?.textContent).toBe("Show the reason on the run");
 });
+
+it("asks for the payload of the robot, and offers no button before it is stated", async () => {
+  const empty = { observations: [], joints: [], joint_map: [], offset: [], target: null, causes: [], unit: null };
+  const reason = {
+    code: "payload_not_stated",
+    weight: "use_with_care",
+    where: null,
+    observation: null,
+    message: "the robot states no payload",
+    remedy: "state payload",
+    action: { ...empty, kind: "state_payload", payload: null },
+  };
+  const assessment = {
+    verdict: "use_with_care",
+    reasons: [reason],
+    notes: [],
+    headline: null,
+  } as unknown as Assessment;
+  const context = { run: { id: "r" } as Run } as RunContext;
+  const root = await drawn(<VerdictCard assessment={assessment} context={context} />);
+  const button = root.querySelector<HTMLButtonElement>("ul > li .actions button");
+  expect([button?.textContent, button?.disabled]).toEqual(["Keep the payload with the robot, and repeat", true]);
+});

@@ -578,7 +578,8 @@ class ProgramWork(Work):
     ) -> None:
         """Read the program, and collect its loads.
 
-        Without a run, the model is the prior of the robot, and `content` is the hash of the robot.
+        Without a run, the model is the prior of the robot, and `content` is the hash of the robot. The prior
+        also depends on the payload.
 
         Raises:
             RequestError: fields of the request contradict each other, the run has no model, or the program
@@ -593,11 +594,10 @@ class ProgramWork(Work):
                 "`accuracy_option` to `off`",
             )
         self.robot_id, self._request = robot_id, request
-        options = request.model_dump_json(exclude={"run_id", "files"})
+        options = request.model_dump_json(exclude={"run_id", "robot_id", "files"})
         contents = [each.content or "" for each in request.files]
-        self.input_hash = hash_texts(
-            content if run is None else run.provenance.input_hash, options, *contents
-        )
+        model_hash = f"{content} {robot.payload!r}" if run is None else run.provenance.input_hash
+        self.input_hash = hash_texts(model_hash, options, *contents)
         self._run_model: RunModel | PriorModel
         with as_request_errors():
             if run is None:

@@ -129,3 +129,38 @@ def test_coupled_joints_of_an_arm_whose_links_bend_are_not_to_be_used(folder):
         "under load cannot separate a joint from its link",
     ]:
         assert line in words
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """A campaign of a bare URDF, which states no payload."""
+    document = campaign("pull", 8, 2)
+    file = tmp_path / "bare.json"
+    robot = {name: part for name, part in document["robot"].items() if name != "payload"}
+    file.write_text(json.dumps(document | {"robot": robot}))
+    return file
+
+
+def test_a_payload_is_requested_and_kept_with_the_robot_of_the_corrected_campaign(bare):
+    before = terminal("identify", bare, "--elasticity", "joints", width=120)
+    assert "or repeat the command with `--payload KG`" in " ".join(before.stdout.split())
+    after = terminal("identify", bare, "--elasticity", "joints", "--payload", "240", width=120)
+    assert after.exit_code == 0
+    assert "--payload" not in after.stdout
+    written = bare.with_name("bare-state-payload.json")
+    assert json.loads(written.read_text())["robot"]["payload"] == 240.0
+    again = terminal("identify", written, "--elasticity", "joints", width=120)
+    assert "payload" not in again.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--payload", "0"], "a payload of 0 kg is not plausible"),
+        (["--payload", "240", "--apply", "omit_noise"], "belongs to no action omit_noise"),
+    ],
+)
+def test_a_payload_that_is_none_or_of_another_action_is_refused(bare, options, reason):
+    result = terminal("identify", bare, "--elasticity", "joints", *options)
+    assert result.exit_code == 2
+    assert reason in " ".join(result.stderr.split())

@@ -43,9 +43,9 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("robot", ["campaign.json", "robot.json", "robot.urdf"])
+@pytest.mark.parametrize("robot", ["campaign.json", "robot.json", "robot.urdf --payload 240"])
 def test_a_table_of_a_campaign_gives_the_result_of_the_campaign(folder, robot):
-    shown = run("import", "cell.csv", "--robot", robot, *STATED, "--output", "new.json")
+    shown = run("import", "cell.csv", "--robot", *robot.split(), *STATED, "--output", "new.json")
     assert (shown.exit_code, shown.stderr) == (
         0, "wrote new.json, a campaign; now: jointstiff identify new.json\n"
     )  # fmt: skip
@@ -61,6 +61,16 @@ def test_a_table_of_a_campaign_gives_the_result_of_the_campaign(folder, robot):
         "  integrity: nothing suspicious",
     ]
     assert identified("new.json")["result"] == identified("campaign.json")["result"]
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [([], "needs the robot: add --robot"), (["--robot", "robot.urdf"], "greater than or equal to 0.1")],
+)
+def test_a_payload_is_of_a_robot_and_plausible(folder, options, reason):
+    refused = run("import", "cell.csv", *options, *STATED, "--payload", "0.01", "--output", "new.json")
+    assert refused.exit_code == 2
+    assert reason in words(refused.stderr)
 
 
 def test_a_file_is_overwritten_only_if_that_is_said(folder):

@@ -18,7 +18,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in, readings_sheet
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
@@ -70,6 +70,38 @@ def test_directions_turn_with_the_tracker_frame():
     found = [identify(each, elasticity="joints").result.joints for each in (document, turned)]
     for one, other in zip(*found, strict=True):
         assert other.compliance == pytest.approx(one.compliance, rel=1e-9)
+
+
+ASKEW = {"rotation": [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "translation": [1.0, 2.0, 3.0]}
+
+
+def content_hash(**changes):
+    document = simulate_campaign(ARM, load="pull", configurations=3, seed=1)
+    parts = Campaign.model_validate(measured(document, **{"frame": ASKEW} | changes))
+    return prepare_set(parts.measurement_set, prepare_robot(parts.robot), "robot", ()).content_hash
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"units": {"length": "m", "angle": "rad", "force": "kgf"}},
+        {"encoders": "secondary"},
+        {"noise": {"sigma": 3e-5}},
+        {"load_point": [0.0, 0.0, 0.1]},
+        {"flange_targets": {"P10": [0.1, 0.0, 0.1]}},
+        {"frame": ASKEW | {"forces": "tracker"}},
+        {"frame": ASKEW | {"translation": [1.0, 2.0, 4.0]}},
+        {"frame": ASKEW | {"rotation": np.eye(3).tolist()}},
+        {"frame": None},
+    ],
+    ids=str,
+)
+def test_the_hash_of_a_set_changes_with_each_statement_that_moves_a_number(changes):
+    assert content_hash(**changes) != content_hash()
+
+
+def test_the_hash_of_a_set_does_not_depend_on_its_name():
+    assert content_hash(name="another name") == content_hash()
 
 
 def test_gauges_along_the_axes_are_the_deflections_themselves():

@@ -1,7 +1,9 @@
 """Forces in another unit than the declared one, of a robot with a payload: each tap puts them right."""
 
 from copy import deepcopy
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.api import post
 from support.mistakes import clean_campaign
@@ -9,6 +11,7 @@ from support.shared_data import shared
 
 import jointstiff as js
 from jointstiff.service.tables.report import remedies
+from jointstiff.simulator import default_arm, simulate_campaign
 
 CODE = "stiffness_against_payload"
 NEWTONS = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216152605}
@@ -23,7 +26,9 @@ def noted(unit, declared, payload=240.0):
 def in_unit(document, unit, declared, payload):
     """Return a campaign, whose forces are in N, with numbers in a unit, and another one declared."""
     document = deepcopy(document)
-    document["robot"]["payload"] = payload
+    document["robot"].pop("payload", None)
+    if payload is not None:
+        document["robot"]["payload"] = payload
     measured = document["measurement_set"]
     for observation in measured["observations"]:
         observation["force"] = [part / NEWTONS[unit] for part in observation["force"]]
@@ -69,19 +74,78 @@ def test_a_confused_unit_is_found_on_a_real_arm(unit, declared, taps):
     assert offered == taps
 
 
-def test_without_a_payload_nothing_shows():
-    assert js.identify(noted("kgf", "N", payload=None), **OPTIONS).result.assessment.verdict == "use"
+@pytest.mark.parametrize(
+    ("unit", "declared"), [("N", "N"), ("kgf", "N"), ("lbf", "N"), ("N", "kgf"), ("N", "lbf")]
+)
+def test_a_robot_without_a_payload_is_used_with_care_until_it_is_stated(unit, declared, clean):
+    before = js.identify(noted(unit, declared, payload=None), **OPTIONS)
+    (reason,) = before.result.assessment.reasons
+    assert (reason.code, reason.weight) == ("payload_not_stated", "use_with_care")
+    after = before.apply("state_payload", payload=240.0)
+    assert after.campaign.robot.payload == 240.0
+    codes = {reason.code for reason in after.result.assessment.reasons}
+    assert codes == (set() if unit == declared else {CODE})
+
+
+@pytest.mark.parametrize("unit", ["kgf", "lbf"])
+@pytest.mark.parametrize("seed", range(10))
+def test_no_bare_urdf_in_kgf_or_lbf_is_plain_use_before_or_after_the_question(unit, seed):
+    """The arms' springs are up to a third softer or stiffer than those of the default arm of 240 kg."""
+    draw = np.random.default_rng(seed)
+    arm = default_arm()
+    springs = arm.stiffnesses * np.exp(0.3 * draw.uniform(-1.0, 1.0, 6))
+    document = simulate_campaign(
+        replace(arm, stiffnesses=springs, payload=None), load="pull", configurations=12, seed=seed
+    )
+    assert document["robot"].keys() == {"name", "model"}
+    before = js.identify(in_unit(document, unit, "N", None), **OPTIONS)
+    assert "payload_not_stated" in {reason.code for reason in before.result.assessment.reasons}
+    assert before.result.assessment.verdict != "use"
+    after = before.apply("state_payload", payload=240.0)
+    assert CODE in {reason.code for reason in after.result.assessment.reasons}
+
+
+@pytest.mark.parametrize(("action", "payload", "reason"), [
+    ("state_payload", None, "no payload is stated"),
+    ("state_payload", 0.0, "a payload of 0 kg is not plausible"),
+    ("state_payload", float("nan"), "a payload of nan kg is not plausible"),
+    ("convert_units", 240.0, "does not recommend 'convert_units'"),
+])  # fmt: skip
+def test_a_payload_that_is_none_is_refused(action, payload, reason):
+    run = js.identify(noted("N", "N", payload=None), **OPTIONS)
+    with pytest.raises(js.CampaignError, match=reason):
+        run.apply(action, payload=payload)
+
+
+def test_a_payload_belongs_to_no_other_action():
+    run = js.identify(noted("kgf", "N"), **OPTIONS)
+    with pytest.raises(js.CampaignError, match="needs no payload"):
+        run.apply("convert_units", payload=240.0)
+
+
+def test_a_robot_in_python_may_be_made_with_its_payload():
+    urdf = clean_campaign()["robot"]["model"]["urdf"]
+    assert js.robot(urdf).payload is None
+    assert js.robot(urdf, payload=240.0).payload == 240.0
 
 
 def test_the_terminal_offers_to_apply_the_first_unit():
-    first, second = remedies(js.identify(noted("kgf", "N"), **OPTIONS).result.assessment, applies=True)
+    first, second = remedies(js.identify(noted("lbf", "N"), **OPTIONS).result.assessment, applies=True)
     assert first == (
-        "check in which unit the forces were read; if in kgf, set `units.force` to kgf; omit a `payload` "
-        "that is not known, or repeat the command with `--apply convert_units`"
+        "check in which unit the forces were read; if the numbers are right, use the result with care; if "
+        "in lbf, set `units.force` to lbf, or repeat the command with `--apply convert_units`"
     )
     assert second == (
-        "check in which unit the forces were read; if in lbf, set `units.force` to lbf; omit a `payload` "
-        "that is not known"
+        "check in which unit the forces were read; if the numbers are right, use the result with care; if "
+        "in kgf, set `units.force` to kgf"
+    )
+
+
+def test_the_terminal_offers_the_option_for_the_payload():
+    (remedy,) = remedies(js.identify(noted("N", "N", None), **OPTIONS).result.assessment, applies=True)
+    assert remedy == (
+        "state `payload`, the largest payload of the robot by its maker, in kg, or repeat the command with "
+        "`--payload KG`"
     )
 
 
@@ -98,6 +162,38 @@ def test_a_service_offers_each_unit_and_keeps_the_payload(client, clean):
         assert mended["result"]["assessment"]["verdict"] == "use"
         for joint, wanted in zip(mended["result"]["joints"], clean.joints, strict=True):
             assert joint["compliance"] == pytest.approx(factor * wanted.compliance, rel=1e-6)
+
+
+def test_a_service_keeps_the_payload_with_the_robot_for_every_later_run(client):
+    document = noted("N", "N", payload=None)
+    robot = post(client, "/v1/robots", document["robot"] | {"name": "bare"})
+    stored = post(client, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot["id"]})
+    request = {"measurement_set_id": stored["id"], **OPTIONS}
+    run = post(client, "/v1/runs?wait=30", request)
+    (reason,) = run["result"]["assessment"]["reasons"]
+    answer = reason["action"] | {"payload": 240.0}
+    mended = post(client, f"/v1/runs/{run['id']}/apply?wait=30", answer)
+    assert (mended["result"]["assessment"]["verdict"], mended["request"]["variant_of"]) == ("use", run["id"])
+    assert post(client, f"/v1/runs/{run['id']}/apply?wait=30", answer)["id"] == mended["id"]
+    kept = client.get(f"/v1/robots/{robot['id']}").json()
+    assert (kept["payload"], kept["name"], kept["content_hash"]) == (240.0, "bare", robot["content_hash"])
+    assert post(client, "/v1/runs?wait=30", request)["result"]["assessment"]["verdict"] == "use"
+    light = client.patch(f"/v1/robots/{robot['id']}", json={"payload": 6.0}).json()
+    assert light["payload"] == 6.0
+    again = post(client, "/v1/runs?wait=30", request)["result"]["assessment"]
+    assert {reason["code"] for reason in again["reasons"]} == {CODE}
+
+
+@pytest.mark.parametrize("changes", [{"payload": None}, {"kind": "use_huber", "payload": 240.0}])
+def test_a_service_refuses_an_answer_without_its_number_or_to_another_question(client, changes):
+    document = noted("N", "N", payload=None)
+    robot = post(client, "/v1/robots", document["robot"])
+    stored = post(client, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot["id"]})
+    run = post(client, "/v1/runs?wait=30", {"measurement_set_id": stored["id"], **OPTIONS})
+    (reason,) = run["result"]["assessment"]["reasons"]
+    refused = client.post(f"/v1/runs/{run['id']}/apply", json=reason["action"] | changes)
+    assert (refused.status_code, refused.json()["where"]) in {(422, "payload"), (422, "kind")}
+    assert client.get(f"/v1/robots/{robot['id']}").json()["payload"] is None
 
 
 def test_an_arm_of_the_catalogue_has_its_payload_unless_another_one_is_stated(client):

@@ -29,13 +29,13 @@ from jointstiff.solver.mechanics.chain import chain_dh_rows
 from jointstiff.solver.mechanics.measurements import EncoderReadings, Instrument
 
 DOCUMENT = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
-ROBOT, SET = prepare(DOCUMENT | {"robot": DOCUMENT["robot"] | {"payload": 240.0}})
+ROBOT, SET = prepare(DOCUMENT)
 
 UNIT = r"(?:deg or mm|m|mm|µm|nm|rad|mrad|°|N|rad⁻¹|rad/rad|N·m/rad)"
 PLAUSIBLE = re.compile(rf"\d *(?:· 10\S* )?\(?{UNIT}\W.{{0,60}}\bis plausible")
 """A number with its unit, and within a few words the statement that such numbers are plausible."""
 PAST = re.compile(
-    r"if the numbers are right|omit a `payload`|`noise.sigma` in place|correct the limits|as a URDF"
+    r"if the numbers are right|`noise.sigma` in place|correct the limits|as a URDF"
     r"|for a longer tool|a campaign file may"
 )
 NO_SIZES = {

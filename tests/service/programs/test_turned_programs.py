@@ -391,6 +391,18 @@ def test_an_arm_of_the_catalogue_is_answered_before_it_is_measured():
     assert low < 0.75 * prior.result.before.value < 1.25 * prior.result.before.value < high
 
 
+def test_another_payload_of_an_arm_that_is_not_measured_is_another_input():
+    p = process_path("trim", np.array([1.9, 0.0, 0.9]), count=3)
+    robots = [jointstiff.robot("KUKA KR 210 R2700 extra", payload=each) for each in (210.0, 210.0, 150.0)]
+    forces = [-150.0, -300.0, -120.0]
+    one, same, other = (
+        jointstiff.process(each, tools_of(p), forces=forces, **array_options(p)) for each in robots
+    )
+    assert one.provenance.input_hash == same.provenance.input_hash
+    assert one.provenance.input_hash != other.provenance.input_hash
+    assert other.result.before.value == pytest.approx(210.0 / 150.0 * one.result.before.value, rel=1e-3)
+
+
 def test_a_spindle_along_the_last_axis_gains_nothing(run):
     p = process_path("trim", np.array([1.7, 0.0, 0.8]), count=8, angle=0.0, offset=(0.0, 0.0, 0.3))
     result = run.process(tools_of(p), forces=[-150.0, -300.0, -120.0], **array_options(p))

@@ -107,7 +107,8 @@ class TestAlternatives:
         assessment, _ = assessed(right, replace(measurements, joints=joints), findings=())
         action = reason_of(assessment, "alternative_explains_better").action
         assert action.kind == "apply_joint_map"
-        mended = Robot(right.chain.model(), JointMap(np.array(action.joint_map), np.array(action.offset)))
+        joint_map = JointMap(np.array(action.joint_map), np.array(action.offset))
+        mended = Robot(right.chain.model(), joint_map, payload=right.payload)
         assessment, found = assessed(mended, replace(measurements, joints=joints), findings=())
         assert assessment.verdict == "use"
         assert is_true(found)

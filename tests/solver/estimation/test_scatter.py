@@ -12,7 +12,7 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.scatter import Repeatability
+from jointstiff.solver.estimation.scatter import Repeatability, compute_target_motion
 from jointstiff.solver.mechanics.block import get_whole_block
 from jointstiff.solver.mechanics.measurements import Scatter
 
@@ -53,6 +53,19 @@ def test_joints_that_repeat_show_no_scatter(sigma):
 def test_the_error_of_a_station_is_not_taken_for_that_of_three_targets():
     joints = JointsAlone(ROBOT, scattered(0.0, station=5e-5), SETTINGS)
     assert joints.measurements.scatter.station * SIGMA == pytest.approx(5e-5, rel=0.3)
+
+
+def test_the_motion_of_the_targets_is_that_of_drawn_shifts_and_joints():
+    """Shifts along three axes and turns of six joints, drawn and moved by the simulator."""
+    generator, plan = np.random.default_rng(4), SpringCampaign.of(ARM, configurations=24).experiment
+    scatter, squares = Scatter(joints=1.5, station=2.0), []
+    for _ in range(400):
+        joints = plan.joints + scatter.joints * SIGMA * generator.standard_normal(plan.joints.shape)
+        shift = scatter.station * SIGMA * generator.standard_normal((24, 1, 3))
+        at, moved = (ARM.posture(each).targets_to_base(POINTS) for each in (plan.joints, joints))
+        squares.append(np.square(moved - at + shift).sum(axis=-1).mean())
+    block = get_whole_block(ROBOT, scattered(0.0))
+    assert compute_target_motion(block, scatter, SIGMA) == pytest.approx(np.sqrt(np.mean(squares)), rel=0.02)
 
 
 def test_a_fit_with_scatter_is_generalised_least_squares():

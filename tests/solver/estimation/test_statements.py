@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.springs import SIGMA, SpringCampaign, robot_of
 
 from jointstiff.schemas.options import Resampling, RunOptions
@@ -56,6 +57,23 @@ def test_a_fit_with_statements_is_generalised_least_squares(common):
     u = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(found.compliance / u, expected / u, atol=2e-4)
     np.testing.assert_allclose(found.covariance / np.outer(u, u), covariance / np.outer(u, u), atol=1e-4)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_turn_of_all_loads_turns_forces_and_moments_as_the_springs_say(axis):
+    """The columns are the difference between balances of springs under turned wrenches."""
+    generator, angle = np.random.default_rng(6), 1e-3
+    plan = SpringCampaign.of(ARM, configurations=6, force=100.0).experiment
+    moments = 100.0 * generator.standard_normal(plan.forces.shape)
+
+    def springs(turn):
+        R = Rotation.from_rotvec(turn * np.eye(3)[axis]).as_matrix()
+        return SpringCampaign.by(ARM, replace(plan, forces=plan.forces @ R.T, moments=moments @ R.T))
+
+    (read,) = springs(0.0).measured(1, seed=0)
+    moved = (springs(angle).loaded - springs(-angle).loaded) / (2.0 * angle)
+    columns = TERMS["force_direction"].motion(get_whole_block(ROBOT, read), ARM.compliances).targets
+    np.testing.assert_allclose(columns[..., axis], moved, atol=2e-3 * np.abs(moved).max())
 
 
 def test_the_parts_of_a_budget_add_up_and_none_is_negative():

@@ -11,7 +11,7 @@ from support.springs import robot_of
 from jointstiff.simulator import default_arm
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.estimation.fit import Likelihood
-from jointstiff.solver.estimation.payload import MEASURED_ARMS, payload_torque
+from jointstiff.solver.estimation.payload import payload_torque
 from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import measure_reach
@@ -24,7 +24,7 @@ from jointstiff.solver.process.placing import (
     find_flatness,
     search_around,
 )
-from jointstiff.solver.process.prior import build_prior_model
+from jointstiff.solver.process.prior import PRIOR_ARMS, build_prior_model
 from jointstiff.solver.process.sequence import Motion
 from jointstiff.solver.process.turning import TurnTask, choose_turns
 
@@ -209,7 +209,7 @@ def test_the_prior_of_a_measured_arm_is_within_a_factor_of_two_of_it():
     prior = 1.0 / build_prior_model(robot).compliance
     scale = payload_torque(210, measure_reach(robot))
     assert np.exp(np.log(prior[1:] / scale).mean()) == pytest.approx(98.4, abs=1.0)  # 93 and 104
-    for arm in MEASURED_ARMS:
+    for arm in PRIOR_ARMS:
         ratio = prior[1:] / scale / arm.ratios()
         assert (ratio > 0.5).all()
         assert (ratio < 2.0).all()
@@ -217,4 +217,4 @@ def test_the_prior_of_a_measured_arm_is_within_a_factor_of_two_of_it():
 
 def test_an_arm_without_payload_has_no_prior():
     with pytest.raises(RobotError, match="no payload"):
-        build_prior_model(ROBOT)
+        build_prior_model(ROBOT.with_payload(None))

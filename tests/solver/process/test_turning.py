@@ -22,6 +22,7 @@ from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
+from jointstiff.solver.process.between import LimitsBetween
 from jointstiff.solver.process.candidates import find_branches, list_candidates
 from jointstiff.solver.process.deflection import PathDeflection
 from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
@@ -70,6 +71,20 @@ def test_tool_and_spindle_stay_on_the_path_whatever_the_turn(shape):
     np.testing.assert_allclose((at.flange_rotation @ p.spindle[..., None])[..., 0], p.axes, rtol=0, atol=1e-9)
     expected = p.turn(np.arange(len(p)), choice.turn)
     np.testing.assert_allclose(at.flange_pose, expected, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "is_beyond"), [(90.0, False), (150.0, False), (200.0, True), (360.0, True)]
+)
+def test_a_line_on_which_the_controller_turns_the_tool_the_other_way_jumps(degrees, is_beyond):
+    """Between two points a controller turns the tool by less than half a turn, whatever joint 6 would do."""
+    limits = np.radians([(-370, 370), (-100, 100), (-150, 150), (-720, 720), (-350, 350), (-720, 720)])
+    between = LimitsBetween(
+        InverseKinematics(robot_of(replace(ARM, limits=limits))), path(), np.radians(170.0)
+    )
+    before = np.array([[0.1, -0.2, 0.3, 0.4, 0.8, 0.2]])
+    here = before + np.radians([0.0, 0.0, 0.0, 0.0, 0.0, degrees])
+    assert between.are_beyond(np.array([1]), before, here).tolist() == [is_beyond]
 
 
 def test_dynamic_programming_finds_the_best_of_all_sequences():
