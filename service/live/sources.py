@@ -678,7 +678,7 @@ class Lines(Source):
         self._kept_points: dict[str, Point] = {}  # target → reading that was received before its request
         self.names: Mapping[str, str | None] = {}
         self.unknown: dict[str, Place] = {}
-        self._warned_names: set[str] = set()  # names that are no targets, of which the user was warned
+        self._warned_names: set[str] = set()  # names of no target, each warned about once
         self._buffer = b""  # received bytes of a line that is not complete yet
         self._end_reason: str | None = "not open"  # why no lines come; None while connected
         self._stand: Stand | None = None  # posture and load of the targets that are read now

@@ -201,7 +201,7 @@ class WrittenPoints:
 
     @cached_property
     def has_model_error(self) -> bool:
-        """Whether the model error has a bound at all points whose deflections count."""
+        """Tell whether the model error has a bound at all points whose deflections count."""
         return bool(np.isfinite(self._intervals[1, self.counted]).all())
 
     def summarize_intervals(self, of: Literal["deflection", "residual"]) -> SpreadEnds | None:
