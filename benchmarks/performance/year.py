@@ -225,7 +225,9 @@ def _fill_short(store: Store, url: str, count: int) -> None:
     """Fill a store with jobs whose documents are short: a look reads none."""
     template, engine = _templates(store)[0], make_engine(url)
     with engine.begin() as connection:
-        short = sa.update(jobs).where(jobs.c.id == template.run).values(document="{}", trend=None, numbers=None)
+        short = (
+            sa.update(jobs).where(jobs.c.id == template.run).values(document="{}", trend=None, numbers=None)
+        )
         connection.execute(short)
     copies = Copies([template], 1, count, _RUNS_OF_SET)
     owners = {"robot_id": template.robot, "measurement_set_id": template.set}

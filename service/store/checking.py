@@ -17,7 +17,7 @@ from jointstiff.service.store.database import Database
 from jointstiff.service.store.documents import CompressedBytes, CompressedText, read_text
 from jointstiff.service.store.tables import layouts, metadata
 
-_PORTION: Final = 50  # rows that are read at a time
+_PORTION: Final = 10  # rows that are read at a time; a row may have many megabytes
 
 
 @dataclass

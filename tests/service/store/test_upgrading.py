@@ -24,6 +24,7 @@ from support.api import post
 from support.claims import Claims
 from support.jobs import RUN
 from support.packed import pack_text
+from support.processes import Service, until
 
 from jointstiff.schemas.options import Resampling
 from jointstiff.service.jobs import Parts
@@ -458,3 +459,21 @@ def test_an_upgrade_that_is_killed_at_any_moment_goes_on(restored: Restore, seed
         with kept.client_of(store) as client:
             now = {address: client.get(address).json() for address in before}
     assert list(kept.list_changes(before, now)) == []
+
+
+@pytest.mark.process
+def test_services_and_workers_upgrade_unless_they_are_not_to(old_file: Path) -> None:
+    url = f"sqlite:///{old_file}"
+    for command in (["serve", "--port", "0"], ["worker"]):
+        words = [sys.executable, "-m", "jointstiff", *command, "--no-upgrade", "--database", url]
+        refused = subprocess.run(words, capture_output=True, text=True, check=False)
+        assert refused.returncode == 2
+        assert "jointstiff database upgrade --database URL" in refused.stderr
+    assert layout_of(url) == BASELINE
+    service = Service(url)
+    try:
+        assert f"upgraded the database from layout {BASELINE} to {LAYOUT}" in service.log()
+        with Store.open(url) as store:
+            until(lambda: store.old_documents.count() == 0)  # by its worker
+    finally:
+        service.stop()
