@@ -43,9 +43,11 @@ from jointstiff.service.problems import (
 )
 from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
+from jointstiff.service.runs.numbers import extract_numbers
 from jointstiff.service.runs.trend import Trends, extract_trend_json
 from jointstiff.service.store.database import BUSY_SECONDS
 from jointstiff.service.store.jobs import JOB
+from jointstiff.service.store.layouts import SCHEMA
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, AccessKey, IdempotencyKey, JobEntry, JobRecord
 from jointstiff.solver.comparison.campaigns import check_same_load_point
@@ -65,7 +67,16 @@ _COLUMNS: Final = (
 """Columns of a job's record whose values are fields of its summary with the same names."""
 _ROW_FIELDS: Final = frozenset(field.name for field in fields(JobEntry)) - {"summary"}
 """Fields of `JobEntry` that are columns of their own; the others are in its column `summary`."""
-_CHANGING_COLUMNS: Final = ("state", "summary", "trend", "document", "elasticity", "verdict")
+_CHANGING_COLUMNS: Final = (
+    "state",
+    "summary",
+    "numbers",
+    "schema",
+    "trend",
+    "document",
+    "elasticity",
+    "verdict",
+)
 """Columns of a job's record that change until the job ends."""
 STEPS_OF_A_PART: Final = 12
 """Number of steps that a worker carries out before it checks whether another part has priority."""
@@ -355,6 +366,10 @@ def make_record(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
         created_at=job.provenance.created_at,
         summary=summary.model_dump(mode="json", exclude_defaults=True, exclude=set(_ROW_FIELDS)),
         robot_id=robot_id,
+        # An older program may end a job that has not ended, and would store the document in its own form.
+        schema=SCHEMA - 1 if job.state in OPEN_STATES else SCHEMA,
+        key_name=job.key_name,
+        numbers=extract_numbers(job) if isinstance(job, Run) else None,
         trend=extract_trend_json(job) if isinstance(job, Run) else None,
         document=job.model_dump_json(),
         **{name: getattr(summary, name) for name in _COLUMNS},

@@ -144,6 +144,7 @@ class ServiceError(Exception):
 EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
     dict.fromkeys(
         (
+            "alembic",
             "anyio",
             "dbos",
             "fastapi",

@@ -105,7 +105,7 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
             metrics_listener = listen(settings.metrics_host, settings.metrics_port, options)
             listeners.append(stack.enter_context(metrics_listener))
         refuse_in_memory(database)
-        store = stack.enter_context(Store.open(database, quota))
+        store = stack.enter_context(Store.open(database, quota, None if settings.no_upgrade else _say))
         keyring = _open_keyring(store, policy, settings)
         queue = stack.enter_context(closing(Queue(store, database)))
         # Names of workers contain a hash of the database: messages distinguish workers of several stores.
@@ -120,7 +120,7 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
             soft_wrap=True,
         )
         if policy.access == "none":
-            console(stderr=True).print(_NO_ACCESS_CONTROL, markup=False, soft_wrap=True)
+            _say(_NO_ACCESS_CONTROL)
         app = create_app(store, queue.enqueue, policy, keyring, laboratory)
         app.state.answer_elsewhere = stack.enter_context(closing(LimitedChild(database, quota))).answer
         app.state.failing_workers = lambda: supervisor.failing
@@ -137,6 +137,11 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
         if on_listening is not None:  # the socket listens already; requests wait for the server
             threading.Thread(target=on_listening, args=(address,), daemon=True).start()
         server.run(sockets=listeners)
+
+
+def _say(sentence: str) -> None:
+    """Print a sentence about the start."""
+    console(stderr=True).print(sentence, markup=False, soft_wrap=True)
 
 
 def _raise_limit_of_open_files() -> None:

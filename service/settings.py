@@ -34,6 +34,13 @@ LaboratoryFile = Annotated[
         help="TOML file of the laboratory that issues reports; default: none.",
     ),
 ]
+NoUpgrade = Annotated[
+    bool,
+    typer.Option(
+        "--no-upgrade",
+        help="Refuse a database of an earlier layout; upgrade it by `jointstiff database upgrade`.",
+    ),
+]
 LogLines = Annotated[
     LogFormat,
     typer.Option(
@@ -108,5 +115,6 @@ class Settings:
             help="Start even without a valid key; other machines are refused (403) until a key is created.",
         ),
     ] = False
+    no_upgrade: NoUpgrade = False
     keys_file: KeysFilePath = None
     laboratory: LaboratoryFile = None

@@ -94,7 +94,7 @@ def _lists(name: str, url: str, server: PostgresqlServer | None, runs: int) -> S
         )
         for what, each in used.items()
     ]
-    figures.append(Figure(f"{name}: a run on disk", kilobytes, "at most", 12, " kB"))
+    figures.append(Figure(f"{name}: a run on disk", kilobytes, "at most", 18, " kB"))
     return Section(
         f"{name}: {runs:,} runs of {max(1, runs // _RUNS_OF_ROBOT):,} robots, {kilobytes:.1f} kB a run",
         ("request", "first [ms]", "service [ms]", "database [ms]"),
@@ -225,7 +225,9 @@ def _fill_short(store: Store, url: str, count: int) -> None:
     """Fill a store with jobs whose documents are short: a look reads none."""
     template, engine = _templates(store)[0], make_engine(url)
     with engine.begin() as connection:
-        short = sa.update(jobs).where(jobs.c.id == template.run).values(document="{}", trend=None)
+        short = (
+            sa.update(jobs).where(jobs.c.id == template.run).values(document="{}", trend=None, numbers=None)
+        )
         connection.execute(short)
     copies = Copies([template], 1, count, _RUNS_OF_SET)
     owners = {"robot_id": template.robot, "measurement_set_id": template.set}

@@ -9,6 +9,7 @@ import typer
 import typer.core
 from typer.main import get_command
 
+from jointstiff.service.cli.database import database
 from jointstiff.service.cli.demo import demo, examples, rehearse, simulate
 from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.models import export, report, robots
@@ -81,6 +82,7 @@ for _command, _summary in _LATE_COMMANDS.items():
 for _function in (robots, export, report, serve, worker, post, demo):
     app.command()(_function)
 app.add_typer(keys, name="keys")
+app.add_typer(database, name="database")
 
 
 def _print_version(value: bool) -> None:

@@ -9,7 +9,7 @@ import typer
 
 from jointstiff.service.cli import options as cli
 from jointstiff.service.process import LogFormat, set_log_format
-from jointstiff.service.settings import DatabaseUrl, LogLines, Settings
+from jointstiff.service.settings import DatabaseUrl, LogLines, NoUpgrade, Settings
 
 if TYPE_CHECKING:
     from jointstiff.service.library.client import Client
@@ -33,6 +33,7 @@ def worker(
         typer.Option(help="Name of this worker in log messages; default: name of the machine."),
     ] = None,
     log_format: LogLines = LogFormat.TEXT,
+    no_upgrade: NoUpgrade = False,
 ) -> None:
     """Compute the long runs of a service until stopped."""
     import socket
@@ -41,7 +42,8 @@ def worker(
     from jointstiff.service.workers.worker import run_worker
 
     set_log_format(log_format)
-    run_worker(database, process_name(name or socket.gethostname()))
+    executor = process_name(name or socket.gethostname())
+    run_worker(database, executor, upgrade=None if no_upgrade else cli.warn)
 
 
 def post(

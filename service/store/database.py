@@ -61,6 +61,7 @@ _CONNECTION_PARAMETERS: Final = MappingProxyType(
     }
 )
 """Parameters that decide when a connection to PostgreSQL is lost; the URL can override them."""
+_MIGRATION_LOCK_MILLISECONDS: Final = 2_000
 _AWAY_SECONDS: Final = 2.0  # pause before a server that gave no answer is tried again
 _CORRECTABLE_STATES: Final = frozenset({"42501", "3F000"})  # SQLSTATE: a privilege, or a schema, is missing
 _NO_VALUES: Mapping[str, object] = MappingProxyType({})
@@ -240,6 +241,22 @@ def make_engine(url: str, connections: int) -> sa.Engine:
     return engine
 
 
+def make_migrating_engine(url: str) -> sa.Engine:
+    """Create an engine for changes of the tables, whose statements may take long.
+
+    On SQLite, a transaction begins with the write lock, and changes of tables belong to the transaction.
+    References are not checked, as a table that is made anew is removed meanwhile. On PostgreSQL, a statement
+    waits at most `_MIGRATION_LOCK_MILLISECONDS` for a lock, as statements of others wait behind it.
+    """
+    parsed = _parse_url(url)
+    if _DIALECTS[parsed.drivername] == "postgresql":
+        timeouts = {"lock_timeout": _MIGRATION_LOCK_MILLISECONDS}
+        return _postgresql_engine(parsed, 1, timeouts, answer_in_time=False)
+    engine, writer = _sqlite_engines(parsed)
+    sa.event.listen(engine, "connect", _ignore_references)
+    return writer.execution_options(busy_seconds=BUSY_SECONDS)
+
+
 def dispose(engine: sa.Engine) -> None:
     """Close all connections of an engine for good; one that a thread still uses is closed afterwards."""
 
@@ -340,6 +357,11 @@ def _configure_sqlite(connection: sqlite3.Connection, _record: object) -> None:
     connection.execute("PRAGMA foreign_keys=ON").close()
 
 
+def _ignore_references(connection: sqlite3.Connection, _record: object) -> None:
+    """Configure a new connection not to check foreign keys."""
+    connection.execute("PRAGMA foreign_keys=OFF").close()
+
+
 def _configure_transactions(connection: sqlite3.Connection, _record: object) -> None:
     """Configure a new connection whose driver takes the write lock when a transaction begins."""
     _configure_sqlite(connection, _record)
@@ -405,9 +427,22 @@ def _postgresql_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
     return writer.execution_options(isolation_level="AUTOCOMMIT"), writer
 
 
-def _postgresql_engine(url: sa.URL, connections: int) -> sa.Engine:
-    """Return an engine for PostgreSQL with deadlines; `connections` is the size of its pool."""
-    options = " ".join(f"-c {name}={value}" for name, value in _SERVER_TIMEOUTS.items())
+def _postgresql_engine(
+    url: sa.URL,
+    connections: int,
+    timeouts: Mapping[str, int] = _SERVER_TIMEOUTS,
+    *,
+    answer_in_time: bool = True,
+) -> sa.Engine:
+    """Return an engine for PostgreSQL.
+
+    Args:
+        url: URL of the database.
+        connections: size of the pool of connections.
+        timeouts: setting of the server → time [ms]; the URL can override them.
+        answer_in_time: True to close a connection whose server does not answer in time.
+    """
+    options = " ".join(f"-c {name}={value}" for name, value in timeouts.items())
     connect_args: dict[str, Any] = {
         name: value for name, value in _CONNECTION_PARAMETERS.items() if name not in url.query
     }
@@ -420,7 +455,8 @@ def _postgresql_engine(url: sa.URL, connections: int) -> sa.Engine:
         max_overflow=0,
         pool_pre_ping=True,  # a server that was restarted costs a reconnection, not an error
     )
-    sa.event.listen(engine, "do_connect", _connect_with_deadlines)
+    if answer_in_time:
+        sa.event.listen(engine, "do_connect", _connect_with_deadlines)
     return engine
 
 

@@ -24,7 +24,9 @@ from jointstiff.service.store.collection import (
 )
 from jointstiff.service.store.database import Database, Dialect, Quota
 from jointstiff.service.store.jobs import Heartbeats, JobRecords, Steps, is_open
+from jointstiff.service.store.layouts import can_upgrade
 from jointstiff.service.store.listing import is_indexable
+from jointstiff.service.store.rewriting import OldDocuments
 from jointstiff.service.store.tables import (
     AuditEntry,
     LiveEntry,
@@ -38,6 +40,7 @@ from jointstiff.service.store.tables import (
     make_tables,
     measurement_sets,
     open_sets,
+    read_layout,
     robots,
     select_fields_of,
 )
@@ -78,15 +81,20 @@ class Store:
         self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)
         self.wrong_keys = WrongKeys(database)  # counts of wrong keys for each network
         self.audit = Journal(database, audit, AuditEntry, None)  # all attempts to change something
+        self.old_documents = OldDocuments(database)  # documents in a form of earlier layouts
 
     @classmethod
-    def open(cls, url: str, most_bytes: int | None = None) -> Store:
+    def open(
+        cls, url: str, most_bytes: int | None = None, upgrade: Callable[[str], object] | None = None
+    ) -> Store:
         """Open the database at `url`; create the tables if it has none.
 
         Args:
             url: `sqlite:///path`, `postgresql://…`, or `sqlite://` for a database in memory, which one thread
                 uses at a time, and whose content is lost when it is closed.
             most_bytes: size of the database at which new resources are refused [bytes]; None for no limit.
+            upgrade: function that is called with a sentence for each step, if the tables are upgraded; None
+                to refuse tables that must be upgraded.
 
         Raises:
             StoreError: The URL is not supported, or the tables are those of another version.
@@ -94,6 +102,8 @@ class Store:
         """
         database = Database.open(url)
         try:
+            if upgrade is not None:
+                _upgrade_if_due(database, url, upgrade)
             make_tables(database)
         except BaseException:
             database.close()
@@ -165,3 +175,14 @@ class Store:
         with self._database.reading() as connection:
             connection.execute(_PING)
         return self._database.dialect
+
+
+def _upgrade_if_due(database: Database, url: str, notify: Callable[[str], object]) -> None:
+    """Carry out the expand steps that a database lacks; `notify` is called with a sentence for each step."""
+    with database.reading() as connection:
+        layout = read_layout(connection)
+    if layout is not None and can_upgrade(layout):
+        # Imported here, because a service rarely needs Alembic
+        from jointstiff.service.store.upgrading import upgrade_by_expansion
+
+        upgrade_by_expansion(url, notify)

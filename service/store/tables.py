@@ -11,16 +11,23 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from types import MappingProxyType
-from typing import Any, Final, Generic, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, Final, Generic, TypeVar, get_args, get_type_hints
 
 import sqlalchemy as sa
+from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.schema import CreateIndex, CreateTable
 from sqlalchemy.types import TypeEngine
 
-from jointstiff.service.problems import StoreError, StoreUnavailableError
+from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.packing import Content, Document, PackedBytes, PackedText
+from jointstiff.service.store.documents import CompressedBytes, CompressedText, Content, Document
+from jointstiff.service.store.layouts import LAYOUT, SCHEMA, refuse_unusable
+
+DocumentVersion = Annotated[int, "version of a document"]
+"""Field for the version of a record's documents: number of the layout in whose form they are stored."""
+Numbers = Annotated[dict[str, Any], "numbers"]
+"""Field for numbers that other programs read: a JSON object, on PostgreSQL of the type JSONB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +60,7 @@ class RobotEntry(RobotRow):
 class RobotRecord(RobotRow):
     """A robot."""
 
+    schema: DocumentVersion = field(default=SCHEMA, kw_only=True)
     document: Document
     """JSON text of `jointstiff.schemas.robot.Robot`; `name` is that of the column."""
 
@@ -92,6 +100,7 @@ class MeasurementSetEntry:
 class MeasurementSetRecord(MeasurementSetEntry):
     """A measurement set with its readings."""
 
+    schema: DocumentVersion = field(default=SCHEMA, kw_only=True)
     document: Document
     """JSON text without the observations; a field that is also a column has the value of the column."""
     arrays: Content  # numbers of the observations (npz), which the store does not read
@@ -105,6 +114,7 @@ class OpenSetRecord:
     robot_id: str
     name: str
     created_at: datetime
+    schema: DocumentVersion = field(default=SCHEMA, kw_only=True)
     document: Document  # JSON text of the declaration
     resolved: str | None  # JSON text of the transform from the frame of the readings to R0
     warnings: str  # JSON list of findings about the frame
@@ -170,6 +180,10 @@ class JobEntry(JobRow):
 class JobRecord(JobRow):
     """A job with its result."""
 
+    key_name: str | None = field(default=None, kw_only=True)  # name of the requester's key
+    numbers: Numbers | None = field(default=None, kw_only=True)
+    """Numbers of a run that has succeeded, for other programs (`runs/numbers.py`)."""
+    schema: DocumentVersion = field(default=SCHEMA, kw_only=True)
     # Numbers for the trend of a robot, from a run that has succeeded; JSON text
     trend: Document | None = field(default=None, kw_only=True)
     document: Document  # JSON text of the kind's message
@@ -256,13 +270,9 @@ class RecordPage(Generic[Row]):
     total: int | None  # number of records on all pages; None if they were not counted
 
 
-LAYOUT: Final = "0018_actions_name_targets"
-"""Version of the tables and of the content of their documents; it gets a new name with each change.
-
-Before the first release only this layout is created and read; databases of other layouts are refused.
-"""
 _ADVISORY_LOCK: Final = 0x4A6F696E74  # "Joint" in ASCII: any number that no other program uses
-_LOCK_SECONDS: Final = 60.0  # time to wait for another process that creates the tables
+LOCK_SECONDS: Final = 60.0
+"""Time to wait for another process that creates or upgrades the tables [s]."""
 
 metadata = sa.MetaData(
     naming_convention={
@@ -305,11 +315,20 @@ _TYPES: Final[Mapping[Any, type[TypeEngine[Any]] | TypeEngine[Any]]] = MappingPr
         int | None: sa.Integer,
         dict[str, Any]: sa.JSON,
         dict[str, Any] | None: sa.JSON(none_as_null=True),
-        Document: PackedText,
-        Document | None: PackedText,
-        Content: PackedBytes,
+        DocumentVersion: sa.Integer,
+        Numbers | None: sa.JSON(none_as_null=True).with_variant(JSONB(none_as_null=True), "postgresql"),
+        Document: CompressedText,
+        Document | None: CompressedText,
+        Content: CompressedBytes,
     }
 )
+_DEFAULTS: Final[Mapping[Any, Any]] = MappingProxyType(
+    {
+        bool: sa.false(),
+        DocumentVersion: sa.text("18"),  # programs of layout 0018 do not know the column
+    }
+)
+"""Type of a field → value of its column in rows that do not state the value."""
 
 
 def _make_columns(
@@ -330,7 +349,7 @@ def _make_columns(
             *([sa.ForeignKey(references[field.name])] if field.name in references else []),
             primary_key=field.name == key,
             nullable=type(None) in get_args(hints[field.name]),
-            server_default=sa.false() if hints[field.name] is bool else None,
+            server_default=_DEFAULTS.get(hints[field.name]),
             unique=True if field.name == "id" and key is None else None,
         )
         for field in fields(record_class)
@@ -346,7 +365,8 @@ def _make_numbered_table(
 ) -> sa.Table:
     """Return a table of records with the primary key `sequence`, a growing number.
 
-    Documents are the last columns: SQLite has to read a document to reach the columns after it.
+    Documents are the last columns: SQLite has to read a document to reach the columns after it. Before the
+    documents are numbers, which are also long.
 
     Args:
         name: name of the table.
@@ -365,9 +385,16 @@ def _make_numbered_table(
             sa.Identity(always=True),
             primary_key=True,
         ),
-        *sorted(columns, key=lambda column: isinstance(column.type, PackedText | PackedBytes)),
+        *sorted(columns, key=_estimate_length),
         *indexes,
     )
+
+
+def _estimate_length(column: sa.Column[Any]) -> int:
+    """Return 2 for the column of a document, 1 for a column of numbers, and 0 for short columns."""
+    if isinstance(column.type, CompressedText | CompressedBytes):
+        return 2
+    return int(column.name == "numbers")
 
 
 def _make_index(name: str, *columns: str, where: str | None = None) -> sa.Index:
@@ -401,6 +428,11 @@ def _make_deletion_index(name: str) -> sa.Index:
     return _make_index(f"{name}_deleted_at", "deleted_at", where="deleted_at IS NOT NULL")
 
 
+def _make_old_index(name: str) -> sa.Index:
+    """Return the index of the rows whose documents have an old form, which is empty after an upgrade."""
+    return _make_index(f"{name}_old", "sequence", where=OLD)
+
+
 def _add_listing_columns(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
     """Return the given columns, and the columns of every listed table: `words` and `deleted_at`."""
     return [
@@ -414,6 +446,8 @@ VISIBLE: Final = "deleted_at IS NULL"
 """Condition of the rows that listings show; a query must have the same text to use an index with it."""
 OPEN: Final = f"state IN ({', '.join(map(repr, OPEN_STATES))})"
 """Condition of jobs that have not ended, as the text of their index."""
+OLD: Final = f"schema < {SCHEMA}"
+"""Condition of the rows whose documents have an old form, as the text of their index."""
 NAMES: Final = sa.String().with_variant(sa.String(collation="C"), "postgresql")
 """Text in the order of its characters, on both databases."""
 
@@ -424,6 +458,7 @@ robots = _make_numbered_table(
     indexes=[
         *_make_listing_indexes("robots"),
         _make_deletion_index("robots"),
+        _make_old_index("robots"),
         _make_index("robots_name", "name", where=VISIBLE),
         _make_index("robots_content_hash", "content_hash", where=VISIBLE),
     ],
@@ -448,6 +483,7 @@ measurement_sets = _make_numbered_table(
     indexes=[
         *_make_listing_indexes("measurement_sets", covering=["encoders"]),
         _make_deletion_index("measurement_sets"),
+        _make_old_index("measurement_sets"),
         _make_index("measurement_sets_robot_id", "robot_id"),
         *(
             _make_index(f"measurement_sets_{column}", column, where=VISIBLE)
@@ -464,6 +500,7 @@ open_sets = _make_numbered_table(
     indexes=[
         *_make_listing_indexes("open_sets"),
         _make_deletion_index("open_sets"),
+        _make_old_index("open_sets"),
         _make_index("open_sets_robot_id", "robot_id"),
     ],
 )
@@ -487,6 +524,7 @@ jobs = _make_numbered_table(
         # Indexes for each kind, so that listing a kind with few jobs is faster than listing all jobs.
         *_make_listing_indexes("jobs_kind", "kind", covering=_JOB_FILTER_COLUMNS),
         _make_deletion_index("jobs"),
+        _make_old_index("jobs"),
         _make_index("jobs_open", "kind", where=OPEN),
         _make_index("jobs_robot_id", "robot_id", "kind"),
         _make_index("jobs_measurement_set_id", "measurement_set_id"),
@@ -558,7 +596,7 @@ def select_fields_of(table: sa.Table, record: type) -> sa.Select[Any]:
     return sa.select(*(table.c[field.name] for field in fields(record)))
 
 
-# The table has the name that Alembic uses: migrations after the first release will be made with Alembic.
+# The table has the name that Alembic uses.
 layouts = sa.Table("alembic_version", metadata, sa.Column("version_num", sa.String(32), primary_key=True))
 
 
@@ -574,7 +612,7 @@ def make_tables(database: Database) -> None:
             return
     with database.writing() as connection:
         if database.dialect == "postgresql":  # on SQLite the transaction holds the write lock already
-            _lock_creation(connection)
+            lock_tables(connection)
         if not has_tables(connection):
             try:
                 for table in metadata.sorted_tables:
@@ -614,6 +652,7 @@ _ROWS_OF_SMALL_INDEXES: Final = MappingProxyType(
         "ix_jobs_open": 100,
         "ix_last_campaigns_due": 100,
         **{f"ix_{name}_deleted_at": 1_000 for name in ("robots", "measurement_sets", "open_sets", "jobs")},
+        **{f"ix_{name}_old": 100 for name in ("robots", "measurement_sets", "open_sets", "jobs")},
     }
 )
 """Assumed number of rows of indexes that have few rows."""
@@ -642,44 +681,38 @@ def _write_assumed_statistics(connection: sa.Connection) -> None:
     connection.exec_driver_sql("ANALYZE sqlite_schema")  # lets SQLite read the table of statistics
 
 
-def _lock_creation(connection: sa.Connection) -> None:
-    """Take the lock for the creation of tables on PostgreSQL; it is released when the transaction ends.
+def lock_tables(connection: sa.Connection) -> None:
+    """Take the lock for changes of the tables on PostgreSQL; the lock is released when the transaction ends.
 
     Raises:
         StoreUnavailableError: another process has had the lock for a minute.
     """
-    deadline = time.monotonic() + _LOCK_SECONDS
+    deadline = time.monotonic() + LOCK_SECONDS
     lock = sa.text("SELECT pg_try_advisory_xact_lock(:n)")
     while not connection.execute(lock, {"n": _ADVISORY_LOCK}).scalar_one():
         if time.monotonic() > deadline:
             raise StoreUnavailableError(
-                f"another process has been creating the tables for {_LOCK_SECONDS:.0f} s",
+                f"another process has been creating or upgrading the tables for {LOCK_SECONDS:.0f} s",
                 "end the other process if that process hangs, and start again",
             )
         time.sleep(0.05)
 
 
 def has_tables(connection: sa.Connection) -> bool:
-    """Return whether a database has the tables of this version.
+    """Return whether a database has tables that this version can use.
 
     Raises:
         StoreError: the database has the tables of another version.
     """
+    layout = read_layout(connection)
+    if layout is not None:
+        refuse_unusable(layout, connection.dialect.name)
+    return layout is not None
+
+
+def read_layout(connection: sa.Connection) -> str | None:
+    """Return the name of the layout of a database; None for a database without tables of ours."""
     if layouts.name not in sa.inspect(connection).get_table_names():
-        return False
-    found = connection.execute(sa.select(layouts.c.version_num)).scalar()
-    if found not in {LAYOUT, None}:
-        save_command = _SAVE_COMMANDS[connection.dialect.name]
-        raise StoreError(
-            f"the database has tables of another version of Jointstiff: layout {found}, not {LAYOUT}",
-            f"save the database with `{save_command}` and open it with the version that wrote it, or give "
-            "a new database and post the campaigns again",
-        )
-    return found is not None
-
-
-_SAVE_COMMANDS: Final = {
-    "sqlite": "sqlite3 FILE '.backup SAVED'",
-    "postgresql": "pg_dump --format=custom --file=SAVED DATABASE",
-}
-"""Commands that save a database, by its dialect."""
+        return None
+    layout = connection.execute(sa.select(layouts.c.version_num)).scalar()
+    return None if layout is None else str(layout)

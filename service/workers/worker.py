@@ -34,6 +34,7 @@ _KNOWN_KINDS: Final = [kind.name for kind in KINDS]
 # in one call of `Recovery.check_and_recover`
 _MAX_REMOVED: Final = 20
 _MAX_RENEWED: Final = 20
+_REWRITE_SECONDS: Final = 1.0  # time for documents of earlier forms in one call
 _FIRST_PAUSE: Final = 0.1
 _LONGEST_PAUSE: Final = 5.0
 _MAX_STALLED_CHECKS: Final = 4
@@ -114,6 +115,7 @@ class Recovery:
             lambda: self._engine.remove_ended_parts(self._store.find_unfinished_jobs),
             lambda: purge(self._store, self._now() - KEEP_DELETED),
             lambda: self._trends.renew_outdated_summaries(_MAX_RENEWED),
+            lambda: self._store.old_documents.rewrite(_REWRITE_SECONDS),
         ]
         for task in tasks:
             try:
@@ -254,7 +256,11 @@ _logger = logging.getLogger(__name__)
 
 
 def run_worker(
-    database: str, executor: str, parent_pipe: int | None = None, sign_pipe: int | None = None
+    database: str,
+    executor: str,
+    parent_pipe: int | None = None,
+    sign_pipe: int | None = None,
+    upgrade: Callable[[str], object] | None = None,
 ) -> None:
     """Carry out parts of jobs until a signal stops this worker; then hand over its parts and end the process.
 
@@ -265,6 +271,8 @@ def run_worker(
             process ends, too. None without a parent process.
         sign_pipe: file descriptor to which a byte is written each second while the recovery thread works;
             None to write no signs of life.
+        upgrade: function that is called with a sentence for each step, if the tables are upgraded; None to
+            refuse tables that must be upgraded.
 
     Raises:
         StoreError: the database cannot be used.
@@ -274,7 +282,7 @@ def run_worker(
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
     signal.signal(signal.SIGINT, lambda *_: stop.set())
     refuse_in_memory(database)
-    store = Store.open(database)
+    store = Store.open(database, upgrade=upgrade)
     parts = Parts(store)
     gc.freeze()  # libraries stay to the end: the garbage collector need not search them
     try:

@@ -34,8 +34,9 @@ from jointstiff.service.runs.trend import ReadRun
 from jointstiff.service.store import database as database_module
 from jointstiff.service.store import packing
 from jointstiff.service.store.database import Database
+from jointstiff.service.store.layouts import LAYOUT, SCHEMA
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import LAYOUT, RobotRecord, indexes_of, metadata
+from jointstiff.service.store.tables import RobotRecord, indexes_of, metadata
 from jointstiff.service.workers.worker import Recovery
 
 TIME = datetime(2026, 11, 20, tzinfo=UTC)
@@ -48,25 +49,51 @@ def test_a_new_file_is_its_owners_alone(tmp_path: Path) -> None:
     assert "jointstiff.db-wal" in modes
 
 
-@pytest.mark.parametrize("version", ["9999", "0001", "0006_authorisations"])
-def test_a_database_of_another_layout_is_refused_and_left_alone(database_url: str, version: str) -> None:
+@pytest.mark.parametrize(
+    ("layout", "remedy"),
+    [
+        ("0001", "the version that wrote it"),
+        ("0006_authorisations", "the version that wrote it"),
+        ("9999", "the version that wrote it"),  # of another program
+        ("9999_contract_documents", "install the newer version"),
+        (f"{int(LAYOUT[:4]) + 1:04}_contract_trend", "install the newer version"),
+        (f"{int(LAYOUT[:4]) + 2:04}_expand_two_ahead", "install the newer version"),
+    ],
+)
+def test_a_database_of_another_layout_is_refused_and_left_alone(
+    database_url: str, layout: str, remedy: str
+) -> None:
     """Newer ones, and those from before the first release."""
     Store.open(database_url).close()
     database = Database.open(database_url)
     with database.writing() as connection:
-        connection.execute(text("UPDATE alembic_version SET version_num = :v"), {"v": version})
-    with pytest.raises(StoreError, match=version) as caught:
-        Store.open(database_url)
+        connection.execute(text("UPDATE alembic_version SET version_num = :v"), {"v": layout})
+    for upgrade in (None, print):
+        with pytest.raises(StoreError, match=layout) as caught:
+            Store.open(database_url, upgrade=upgrade)
+        assert remedy in caught.value.remedy
     saves = "sqlite3 FILE '.backup SAVED'" if database.dialect == "sqlite" else "pg_dump --format=custom"
-    assert saves in caught.value.remedy
-    assert "the version that wrote it" in caught.value.remedy
+    assert "newer" in remedy or saves in caught.value.remedy
     with database.reading() as connection:
-        assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == version
+        assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == layout
     database.close()
 
 
+def test_the_next_layout_can_be_used_if_an_expand_step_leads_to_it(database_url: str) -> None:
+    """Two versions of the service work on one database: the newer has upgraded it, the older goes on."""
+    Store.open(database_url).close()
+    following = f"{int(LAYOUT[:4]) + 1:04}_expand_more"
+    record = RobotRecord("r1", "n", TIME, "h", "{}")
+    with closing(Database.open(database_url)) as database:
+        database.change(text("UPDATE alembic_version SET version_num = :v").bindparams(v=following))
+        database.change(text("ALTER TABLE robots ADD COLUMN weather VARCHAR"))
+    with Store.open(database_url, upgrade=print) as store:
+        store.robots.add(record)
+        assert store.robots.get("r1") == record
+
+
 def test_other_tables_are_another_layout() -> None:
-    """A change of the tables needs another `LAYOUT` in `service/store/tables.py`, and its hash here.
+    """A change of the tables needs a file in `store/migrations/versions/`, a `LAYOUT`, and its hash here.
 
     So does another dictionary of the packed documents.
     """
@@ -77,7 +104,7 @@ def test_other_tables_are_another_layout() -> None:
         for each in (CreateTable(table), *map(CreateIndex, indexes_of(table)))
     ]
     digest = hashlib.sha256("".join([*made, packing._read_dictionary().decode()]).encode()).hexdigest()[:16]
-    assert (LAYOUT, digest) == ("0018_actions_name_targets", "0ecbf63c6bfcb642")
+    assert (LAYOUT, digest) == ("0019_expand_readable", "7346b03feac55b09")
 
 
 def shape(schema: Any) -> Any:
@@ -99,11 +126,11 @@ def shape(schema: Any) -> Any:
 
 
 def test_documents_of_another_shape_are_another_layout() -> None:
-    """As they would not be read: another `LAYOUT` in `service/store/tables.py`, and it and its hash here."""
+    """As they would not be read: a new layout, whose number is `SCHEMA`, and the shapes' hash here."""
     documents = [Robot, StoredMeasurementSet, ReadRun, LastCampaign, *(kind.message for kind in KINDS)]
     shapes = [shape(each.model_json_schema(mode="serialization")) for each in documents]
     digest = hashlib.sha256(json.dumps(shapes, sort_keys=True).encode()).hexdigest()[:16]
-    assert (LAYOUT, digest) == ("0018_actions_name_targets", "5d16eedc44006769")
+    assert (SCHEMA, digest) == (19, "c5709c941339037a")
 
 
 def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:

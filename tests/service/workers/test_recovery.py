@@ -25,9 +25,9 @@ from jointstiff.service.jobs import PARTS_AT_ONCE, STEPS_OF_A_PART, Part, Parts
 from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.library.client import Client
 from jointstiff.service.problems import StoreUnavailableError
+from jointstiff.service.store.compression import compress
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.jobs import Heartbeats
-from jointstiff.service.store.packing import pack_text
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import jobs
 from jointstiff.service.workers import supervisor as supervisor_module
@@ -447,7 +447,7 @@ def test_a_pickle_planted_in_a_step_is_not_run_and_its_run_ends(store, runs, cla
     assert not (tmp_path / "ran").exists()
 
 
-@pytest.mark.parametrize("document", [pack_text("{"), b"{"])
+@pytest.mark.parametrize("document", [compress(b"{"), b"{"])
 @pytest.mark.parametrize("part", ["first", "other"])
 def test_a_run_whose_document_is_damaged_fails_and_others_go_on(store, runs, claims, post, part, document):
     """No worker may die over it again and again, nor over the news that it failed."""

@@ -1,0 +1,126 @@
+"""Rewriting of documents that earlier layouts stored: in portions, while services and workers go on.
+
+A row has an old form if its `schema` is less than `SCHEMA`. Each portion is one transaction, so rewriting may
+end at any moment, and continue later in this process or in another. A row that another program changes
+meanwhile is not overwritten.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Final
+
+import sqlalchemy as sa
+
+from jointstiff.service.problems import DamagedError
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.layouts import SCHEMA
+from jointstiff.service.store.tables import OPEN, jobs, measurement_sets, open_sets, robots
+
+if TYPE_CHECKING:
+    from jointstiff.service.store.upgrading import Step
+
+MOST_ROWS: Final = 200
+"""Greatest number of rows that one transaction rewrites."""
+_MOST_BYTES: Final = 4 * 1024 * 1024  # of one portion, compressed; a larger document is a portion by itself
+_TABLES: Final = (robots, measurement_sets, open_sets, jobs)
+
+
+class OldDocuments:
+    """The documents of a store in a form of earlier layouts. Safe to use in several processes at once."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def count(self, *, with_unfinished: bool = False) -> int:
+        """Return the number of rows with an old form, of jobs that have not ended only `with_unfinished`."""
+        counts = [
+            sa.select(sa.func.count())
+            .select_from(table)
+            .where(_is_old(SCHEMA), sa.true() if with_unfinished else _is_final(table))
+            .scalar_subquery()
+            for table in _TABLES
+        ]
+        return sum(self._database.rows(sa.select(*counts))[0])
+
+    def rewrite(self, seconds: float) -> int:
+        """Rewrite old documents until none is left or the time is over; return the number of rows.
+
+        Damaged documents remain as they are. So do jobs that have not ended: an older program may end such a
+        job, and would store the document in its own form.
+        """
+        if self.count() == 0:
+            return 0
+        # Imported here, as few processes need Alembic
+        from jointstiff.service.store.upgrading import list_steps
+
+        deadline = time.monotonic() + seconds
+        rewritten = 0
+        for step in list_steps():
+            for table in step.tables:
+                after = 0
+                while portion := self._read_portion(table, step.schema, after):
+                    if time.monotonic() > deadline:
+                        return rewritten
+                    rewritten += self._store_portion(table, step, portion)
+                    after = portion[-1].sequence
+        return rewritten
+
+    def _read_portion(self, table: sa.TableClause, schema: int, after: int) -> Sequence[Any]:
+        """Return the next rows with an old form, in the order of `sequence`.
+
+        Args:
+            table: table of a step.
+            schema: version of the documents after the step.
+            after: sequence of the last row of the portion before.
+        """
+        columns = table.c
+        sizes = (
+            sa.select(columns.sequence, sa.func.length(columns.document).label("size"))
+            .where(_is_old(schema), columns.sequence > after, _is_final(table))
+            .order_by(columns.sequence)
+            .limit(MOST_ROWS)
+        )
+        sequences, total = list[int](), 0
+        for row in self._database.rows(sizes):
+            total += row.size
+            if sequences and total > _MOST_BYTES:
+                break
+            sequences.append(row.sequence)
+        whole = sa.select(*columns).where(columns.sequence.in_(sequences)).order_by(columns.sequence)
+        return self._database.rows(whole) if sequences else ()
+
+    def _store_portion(self, table: sa.TableClause, step: Step, rows: Sequence[Any]) -> int:
+        """Store the new forms of the documents of some rows; return the number of these rows."""
+        changes = list[dict[str, Any]]()
+        for row in rows:
+            with suppress(DamagedError, LookupError, TypeError, ValueError):  # a damaged document remains
+                new_values = step.rewrite(row._mapping)
+                names = {f"new_{name}": value for name, value in new_values.items()}
+                changes.append({"own": row.sequence, "before": row.document, **names})
+        if not changes:
+            return 0
+        columns = table.c
+        new_columns = [name.removeprefix("new_") for name in changes[0] if name.startswith("new_")]
+        new_form = {name: sa.bindparam(f"new_{name}", type_=columns[name].type) for name in new_columns}
+        update = (
+            sa.update(table)
+            .where(columns.sequence == sa.bindparam("own"), columns.document == sa.bindparam("before"))
+            .where(_is_old(step.schema))
+            .values(schema=step.schema, **new_form)
+        )
+        with self._database.writing() as connection:
+            connection.execute(update, changes)
+        return len(changes)
+
+
+def _is_old(schema: int) -> sa.TextClause:
+    """Return the condition of rows with documents of an earlier version, as the text of their index."""
+    return sa.text(f"schema < {schema}")
+
+
+def _is_final(table: sa.TableClause) -> sa.ColumnElement[bool] | sa.TextClause:
+    """Return the condition of rows whose documents change no more: of all but jobs that have not ended."""
+    return sa.text(f"NOT ({OPEN})") if table.name == jobs.name else sa.true()

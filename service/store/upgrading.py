@@ -1,0 +1,283 @@
+"""Upgrades of a database from layout to layout, by the files in `migrations/` and Alembic.
+
+Each step is one transaction: a process that is killed leaves the layout before. One process at a time changes
+the tables. Before the first step, an SQLite file is copied to `FILE.before-NNNN` (number of the new layout).
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import cache
+from itertools import count
+from pathlib import Path
+from typing import Any, Final
+
+import sqlalchemy as sa
+from alembic import command
+from alembic.config import Config
+from alembic.script import ScriptDirectory
+from sqlalchemy.exc import DBAPIError
+
+from jointstiff.service.problems import StoreError, StoreUnavailableError
+from jointstiff.service.store.database import (
+    Database,
+    make_migrating_engine,
+    make_private,
+    open_existing,
+    sqlite_path_of,
+)
+from jointstiff.service.store.layouts import can_upgrade, kind_of, number_of
+from jointstiff.service.store.rewriting import OldDocuments
+from jointstiff.service.store.tables import LOCK_SECONDS, lock_tables, read_layout
+
+FOLDER: Final = Path(__file__).with_name("migrations")
+"""Folder of the steps, for Alembic."""
+_LOCK_PAUSE: Final = 0.5  # before a step whose lock was not available is tried again [s]
+_LOCK_NOT_AVAILABLE: Final = "55P03"  # SQLSTATE
+SPARE_BYTES: Final = 16 * 1024 * 1024
+"""Bytes that must remain free on the disk after a copy."""
+_REWRITE_SECONDS: Final = 2.0  # between two reports of progress
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step to a layout, as its file states it."""
+
+    layout: str
+    schema: int  # version of documents after the step; 0 if the step changes no documents
+    tables: Sequence[sa.TableClause]  # tables whose documents the step changes
+    rewrite: Callable[[Mapping[str, Any]], dict[str, Any]]  # old values of a row → new values
+
+
+@cache
+def list_steps() -> list[Step]:
+    """Return all steps, the oldest first."""
+    scripts = ScriptDirectory.from_config(_make_config()).walk_revisions()
+    steps = [
+        Step(
+            layout=script.revision,
+            schema=getattr(script.module, "SCHEMA", 0),
+            tables=getattr(script.module, "TABLES", ()),
+            rewrite=getattr(script.module, "rewrite", dict),
+        )
+        for script in scripts
+    ]
+    return steps[::-1]
+
+
+def list_due_steps(layout: str) -> list[Step]:
+    """Return the steps from a layout to that of this program."""
+    return [step for step in list_steps() if number_of(step.layout) > number_of(layout)]
+
+
+def _make_config(connection: sa.Connection | None = None) -> Config:
+    """Return a configuration of Alembic without a file; `connection` is for `migrations/env.py`."""
+    config = Config(attributes={"connection": connection})
+    config.set_main_option("script_location", str(FOLDER).replace("%", "%%"))
+    return config
+
+
+def upgrade_by_expansion(url: str, notify: Callable[[str], object]) -> None:
+    """Carry out the steps that a database lacks, if all of them are expand steps.
+
+    Args:
+        url: URL of the database.
+        notify: function that is called with a sentence for each step.
+
+    Raises:
+        StoreError: a contract step is due, or the disk has no room for the copy. Nothing has been changed.
+        StoreUnavailableError: the database does not answer, or another program locks its tables.
+    """
+    layout = _read_layout_of(url)
+    due = [step.layout for step in list_due_steps(layout)]
+    if contractions := [name for name in due if kind_of(name) == "contract"]:
+        raise StoreError(
+            f"the database has layout {layout}, and the step to {contractions[0]} removes what older "
+            "programs need",
+            "stop all services and workers, save the database, and run `jointstiff database upgrade "
+            "--database URL`",
+        )
+    upgrade_tables(url, notify)
+
+
+def upgrade_tables(url: str, notify: Callable[[str], object], *, copied: bool = True) -> None:
+    """Carry out all steps that a database lacks; nothing happens if there are none.
+
+    Args:
+        url: URL of the database.
+        notify: function that is called with a sentence for each step.
+        copied: whether an SQLite file is copied before the first step.
+
+    Raises:
+        StoreError: the disk has no room for the copy, or a contract step is due and documents of an earlier
+            form remain. The last step has changed nothing.
+        StoreUnavailableError: the database does not answer, or another program locks its tables.
+    """
+    with closing(open_existing(url)) as database, _migrating_engine(url) as engine:
+        while can_upgrade(layout := _read_layout_of(url)):
+            step = list_due_steps(layout)[0]
+            if kind_of(step.layout) == "contract":
+                _rewrite_all_documents(database)
+            copy_of = sqlite_path_of(engine.url) if copied and engine.dialect.name == "sqlite" else None
+            outcome = _carry_out_patiently(engine, layout, step, copy_of)
+            if outcome is None:  # another process has carried out the step
+                continue
+            copied = copied and outcome.copy is None
+            words = f"; a copy of the database before the upgrade is {outcome.copy}" if outcome.copy else ""
+            notify(f"upgraded the database from layout {layout} to {step.layout}{words}")
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """Outcome of a step that was carried out."""
+
+    copy: Path | None  # copy of the SQLite file before the step, if one was made
+
+
+def _carry_out_patiently(engine: sa.Engine, layout: str, step: Step, copy_of: Path | None) -> _Outcome | None:
+    """Carry out a step as `_carry_out` does; try again if other programs lock the tables.
+
+    Raises:
+        StoreUnavailableError: other programs have locked the tables for `LOCK_SECONDS`, or the step failed.
+    """
+    deadline = time.monotonic() + LOCK_SECONDS
+    while True:
+        try:
+            return _carry_out(engine, layout, step, copy_of)
+        except DBAPIError as error:
+            if not _is_locked(error):
+                reason = str(error.orig).strip().splitlines()[0][:200]
+                raise StoreUnavailableError(
+                    f"the database cannot be upgraded to layout {step.layout} ({reason})",
+                    "nothing was changed; check that the disk is not full, and that the user of the database "
+                    "owns its tables, and start again",
+                ) from error
+            if time.monotonic() > deadline:
+                raise StoreUnavailableError(
+                    f"other programs have locked the tables for {LOCK_SECONDS:.0f} s",
+                    "nothing was changed; end long statements and dumps of other programs, and start again",
+                ) from error
+            time.sleep(_LOCK_PAUSE)
+
+
+def _carry_out(engine: sa.Engine, layout: str, step: Step, copy_of: Path | None) -> _Outcome | None:
+    """Carry out a step in one transaction; return None if another process has changed the layout meanwhile.
+
+    Args:
+        engine: engine of `make_migrating_engine`.
+        layout: present layout of the database.
+        step: step to carry out.
+        copy_of: SQLite file to copy first; None to copy nothing.
+    """
+    is_sqlite = engine.dialect.name == "sqlite"
+    copy = None
+    with engine.begin() as connection:  # on SQLite with the write lock: the copy has all that was committed
+        if not is_sqlite:
+            lock_tables(connection)
+        if read_layout(connection) != layout:
+            return None
+        if copy_of is not None:
+            copy = copy_file(copy_of, step.layout)
+        command.upgrade(_make_config(connection), step.layout)
+        if is_sqlite and connection.exec_driver_sql("PRAGMA foreign_key_check").first() is not None:
+            raise StoreError(
+                f"the step to layout {step.layout} would leave rows without the rows to which they refer",
+                "nothing was changed; report this error, with the output of `jointstiff database check`",
+            )
+    return _Outcome(copy)
+
+
+def copy_file(path: Path, layout: str) -> Path:
+    """Copy an SQLite file before it is upgraded to a layout; return the path of the copy.
+
+    The copy is complete, or does not exist under its name. Earlier copies are kept.
+
+    Raises:
+        StoreError: the copy cannot be written.
+    """
+    stem = path.with_name(f"{path.name}.before-{layout[:4]}")
+    names = (stem if number == 1 else Path(f"{stem}-{number}") for number in count(1))
+    copy = next(name for name in names if not name.exists())
+    part = Path(f"{copy}.part")
+    wal = Path(f"{path}-wal")
+    needed = path.stat().st_size + (wal.stat().st_size if wal.exists() else 0) + SPARE_BYTES
+    free = shutil.disk_usage(path.parent).free
+    if free < needed:
+        raise _refuse_copy(
+            path, f"{free / 1e6:.0f} MB are free on the disk, and {needed / 1e6:.0f} MB needed"
+        )
+    part.unlink(missing_ok=True)  # of a process that was killed
+    make_private(part)
+    try:
+        with closing(sqlite3.connect(path)) as source, closing(sqlite3.connect(part)) as target:
+            source.backup(target)
+        part.rename(copy)
+        _sync_folder(path.parent)
+    except (sqlite3.Error, OSError) as error:
+        for left in (part, Path(f"{part}-journal")):
+            left.unlink(missing_ok=True)
+        raise _refuse_copy(path, str(error)) from error
+    return copy
+
+
+def _refuse_copy(path: Path, reason: str) -> StoreError:
+    """Return the error that an SQLite file cannot be copied before an upgrade."""
+    return StoreError(
+        f"the copy of {path} before the upgrade cannot be written: {reason}",
+        "nothing was changed; free space on the disk, or save the database elsewhere and run `jointstiff "
+        f"database upgrade --no-copy --database sqlite:///{path}`",
+    )
+
+
+def _sync_folder(folder: Path) -> None:
+    """Write the entries of a folder to the disk, so that a new name outlasts a failure of the power."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _rewrite_all_documents(database: Database) -> None:
+    """Rewrite all documents of earlier forms before a contract step.
+
+    Raises:
+        StoreError: some documents cannot be rewritten.
+    """
+    old_documents = OldDocuments(database)
+    while old_documents.rewrite(_REWRITE_SECONDS):
+        pass
+    if left := old_documents.count(with_unfinished=True):
+        raise StoreError(
+            f"documents of an earlier form remain that cannot be rewritten: {left}",
+            "let unfinished jobs end with the version before, and delete what `jointstiff database check` "
+            "names as damaged",
+        )
+
+
+def _is_locked(error: DBAPIError) -> bool:
+    """Return whether a statement failed because another program has a lock."""
+    code = getattr(error.orig, "sqlite_errorcode", 0) & 0xFF
+    return code == sqlite3.SQLITE_BUSY or getattr(error.orig, "sqlstate", None) == _LOCK_NOT_AVAILABLE
+
+
+def _read_layout_of(url: str) -> str:
+    """Return the layout of an existing database; empty if it has no tables of ours."""
+    with closing(open_existing(url)) as database, database.reading() as connection:
+        return read_layout(connection) or ""
+
+
+@contextmanager
+def _migrating_engine(url: str) -> Iterator[sa.Engine]:
+    """Yield an engine for changes of the tables."""
+    engine = make_migrating_engine(url)
+    try:
+        yield engine
+    finally:
+        engine.dispose()

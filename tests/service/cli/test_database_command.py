@@ -1,0 +1,69 @@
+"""The commands `jointstiff database upgrade`, `status` and `check`."""
+
+import sqlite3
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+
+import pytest
+from support import kept
+from support.terminal import terminal
+
+run = partial(terminal, width=160)
+LAYOUTS = "0018_actions_name_targets", "0019_expand_readable"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a folder without a database."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_database_is_upgraded_by_hand(folder: Path) -> None:
+    kept.restore("0018", "sqlite:///jointstiff.db")
+    status = run("database", "status")
+    assert status.stdout == f"layout {LAYOUTS[0]}; steps to the layout of this version: {LAYOUTS[1]}\n"
+    refused = run("database", "check")
+    assert refused.exit_code == 2
+    assert "jointstiff database upgrade --database URL" in refused.stderr
+    lines = run("database", "upgrade").stdout.splitlines()
+    assert lines == [
+        f"upgraded the database from layout {LAYOUTS[0]} to {LAYOUTS[1]}; a copy of the database before the "
+        "upgrade is jointstiff.db.before-0019",
+        "documents of an earlier form: 0 left",
+        f"layout {LAYOUTS[1]}; documents of an earlier form: 0",
+    ]
+    assert run("database", "upgrade").stdout == f"{lines[-1]}\n"
+    assert run("database", "status").stdout == f"{lines[-1]}\n"
+    assert (folder / "jointstiff.db.before-0019").exists()
+
+
+def test_no_copy_is_made_if_none_is_wanted(folder: Path) -> None:
+    kept.restore("0018", "sqlite:///jointstiff.db")
+    assert "a copy" not in run("database", "upgrade", "--no-copy").stdout
+    assert list(folder.glob("*before*")) == []
+
+
+def test_a_check_names_each_fault() -> None:
+    kept.restore("0018", "sqlite:///jointstiff.db")
+    run("database", "upgrade")
+    sound = run("database", "check")
+    assert (sound.exit_code, sound.stdout) == (0, "48 documents read, 0 faults\n")
+    with closing(sqlite3.connect("jointstiff.db", isolation_level=None)) as connection:
+        connection.execute("UPDATE jobs SET document = x'00', robot_id = 'nobody' WHERE sequence = 1")
+        connection.execute("DROP INDEX ix_jobs_name")
+        ((identifier,),) = connection.execute("SELECT id FROM jobs WHERE sequence = 1")
+    found = run("database", "check")
+    assert found.exit_code == 1
+    assert "a row of jobs refers to a missing row of robots" in found.stdout
+    assert "ix_jobs_name" in found.stdout
+    assert f"jobs: document of {identifier} is damaged" in found.stdout
+
+
+@pytest.mark.parametrize("command", ["upgrade", "status", "check"])
+def test_a_database_that_does_not_exist_is_not_made(folder: Path, command: str) -> None:
+    refused = run("database", command)
+    assert refused.exit_code == 2
+    assert "the database jointstiff.db does not exist" in refused.stderr
+    assert list(folder.iterdir()) == []
