@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -21,6 +21,18 @@ FAR_POSITION: Final = 100.0
 """Distance of a target from the origin beyond which the unit of positions is in doubt [m]."""
 LARGE_DEFLECTION: Final = 1.0
 """Deflection beyond which the unit of positions is in doubt [m]."""
+_JOINT_ROWS: Final = "a row of finite numbers for each observation, (N, n)"
+_WRONG_KINDS: Final = {
+    "b": ("truth values", "give numbers"),
+    "c": (
+        "complex numbers",
+        "give the real part, such as `np.real(values)`, if the other part means nothing",
+    ),
+    "half": ("numbers of half precision, of three digits", "give the numbers in single or double precision"),
+    "M": ("times", "give numbers"),
+    "m": ("durations", "give numbers"),
+}
+"""Kind of an array, as numpy names kinds → what its values are, and what to give instead."""
 _SIZES: Final = {"length": LENGTH, "angle": ANGLE, "force": FORCE, "moment": MOMENT}
 _SPELLINGS: Final = {
     "N·m": "N.m",
@@ -70,8 +82,9 @@ def parse_units(text: Units | Mapping[str, str] | str) -> dict[str, str]:
 class ArrayReadings:
     """Readings of N observations of T targets, in whatever form of arrays a Python program holds them.
 
-    Arrays, lists, data frames and columns of pandas or polars, and dictionaries of columns are accepted. A
-    target was not read in an observation if all of its coordinates are NaN or None there.
+    Arrays, lists, columns of pandas or polars, and dictionaries of columns are accepted. A target was not
+    read in an observation if all of its coordinates are NaN or None there. An observation without any reading
+    was not read, and is omitted.
     """
 
     joints: Any  # (N, n) positions of the joints as the controller shows them
@@ -96,16 +109,39 @@ class ArrayReadings:
         """
         joints = to_number_array(self.joints, "joints")
         count = len(joints)
-        if joints.ndim != 2 or not joints.size or not np.isfinite(joints).all():
-            raise _make_shape_error("joints", joints, "a row of finite numbers for each observation, (N, n)")
-        point = None if self.load_point is None else to_vectors(self.load_point, count, "load_point")
+        if joints.ndim != 2 or not joints.size:
+            raise _make_shape_error("joints", joints, _JOINT_ROWS)
+        point = None if self.load_point is None else to_vectors(self.load_point, count, "load_point", [])
         is_common_point = point is not None and bool((point == point[0]).all())
         for row in () if point is None else point:
             refuse_far_point(row.tolist(), "load_point", length=LENGTH[units["length"]])
         flange_places = self._read_flange_places(LENGTH[units["length"]])
         names, readings = self._arrange_readings(count, LENGTH[units["length"]])
-        forces = np.zeros((count, 3)) if self.forces is None else to_vectors(self.forces, count, "forces")
-        moments = None if self.moments is None else to_vectors(self.moments, count, "moments")
+        rows = [i for i in range(count) if readings[i]]
+        if not rows:
+            raise MeasurementError(
+                "all readings are NaN",
+                where="deflections" if self.unloaded is None else "unloaded",
+                remedy="give the readings; NaN means that a target was not read",
+            )
+        if not np.isfinite(joints[rows]).all():
+            raise _make_shape_error("joints", joints, _JOINT_ROWS)
+        if point is not None and not np.isfinite(point[rows]).all():
+            raise _make_shape_error("load_point", point, "finite numbers for each observation")
+        moments = None if self.moments is None else to_vectors(self.moments, count, "moments", rows)
+        if (
+            self.forces is None
+            and moments is None
+            and (self.loaded is not None or self.deflections is not None)
+        ):
+            raise MeasurementError(
+                "the readings under load have no force and no moment",
+                where="forces",
+                remedy="give `forces`, the forces on the robot in the axes of R0, or `moments`",
+            )
+        forces = (
+            np.zeros((count, 3)) if self.forces is None else to_vectors(self.forces, count, "forces", rows)
+        )
         labels = [f"c{i:02}" for i in range(1, count + 1)] if self.labels is None else list(self.labels)
         if len(labels) != count:
             raise MeasurementError(
@@ -122,7 +158,7 @@ class ArrayReadings:
                 **({} if point is None or is_common_point else {"load_point": point[i].tolist()}),
                 "readings": readings[i],
             }
-            for i in range(count)
+            for i in rows
         ]
         return {
             "units": dict(units),
@@ -161,9 +197,7 @@ class ArrayReadings:
                 value, name, count, names, components=1 if is_along_direction else 3
             )
             _refuse_implausible_lengths(values[name], name, length)
-        if "loaded" in values:
-            deflections = values["loaded"] - values["unloaded"]
-            _refuse_implausible_lengths(deflections, "loaded", length, are_deflections=True)
+        self._refuse_other_targets(fields, names)
         directions = self._broadcast_directions(count, len(names)) if is_along_direction else None
         # The document names one reading `deflection`, or `displacement` if it is one number.
         field_names = {"deflections": "displacement" if is_along_direction else "deflection"}
@@ -211,6 +245,23 @@ class ArrayReadings:
             )
             raise MeasurementError(reason, where="unloaded", remedy=remedy)
         return fields
+
+    def _refuse_other_targets(self, fields: Mapping[str, Any], names: Sequence[str]) -> None:
+        """Refuse a target that only some of the fields have, unless the caller states the targets.
+
+        Raises:
+            MeasurementError: a field has a target that is not among `names`.
+        """
+        if self.targets is not None:
+            return
+        for name, value in fields.items():
+            others = [each for each in value if str(each) not in names] if isinstance(value, Mapping) else []
+            if others:
+                raise MeasurementError(
+                    f"target '{others[0]}' has readings only in `{name}`",
+                    where=name,
+                    remedy="give the same targets in all readings, or state those to use in `targets`",
+                )
 
     def _broadcast_directions(self, observation_count: int, target_count: int) -> FloatArray:
         """Return the directions (N, T, 3) of the readings; `directions` may leave out the first axes.
@@ -281,21 +332,18 @@ def _arrange_by_target(
     return array, names
 
 
-def _refuse_implausible_lengths(
-    values: FloatArray, name: str, length: float, *, are_deflections: bool = False
-) -> None:
+def _refuse_implausible_lengths(values: FloatArray, name: str, length: float) -> None:
     """Refuse positions or deflections that are too long for an arm, because their unit must be wrong.
 
     Args:
         values: (N, T, components) positions or deflections.
-        name: field of `ArrayReadings`, for the message; values of `deflections` are always deflections.
+        name: field of `ArrayReadings`; values of `deflections` have a smaller limit than positions.
         length: unit of lengths in m.
-        are_deflections: whether the values are deflections, which have a smaller limit than positions.
 
     Raises:
         MeasurementError: a length exceeds its limit.
     """
-    are_deflections = are_deflections or name == "deflections"
+    are_deflections = name == "deflections"
     size = length * np.linalg.norm(np.nan_to_num(values), axis=-1)
     most = LARGE_DEFLECTION if are_deflections else FAR_POSITION
     if size.max(initial=0.0) > most:
@@ -309,14 +357,23 @@ def _refuse_implausible_lengths(
         )
 
 
-def to_vectors(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
-    """Return finite numbers (count, 3) from an array (count, 3), or from one row (3,), which is repeated.
+def to_vectors(
+    value: Any,  # noqa: ANN401 - anything numpy understands
+    count: int,
+    name: str,
+    rows: Sequence[int] | None = None,
+) -> FloatArray:
+    """Return numbers (count, 3) from an array (count, 3), or from one row (3,), which is repeated.
+
+    The numbers of `rows` are finite; by default those of all rows.
 
     Raises:
         MeasurementError: the array has another shape, or numbers that are not finite; it is called `name`.
     """
     array = to_number_array(value, name)
-    if array.shape not in ((3,), (count, 3)) or not np.isfinite(array).all():
+    has_rows = array.shape == (count, 3)
+    used = array[rows] if has_rows and rows is not None else array
+    if not (has_rows or array.shape == (3,)) or not np.isfinite(used).all():
         raise _make_shape_error(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
     return np.broadcast_to(array, (count, 3))
 
@@ -330,14 +387,10 @@ def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anyt
     try:
         if isinstance(value, Mapping):
             value = list(value.values())
-            return np.stack(
-                [np.asarray(_to_plain_array(column), dtype=np.float64) for column in value], axis=1
-            )
+            return np.stack([_to_numbers(column, name) for column in value], axis=1)
         if isinstance(value, list | tuple) and value and all(hasattr(each, "to_numpy") for each in value):
-            return np.stack(
-                [np.asarray(_to_plain_array(column), dtype=np.float64) for column in value], axis=1
-            )
-        return np.asarray(_to_plain_array(value), dtype=np.float64)
+            return np.stack([_to_numbers(column, name) for column in value], axis=1)
+        return _to_numbers(value, name)
     except (TypeError, ValueError) as error:
         raise MeasurementError(
             f"`{name}` is not an array of numbers: {error}",
@@ -347,9 +400,50 @@ def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anyt
         ) from None
 
 
-def _to_plain_array(value: Any) -> Any:  # noqa: ANN401 - anything numpy understands
-    """Return the array of a data frame or a column; return any other value unchanged."""
-    return value.to_numpy() if hasattr(value, "to_numpy") else value
+def _to_numbers(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
+    """Return an array, a data frame or a column as numbers; missing values and masked ones are NaN.
+
+    Raises:
+        MeasurementError: the values are of a type that is no number, or have too few digits.
+        TypeError: a value is no number.
+        ValueError: a text is no number, or lists have different lengths.
+    """
+    array = value.to_numpy() if hasattr(value, "to_numpy") else value
+    masked = np.ma.getmaskarray(array) if isinstance(array, np.ma.MaskedArray) else None
+    array = np.asarray(array)
+    kind: str = "half" if array.dtype == np.float16 else array.dtype.kind
+    if array.dtype.kind == "O":
+        kind = _find_kind_of_objects(array)
+        array = np.array([_replace_missing(each) for each in array.ravel()], dtype=object).reshape(
+            array.shape
+        )
+    if kind in _WRONG_KINDS:
+        fault, remedy = _WRONG_KINDS[kind]
+        raise MeasurementError(f"`{name}` has {fault}", where=name, remedy=remedy)
+    if kind == "U":  # as objects, so that a message shows a text as Python does
+        array = array.astype(object)
+    numbers = np.array(array, dtype=np.float64)
+    if masked is not None:
+        numbers[masked] = np.nan
+    if np.isinf(numbers).any():
+        raise MeasurementError(
+            f"`{name}` has infinite values", where=name, remedy="write NaN where a target was not read"
+        )
+    return numbers
+
+
+def _find_kind_of_objects(array: Any) -> str:  # noqa: ANN401 - an array of objects
+    """Return the kind of the first object that is no number, as numpy names kinds; `O` for numbers."""
+    for each in array.ravel():
+        kind = np.asarray(each).dtype.kind
+        if kind in _WRONG_KINDS:
+            return kind
+    return "O"
+
+
+def _replace_missing(value: Any) -> Any:  # noqa: ANN401 - an object of an array
+    """Return NaN for None and for the missing value of pandas; any other object unchanged."""
+    return np.nan if value is None or type(value).__name__ == "NAType" else value
 
 
 def _make_shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementError:

@@ -171,11 +171,15 @@ def _read_named_rows(rows: Any, convention: str) -> list[_Row] | None:  # noqa: 
     Raises:
         RobotError: a name is unknown, occurs twice or is missing.
     """
-    if hasattr(rows, "columns") and hasattr(rows, "itertuples"):  # a data frame
+    if hasattr(rows, "columns") and hasattr(rows, "itertuples"):  # a data frame of pandas
         names = list(rows.columns)
         if not all(isinstance(name, str) for name in names):
             return None
         cells = [list(zip(names, row, strict=True)) for row in rows.itertuples(index=False, name=None)]
+    elif hasattr(rows, "columns") and hasattr(rows, "to_dicts"):  # a data frame of polars
+        if list(rows.columns) == [f"column_{place}" for place in range(len(rows.columns))]:
+            return None  # without names
+        cells = [list(row.items()) for row in rows.to_dicts()]
     elif getattr(getattr(rows, "dtype", None), "names", None):
         cells = [list(zip(rows.dtype.names, row, strict=True)) for row in rows.tolist()]
     elif isinstance(rows, Sequence) and rows and all(isinstance(row, Mapping | Message) for row in rows):

@@ -121,7 +121,7 @@ def _build_grid(file: str, kind: ArrayFormat, table: str, arrays: Sequence[Any])
             skipped.append(array["name"])
             continue
         named = _name_columns(Place(file), array["name"], array["unit"], array["columns"])
-        kinds += ["number" if array["numbers"] else "text"] * len(named)
+        kinds += [array["kind"]] * len(named)
         if set(named) & set(columns):
             reason = f"two arrays give the same column {quote(next(iter(set(named) & set(columns))))}"
             raise ImportFileError(Place(file), reason, "rename one of the two arrays")
@@ -138,7 +138,7 @@ def _build_grid(file: str, kind: ArrayFormat, table: str, arrays: Sequence[Any])
     text: CellKind = "text"
     header = Row(1, tuple(columns), (text,) * len(columns))
     rows = [
-        Row(line, tuple(cell or "" for cell in cells), tuple(kinds))
+        Row(line, tuple(grid.write_ascii_minus(cell or "") for cell in cells), tuple(kinds))
         for line, cells in enumerate(zip(*columns.values(), strict=True), 2)
     ]
     notes = [f"variables that are no tables were skipped: {quote(', '.join(skipped))}"] if skipped else []

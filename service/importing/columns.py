@@ -10,6 +10,10 @@ import numpy as np
 
 from jointstiff.service.importing import limits
 
+_NUMBERS: Final = "iubfc"
+"""Kinds of arrays, as numpy names them, whose elements are numbers or truth values."""
+_LEAST_BYTES: Final = 4
+"""Least size of a floating-point number: one of 2 bytes has three digits."""
 _WHOLE: Final = 2.0**53
 """Numbers below are written without a point if they are whole, as labels are."""
 
@@ -19,7 +23,7 @@ class Array(TypedDict):
 
     name: str
     unit: str | None  # stated by an attribute of the array
-    numbers: bool  # whether the cells are numbers
+    kind: str  # `CellKind` of the cells
     columns: list[list[str | None]] | None  # cells, None for empty ones; None for what is no column
 
 
@@ -52,7 +56,11 @@ def tabulate(arrays: Iterable[NamedArray]) -> list[Array]:
     found = list[NamedArray]()
     votes: Counter[int] = Counter()
     for each in arrays:
-        found.append(each._replace(name=check_name(each.name), unit=check_name(each.unit or "") or None))
+        values = each.values
+        if values is not None and np.iscomplexobj(values) and not np.imag(values).any():
+            values = np.real(values)
+        name, unit = check_name(each.name), check_name(each.unit or "") or None
+        found.append(NamedArray(name, values, unit))
         if each.values is not None and (shape := _find_shape(each.values)) and shape[0] > 1:
             votes[shape[0]] += shape[1]
             if votes[shape[0]] > limits.MAX_COLUMNS:  # all votes are for arrays that can be columns
@@ -64,11 +72,19 @@ def tabulate(arrays: Iterable[NamedArray]) -> list[Array]:
         Array(
             name=each.name,
             unit=each.unit,
-            numbers=each.values is not None and each.values.dtype.kind in "iubf",
+            kind="text" if each.values is None else find_cell_kind(each.values.dtype),
             columns=None if each.values is None else _list_columns(each.values, count),
         )
         for each in found
     ]
+
+
+def find_cell_kind(dtype: np.dtype) -> str:
+    """Return the `CellKind` of the elements of an array; only a `number` is used as a number."""
+    if dtype.kind == "f" and dtype.itemsize < _LEAST_BYTES:
+        return "half-precision number"
+    kinds = {"b": "truth value", "c": "complex number", "i": "number", "u": "number", "f": "number"}
+    return kinds.get(dtype.kind, "text")
 
 
 def _find_shape(array: np.ndarray) -> tuple[int, int] | None:
@@ -78,7 +94,7 @@ def _find_shape(array: np.ndarray) -> tuple[int, int] | None:
     is_vector = array.ndim == 1 or min(array.shape) == 1
     rows, columns = (array.size, 1) if is_vector else array.shape
     is_text = array.dtype.kind in "SUO" and columns == 1
-    is_of_numbers = array.dtype.kind in "iubf" and columns <= limits.MAX_COLUMNS
+    is_of_numbers = array.dtype.kind in _NUMBERS and columns <= limits.MAX_COLUMNS
     return (rows, columns) if is_text or is_of_numbers else None
 
 
@@ -91,7 +107,7 @@ def _list_columns(array: np.ndarray, count: int) -> list[list[str | None]] | Non
     if shape is None or shape[0] != count:
         return None
     array = array.reshape(shape)
-    if array.dtype.kind in "iubf":
+    if array.dtype.kind in _NUMBERS:
         columns = (array.astype(float) if array.dtype.kind == "f" else array).T.tolist()
         return [list(map(write_number, column)) for column in columns]
     return [[clean_text(each) for each in array[:, 0].tolist()]]
@@ -128,12 +144,15 @@ def clean_text(text: object) -> str:
     return cleaned
 
 
-def write_number(number: float | None) -> str | None:
+def write_number(number: complex | None) -> str | None:
     """Return the shortest text of a number, of a truth value 1 or 0; None for nothing and NaN."""
     if number is None or number != number:
         return None
-    is_whole = isinstance(number, float) and number.is_integer() and abs(number) < _WHOLE
-    return str(int(number)) if isinstance(number, bool) or is_whole else repr(number)
+    if isinstance(number, bool):
+        return str(int(number))
+    if isinstance(number, float) and number.is_integer() and abs(number) < _WHOLE:
+        return str(int(number))
+    return repr(number)
 
 
 class ByteCount:

@@ -23,7 +23,7 @@ from xml.etree.ElementTree import Element, ParseError, XMLParser, iterparse
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import grid, limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grid import CellKind, Grid, Remark, Row
+from jointstiff.service.importing.grid import CellKind, Grid, Remark, Row, write_ascii_minus
 
 MAX_SHEET_CELLS: Final = 500_000
 """Cells of a sheet, which take longer to read than those of a text."""
@@ -310,7 +310,7 @@ class _Sheet:
                 text, kind = self._read_cell(cell)
                 if text:
                     gap = self._column - 1 - len(cells)
-                    cells += [*[""] * gap, text]
+                    cells += [*[""] * gap, write_ascii_minus(text)]
                     kinds += [*_EMPTY_CELL_KIND * gap, kind]
         return Row(self._line, tuple(cells), tuple(kinds)) if cells else None
 

@@ -9,6 +9,7 @@ import re
 import zipfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import PurePath
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
@@ -31,7 +32,10 @@ MAX_NUMBER_LENGTH: Final = 40
 
 COMMENT_MARKS: Final = ("#", "//", "%")
 
-CellKind = Literal["text", "number", "date", "percentage", "truth value", "error", "formula"]
+CellKind = Literal[
+    "text", "number", "date", "percentage", "truth value", "error", "formula", "complex number",
+    "half-precision number",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,7 +356,7 @@ def _split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
     except (csv.Error, StopIteration):
         remedy = 'enclose a cell as in "Point 1", on one line, or remove the marks'
         raise ImportFileError(place, "quotation marks do not enclose a whole cell", remedy) from None
-    stripped = tuple(cell.strip(" \t") for cell in cells)
+    stripped = tuple(write_ascii_minus(cell.strip(" \t")) for cell in cells)
     for column, cell in enumerate(stripped, start=1):
         if len(cell) > limits.MAX_CELL_LENGTH:
             reason = f"a cell has more than {limits.MAX_CELL_LENGTH} characters: {quote(cell)}"
@@ -372,15 +376,54 @@ _WITH_THOUSANDS: Final = (
     r"[+-]?[1-9][0-9]{0,2}(?P<separator>[%s'\u2019 \xa0\u202f])[0-9]{3}(?:(?P=separator)[0-9]{3})*[%s][0-9]+"
 )
 """A number with separators of thousands; it has decimals, so that the separators are certain."""
+_OTHER_MINUS: Final = re.compile("[\u2212\u2012\u2013\ufe63\uff0d]")
+"""Minus sign, figure dash, en dash, small and full-width hyphen-minus."""
+_SEPARATED: Final = re.compile(
+    r"[+-]?[1-9][0-9]{0,2}(?P<separator>[.,'\u2019 \xa0\u202f])[0-9]{3}(?:(?P=separator)[0-9]{3})*"
+    r"(?!(?P=separator))(?P<mark>[.,])[0-9]+"
+)
+"""A number with separators of thousands and either decimal mark."""
+_FOUR_DIGITS: Final = re.compile(r"[+-]?[0-9]{4}")
 _POINT_ASSUMED: Final = (
     "the point was read as the decimal mark, although three digits follow it in every number: check "
     "that the point is not a thousands separator"
 )
 
 
+def write_ascii_minus(text: str) -> str:
+    """Return a number with the minus of ASCII in place of signs such as `−` or `–`; other texts unchanged.
+
+    Such signs come from word processors, from Matplotlib and from web pages.
+    """
+    if text.isascii():
+        return text
+    with_minus = _OTHER_MINUS.sub("-", text)
+    return with_minus if looks_like_a_number(with_minus) else text
+
+
 def looks_like_a_number(text: str) -> bool:
-    """Return whether a text is a number, with a decimal point or a decimal comma."""
-    return _NUMBER.fullmatch(text.replace(",", ".")) is not None
+    """Return whether a text is a number with a decimal point or comma, perhaps with separated thousands."""
+    return is_plain_number(text.replace(",", ".")) or _find_mark_by_thousands(text) is not None
+
+
+def is_plain_number(text: str) -> bool:
+    """Return whether a text is a number with a decimal point, and without separators of thousands."""
+    return _NUMBER.fullmatch(text) is not None
+
+
+def _find_mark_by_thousands(text: str) -> DecimalMark | None:
+    """Return the decimal mark that separated thousands show, as in `1.299,99`; None for other texts."""
+    match = _SEPARATED.fullmatch(text)
+    if match is None:
+        return None
+    return "point" if match["mark"] == "." else "comma"
+
+
+def has_separated_thousands(rows: Iterable[Row], columns: Collection[int]) -> bool:
+    """Return whether all numbers above 1000 have separators of thousands, and at least one shows decimals."""
+    cells = [row.cells[column] for row, column in product(rows, columns)]
+    is_separated = any(_SEPARATED.fullmatch(cell) for cell in cells)
+    return is_separated and not any(_FOUR_DIGITS.match(cell) for cell in cells)
 
 
 def count_numbers(row: Row) -> int:
@@ -389,12 +432,18 @@ def count_numbers(row: Row) -> int:
 
 
 def decide_decimal_mark(
-    grid: Grid, rows: Iterable[Row], columns: Collection[int], stated_mark: DecimalMark | None
+    grid: Grid,
+    rows: Iterable[Row],
+    columns: Collection[int],
+    stated_mark: DecimalMark | None,
+    *,
+    are_thousands_separated: bool = False,
 ) -> tuple[DecimalMark, str | None]:
     """Return the decimal mark of a file, and a note for the user if the mark was assumed, else None.
 
     `1,234` alone may be 1.234 or 1234. It is read as 1.234 if another number of the file has a comma that
     cannot separate thousands, such as `12,5` or `0,125`. Numbers in sheets and arrays have a point.
+    `are_thousands_separated` states that `1.299,99` is a number of the file.
 
     Raises:
         ImportFileError: the file has decimal points and decimal commas, or the mark is ambiguous.
@@ -403,13 +452,9 @@ def decide_decimal_mark(
         return _decide_mark_of_texts(grid, rows, columns, stated_mark), None
     if stated_mark is not None:
         return stated_mark, None
-    first_cells: dict[str, tuple[str, Place]] = {}  # text and place of the first cell with each mark
-    sure_marks: set[str] = set()  # marks that cannot separate thousands in some cell
-    cells = ((row, column, row.cells[column]) for row in rows for column in columns)
-    for row, column, text, mark in ((*cell, mark) for cell in cells for mark in ",." if mark in cell[2]):
-        if mark not in first_cells:
-            first_cells[mark] = text, grid.place(row, column)
-        sure_marks.update([] if _THOUSANDS.fullmatch(text) else [mark])
+    first_cells, sure_marks = _find_marks(
+        grid, rows, columns, are_thousands_separated=are_thousands_separated
+    )
     if len(first_cells) > 1:
         text, place = max(first_cells.values(), key=lambda cell: (cell[1].line or 0, cell[1].column or 0))
         reason = f"{quote(text)}: the file has decimal points and decimal commas"
@@ -422,6 +467,25 @@ def decide_decimal_mark(
     if "," in first_cells:
         return "comma", "the comma was used as the decimal mark"
     return "point", _POINT_ASSUMED if "." in first_cells and "." not in sure_marks else None
+
+
+def _find_marks(
+    grid: Grid, rows: Iterable[Row], columns: Collection[int], *, are_thousands_separated: bool
+) -> tuple[dict[str, tuple[str, Place]], set[str]]:
+    """Return text and place of the first cell with each mark; and the marks that separate no thousands."""
+    first_cells: dict[str, tuple[str, Place]] = {}
+    sure_marks: set[str] = set()
+    for row, column in product(rows, columns):
+        text = row.cells[column]
+        marks = [mark for mark in ",." if mark in text]
+        mark_by_thousands = _find_mark_by_thousands(text) if are_thousands_separated else None
+        if mark_by_thousands is not None:
+            marks = ["." if mark_by_thousands == "point" else ","]
+        for mark in marks:
+            if mark not in first_cells:
+                first_cells[mark] = text, grid.place(row, column)
+            sure_marks.update([] if _THOUSANDS.fullmatch(text) else [mark])
+    return first_cells, sure_marks
 
 
 def _decide_mark_of_texts(

@@ -25,6 +25,12 @@ _TEXTS_AT_ONCE: Final = 16
 """Texts of variable length that are read at once: each may be as long as the file."""
 _MAX_TEXTS_OF_CELLS: Final = 10_000
 """Texts of a cell array of MATLAB: an array for each."""
+_COMPLEX: Final = ("real", "imag")
+"""Names of the two parts of complex numbers in files of MATLAB 7.3."""
+_LEAST_BYTES: Final = {"i": 1, "u": 1, "f": 4}
+"""Least size of numbers that attributes may scale, by their kind."""
+_MAX_NUMBERS: Final = 64
+"""Numbers of an attribute."""
 _FILTERS: Final = frozenset((1, 2, 3))
 """Filters of chunks that are read: deflate (gzip), shuffle, fletcher32."""
 
@@ -39,7 +45,8 @@ def read_hdf5(content: bytes) -> Tables:
     groups: dict[str, list[h5py.Dataset]] = {}
     records: dict[str, h5py.Dataset] = {}
     for path, dataset in _walk(file):
-        if dataset.dtype.names and dataset.shape is not None:
+        is_table = dataset.dtype.names and dataset.dtype.names != _COMPLEX
+        if is_table and dataset.shape is not None:
             records[path] = dataset
         else:
             groups.setdefault(path.rpartition("/")[0], []).append(dataset)
@@ -148,11 +155,67 @@ def _read_dataset(dataset: h5py.Dataset, count: ByteCount) -> NamedArray:
     elif h5py.check_string_dtype(dataset.dtype) is not None and dataset.dtype.kind == "O":
         is_single_column = dataset.size == len(dataset)
         values = _read_long_texts(dataset) if is_single_column else None
-    elif dataset.dtype.kind in "iubfS" and matlab_class != "char":
-        values = dataset[()]
+    elif dataset.dtype.names == _COMPLEX:
+        parts = dataset[()]
+        values = parts["real"] + 1j * parts["imag"]
+    elif dataset.dtype.kind in "iubfcS" and matlab_class != "char":
+        values = _decode_numbers(dataset, dataset[()])
+        values = values.astype(np.bool_) if matlab_class == "logical" else values
     if values is not None and matlab_class:
         values = values.T
     return NamedArray(name, values, unit)
+
+
+def _decode_numbers(dataset: h5py.Dataset, stored: np.ndarray) -> np.ndarray:
+    """Return the numbers that stored ones mean by the attributes of the CF conventions; NaN where missing.
+
+    Missing are `_FillValue`, `missing_value`, the array's own fill value unless it is 0, and what is outside
+    `valid_min`, `valid_max` or `valid_range`; other numbers are multiplied by `scale_factor`, and
+    `add_offset` is added. Truth values, texts and numbers of half precision are returned unchanged.
+
+    Raises:
+        UnreadableError: an attribute has texts, or another count of numbers.
+    """
+    if stored.dtype.kind not in "iuf" or stored.dtype.itemsize < _LEAST_BYTES[stored.dtype.kind]:
+        return stored
+    missing = [*_read_numbers(dataset, "_FillValue"), *_read_numbers(dataset, "missing_value")]
+    creation = dataset.id.get_create_plist()
+    if creation.fill_value_defined() == h5py.h5d.FILL_VALUE_USER_DEFINED and dataset.fillvalue:
+        missing.append(float(dataset.fillvalue))
+    least = [*_read_numbers(dataset, "valid_min", 1), *_read_numbers(dataset, "valid_range", 2)[:1]]
+    greatest = [*_read_numbers(dataset, "valid_max", 1), *_read_numbers(dataset, "valid_range", 2)[1:]]
+    factor = _read_numbers(dataset, "scale_factor", 1)
+    offset = _read_numbers(dataset, "add_offset", 1)
+    if not (missing or least or greatest or factor or offset):
+        return stored
+    numbers = stored.astype(np.float64)
+    is_missing = np.isin(numbers, missing)
+    for limit in least:
+        is_missing |= numbers < limit
+    for limit in greatest:
+        is_missing |= numbers > limit
+    numbers = numbers * (factor or [1.0])[0] + (offset or [0.0])[0]
+    numbers[is_missing] = np.nan
+    return numbers
+
+
+def _read_numbers(dataset: h5py.Dataset, name: str, count: int | None = None) -> list[float]:
+    """Return the numbers of an attribute; no numbers without the attribute.
+
+    Raises:
+        UnreadableError: the attribute has no numbers, or not `count` numbers.
+    """
+    if name not in dataset.attrs:
+        return []
+    attribute = dataset.attrs.get_id(name)
+    size = 0 if attribute.shape is None else int(np.prod(attribute.shape, dtype=object))
+    is_readable = attribute.dtype.kind in "iuf" and 1 <= size <= _MAX_NUMBERS
+    if not is_readable or count not in (None, size):
+        raise UnreadableError(
+            f"the attribute {name!r} of the array {_find_name(dataset)!r} is not understood",
+            f"write {count or 'the'} number{'s' if count != 1 else ''} into the attribute, or remove it",
+        )
+    return np.asarray(dataset.attrs[name], dtype=np.float64).ravel().tolist()
 
 
 def _read_attribute(dataset: h5py.Dataset, name: str) -> str | None:

@@ -27,6 +27,7 @@ from jointstiff.service.importing.grid import (
     Remark,
     Row,
     count_numbers,
+    is_plain_number,
     looks_like_a_number,
 )
 
@@ -479,7 +480,7 @@ class ColumnReader:
         )
         columns = [column_by_text[name] for name in quaternion]
         cells = [[row.cells[column].replace(",", ".") for column in columns] for row in self._rows]
-        sums = [sum(float(cell) ** 2 for cell in row if looks_like_a_number(cell)) for row in cells]
+        sums = [sum(float(cell) ** 2 for cell in row if is_plain_number(cell)) for row in cells]
         unit_sums = [total for total in sums if abs(total - 1.0) < _UNIT_NORM]
         if (
             not columns

@@ -19,7 +19,15 @@ from jointstiff.schemas.imports import (
 from jointstiff.service.importing import grammar
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import Vocabulary, collapse_blanks, name_unit
-from jointstiff.service.importing.grid import Grid, Remark, Row, decide_decimal_mark, looks_like_a_number
+from jointstiff.service.importing.grid import (
+    Grid,
+    Remark,
+    Row,
+    decide_decimal_mark,
+    has_separated_thousands,
+    is_plain_number,
+    looks_like_a_number,
+)
 from jointstiff.service.importing.header import ColumnReader, Columns, Heading, find_heading
 
 _LEAST_ROWS, _MOST_ROWS = 4, 10_000
@@ -41,6 +49,7 @@ class Layout:
     columns: Columns  # meanings of the columns
     rows: tuple[Row, ...]  # rows of data, as long as the header
     decimal_mark: DecimalMark | None  # None if the mark is not clear, which has been reported as a fault
+    are_thousands_separated: bool = False  # whether texts may be numbers such as `1.299,99`
     frame: str | None = None  # frame of positions, as a comment of the file names it
     unsure_number: str | None = None  # words for a number that may lack digits, for the user to confirm
 
@@ -86,8 +95,15 @@ def understand_table(
         notes.append("lengths in inches, also those in the options, were converted to mm")
     number_columns = [column for indices in columns.quantities.values() for column in indices]
     decimal_mark = None  # remains if the decimal mark is not clear
+    are_thousands_separated = grid.preview.format != "text" or has_separated_thousands(rows, number_columns)
     with faults.collect():
-        decimal_mark, note_on_mark = decide_decimal_mark(grid, rows, number_columns, options.decimal_mark)
+        decimal_mark, note_on_mark = decide_decimal_mark(
+            grid,
+            rows,
+            number_columns,
+            options.decimal_mark,
+            are_thousands_separated=are_thousands_separated,
+        )
         notes += [note_on_mark] if note_on_mark else []
     preview = {
         "decimal_mark": decimal_mark if grid.preview.format == "text" else None,
@@ -99,7 +115,14 @@ def understand_table(
         "first_lines": [row.line for row in rows[:MAX_PREVIEW_ROWS]],
     }
     return Layout(
-        grid, grid.preview.model_copy(update=preview), columns, rows, decimal_mark, frame, unsure_number
+        grid,
+        grid.preview.model_copy(update=preview),
+        columns,
+        rows,
+        decimal_mark,
+        are_thousands_separated,
+        frame,
+        unsure_number,
     )
 
 
@@ -321,7 +344,7 @@ def _find_rows_of_means(rows: Sequence[Row]) -> set[int]:
         return set()
     width = min(len(row.cells) for row in rows)
     columns = [[row.cells[k].replace(",", ".") for row in rows] for k in range(width)]
-    numbers = [column for column in columns if all(map(looks_like_a_number, column))]
+    numbers = [column for column in columns if all(map(is_plain_number, column))]
     for count in (2, 1):  # means and standard deviations, or means alone
         above = [list(map(float, column[:-count])) for column in numbers]
         varying = [k for k, values in enumerate(above) if len(set(values)) > 1]
@@ -347,7 +370,7 @@ def _find_extremes(grid: Grid, heading: Heading) -> list[tuple[float, float] | N
     width = min(map(len, rows), default=0)
     columns = ([cells[k].replace(",", ".") for cells in rows] for k in range(width))
     return [
-        (min(map(float, column)), max(map(float, column))) if all(map(looks_like_a_number, column)) else None
+        (min(map(float, column)), max(map(float, column))) if all(map(is_plain_number, column)) else None
         for column in columns
     ]
 
@@ -357,7 +380,7 @@ def _has_extremes(row: Row, extremes: Sequence[tuple[float, float] | None]) -> b
     pairs = [
         (cell.replace(",", "."), both)
         for cell, both in zip(row.cells, extremes, strict=False)
-        if both and looks_like_a_number(cell)
+        if both and is_plain_number(cell.replace(",", "."))
     ]
     texts = [text for text, _ in pairs]
     return bool(pairs) and any(_are_equal(texts, [both[k] for _, both in pairs]) for k in (0, 1))

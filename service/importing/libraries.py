@@ -11,6 +11,8 @@ import io
 import json
 import os
 import sys
+import warnings
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -76,14 +78,27 @@ def _read_matlab(content: bytes) -> Tables:
 
     stream: Any = io.BytesIO(content)  # scipy's types lack streams
     ByteCount().take(8 * sum(int(np.prod(shape)) for _, shape, _ in whosmat(stream)))
-    variables = loadmat(stream, squeeze_me=False, mat_dtype=True)
-    arrays = [
+    with warnings.catch_warnings(record=True) as lost_parts:
+        warnings.simplefilter("always", np.exceptions.ComplexWarning)
+        # With its type in MATLAB, a truth value is known as one, but a complex number loses a part.
+        fields = _list_fields(loadmat(stream, squeeze_me=False, mat_dtype=True))
+    if lost_parts:
+        stored = _list_fields(loadmat(stream, squeeze_me=False, mat_dtype=False))
+        fields = [
+            whole if whole.values is not None and np.iscomplexobj(whole.values) else typed
+            for typed, whole in zip(fields, stored, strict=True)
+        ]
+    return {"": lambda: tabulate(fields)}
+
+
+def _list_fields(variables: Mapping[str, Any]) -> list[NamedArray]:
+    """Return the variables of a .mat file, and the fields of its structs, as arrays with their names."""
+    return [
         NamedArray(field, None if array is None else _join_cell_array(array))
         for name, each in variables.items()
         if not name.startswith("__")
         for field, array in _split_struct(name, np.asarray(each))
     ]
-    return {"": lambda: tabulate(arrays)}
 
 
 def _split_struct(name: str, array: np.ndarray, depth: int = 0) -> list[tuple[str, np.ndarray | None]]:

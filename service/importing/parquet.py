@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
@@ -13,6 +14,7 @@ from jointstiff.service.importing.columns import (
     UnreadableError,
     check_name,
     clean_text,
+    find_cell_kind,
     write_number,
 )
 
@@ -52,24 +54,33 @@ def _read_column(file: parquet.ParquetFile, name: str) -> Array:
     if pa.types.is_dictionary(kind):
         texts = [clean_text(each) for each in values.dictionary.to_pylist()]
         cells = [None if i is None else texts[i] for i in values.indices.to_pylist()]
-        return Array(name=name, unit=None, numbers=False, columns=[cells])
-    if pa.types.is_boolean(kind) or pa.types.is_integer(kind) or pa.types.is_floating(kind):
+        return Array(name=name, unit=None, kind="text", columns=[cells])
+    if _is_number(kind):
         cells = [write_number(each) for each in values.to_pylist()]
-        return Array(name=name, unit=None, numbers=True, columns=[cells])
+        return Array(
+            name=name, unit=None, kind=find_cell_kind(np.dtype(kind.to_pandas_dtype())), columns=[cells]
+        )
     if pa.types.is_decimal(kind):
         cells = [None if each is None else str(each) for each in values.to_pylist()]
-        return Array(name=name, unit=None, numbers=True, columns=[cells])
+        return Array(name=name, unit=None, kind="number", columns=[cells])
     if pa.types.is_temporal(kind) or _is_text(kind):
         cells = [None if each is None else clean_text(each) for each in values.to_pylist()]
-        return Array(name=name, unit=None, numbers=False, columns=[cells])
-    return Array(name=name, unit=None, numbers=True, columns=_list_columns_of_lists(values))
+        return Array(name=name, unit=None, kind="text", columns=[cells])
+    columns = _list_columns_of_lists(values)
+    elements = "text" if columns is None else find_cell_kind(np.dtype(kind.value_type.to_pandas_dtype()))
+    return Array(name=name, unit=None, kind=elements, columns=columns)
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    """Return whether a type of Arrow is of numbers or of truth values."""
+    return bool(pa.types.is_boolean(kind) or pa.types.is_integer(kind) or pa.types.is_floating(kind))
 
 
 def _list_columns_of_lists(values: pa.Array) -> list[list[str | None]] | None:
     """Return columns of cells of lists of numbers that have one length; None for other values."""
     kind = values.type
     is_list = pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
-    if not is_list or not (pa.types.is_floating(kind.value_type) or pa.types.is_integer(kind.value_type)):
+    if not is_list or not _is_number(kind.value_type):
         return None
     if len(values.flatten()) > limits.MAX_CELLS:
         raise MemoryError

@@ -408,6 +408,10 @@ class _Merging:
         self._joint_tolerances = [  # in the unit of each joint
             options.joint_tolerance / (per_mm if kind == "prismatic" else per_degree) for kind in joint_kinds
         ]
+        angle_unit = " rad" if units.get("angle") == "rad" else "°"
+        self._joint_units = [  # as they are written behind numbers
+            f" {units.get('length', 'mm')}" if kind == "prismatic" else angle_unit for kind in joint_kinds
+        ]
         self._metre = 1.0 if units.get("length") == "m" else 1e3  # one metre in the unit of positions
         self._joint_difference = 0.0  # greatest difference between two files, relative to the tolerance
         self._worst_joints: tuple[float, ImportFileError] | None = None
@@ -486,22 +490,26 @@ class _Merging:
         """Return whether joints of two files agree within the tolerance; keep the worst disagreement."""
         if not (first.vector and second.vector) or len(first.vector) != len(second.vector):
             return False
-        values_and_tolerances = zip(first.vector, second.vector, self._joint_tolerances, strict=False)
-        relative_difference, difference = max(
-            (abs(first_value - second_value) / tolerance, abs(first_value - second_value))
-            for first_value, second_value, tolerance in values_and_tolerances
+        differences = [abs(one - other) for one, other in zip(first.vector, second.vector, strict=True)]
+        relative_difference, joint = max(
+            (difference / tolerance, joint)
+            for joint, (difference, tolerance) in enumerate(
+                zip(differences, self._joint_tolerances, strict=False)
+            )
         )
         if relative_difference <= 1.0 + 1e-9:
             self._joint_difference = max(self._joint_difference, relative_difference)
             return True
         if self._worst_joints is None or relative_difference > self._worst_joints[0]:
+            unit = self._joint_units[joint]
             reason = (
-                f"the joint angles of {quote(label)} differ by {difference:.4g} from those at {first.place}; "
-                f"up to {self._options.joint_tolerance:g} (deg or mm) is plausible"
+                f"the joint angles of {quote(label)} differ by {differences[joint]:.4g}{unit} from those at "
+                f"{first.place}, at joint {joint + 1}; up to {self._joint_tolerances[joint]:.4g}{unit} is "
+                "plausible"
             )
             remedy = (
                 "give each observation a unique label, correct one of the two rows, or raise "
-                "`joint_tolerance`"
+                "`joint_tolerance` (in ° or mm)"
             )
             fault = ImportFileError(second.place, reason, remedy, "joint_tolerance")
             self._worst_joints = relative_difference, fault

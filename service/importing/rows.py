@@ -31,6 +31,7 @@ from jointstiff.service.importing.grammar import (
     join_state_phrases,
 )
 from jointstiff.service.importing.grid import (
+    CellKind,
     Row,
     looks_like_a_number,
     read_number,
@@ -50,6 +51,14 @@ _HALF_MICROMETRE: Final = 5e-4
 """Expanded uncertainty [mm] assumed for a written 0: trackers round to whole micrometres."""
 _DAY_MONTH_YEAR: Final = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T,]+(.*)")
 """A date by day, month and year, and a time of day."""
+_ENTER_A_NUMBER: Final = (
+    "enter a number, and format the cell as a number; replace a formula without a stored value by its value"
+)
+_REMEDIES: Final[Mapping[CellKind, str]] = {
+    "complex number": "save the real part, or skip the column with `ignore`",
+    "half-precision number": "save the numbers in single or double precision, as these have three digits",
+}
+"""What to do about a cell of an array that is no number."""
 _UNCERTAINTIES: Final[tuple[Kind, ...]] = ("uncertainty", "point uncertainty")
 
 
@@ -657,13 +666,13 @@ class RowReader:
             ImportFileError: the cell does not hold a number.
         """
         text = row.cells[index]
-        mark = "point" if row.kinds is not None and row.kinds[index] == "number" else self._decimal_mark
-        if row.kinds is not None and row.kinds[index] == "text":
+        kind = "text" if row.kinds is None else row.kinds[index]
+        mark = "point" if kind == "number" else self._decimal_mark
+        if kind == "text" and self._layout.are_thousands_separated:
             text = remove_thousands_separators(text, mark)
-        is_text = row.kinds is not None and row.kinds[index] == "text" and looks_like_a_number(text)
-        if row.kinds is not None and text and row.kinds[index] != "number" and not is_text:
-            reason = f"a number is needed, but the cell has type {row.kinds[index]}: {quote(text)}"
-            remedy = "enter a number, and format the cell as a number; replace a formula without a stored "
-            raise ImportFileError(self._grid.place(row, index), reason, f"{remedy}value by its value")
+        is_text = row.kinds is None or (kind == "text" and looks_like_a_number(text))
+        if text and kind != "number" and not is_text:
+            reason = f"a number is needed, but the cell has type {kind}: {quote(text)}"
+            raise ImportFileError(self._grid.place(row, index), reason, _REMEDIES.get(kind, _ENTER_A_NUMBER))
         factor = self._length_factor if self._columns.meanings[index].dimension == "length" else 1.0
         return factor * read_number(text, mark)

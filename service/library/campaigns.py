@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas import run as messages
 from jointstiff.schemas.measurement import MeasurementSetDocument
@@ -15,11 +15,16 @@ from jointstiff.service.library import robots
 from jointstiff.service.library.robots import plain_fields
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import parse_document, read_campaign
+from jointstiff.solver.errors import MeasurementError
+
+_CAUSES_OF_LONG_DEFLECTIONS: Final = frozenset(("observations_out_of_order", "deflection_implausibly_large"))
+"""Codes of findings about the whole set that state why deflections are too long."""
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from jointstiff.service.conversion.arguments import AnyUnits
+    from jointstiff.service.conversion.prepared import PreparedSet
 
     Numbers = npt.ArrayLike | Mapping[str, Any]
 
@@ -91,24 +96,29 @@ class Campaign(messages.Campaign):
                 states the array, the place and the remedy.
         """
         from jointstiff.service.conversion.arguments import complete_units
-        from jointstiff.service.conversion.arrays import ArrayReadings
+        from jointstiff.service.library.frames import match_arrays
 
         described = robots.robot(robot)
+        with as_campaign_error("robot"):
+            joint_names = list(robots.read_joint_kinds(described))
         with as_campaign_error(""):
-            arrays = ArrayReadings(
-                joints,
-                forces,
-                moments,
-                load_point,
-                unloaded,
-                loaded,
-                unloaded_after,
-                deflections,
-                directions,
-                targets,
-                labels,
+            stated_units = complete_units(units)
+            arrays = match_arrays(
+                joint_names,
+                stated_units,
+                joints=joints,
+                forces=forces,
+                moments=moments,
+                load_point=load_point,
+                unloaded=unloaded,
+                loaded=loaded,
+                unloaded_after=unloaded_after,
+                deflections=deflections,
+                directions=directions,
+                targets=targets,
+                labels=labels,
             )
-            readings = arrays.document(complete_units(units))
+            readings = arrays.document(stated_units)
         noise = {} if sigma is None else {"noise": {"sigma": float(sigma)}}
         document = {"name": name, "encoders": encoders, **noise, **plain_fields(header), **readings}
         options = run if isinstance(run, Mapping) else {} if run is None else plain_fields(run)
@@ -117,7 +127,7 @@ class Campaign(messages.Campaign):
             measurement_set=parse_document(document, MeasurementSetDocument),
             run=parse_document(options, RunOptions),
         )
-        campaign.check()
+        _refuse_long_deflections(campaign, len(arrays.joints))
         return campaign
 
     @classmethod
@@ -136,9 +146,7 @@ class Campaign(messages.Campaign):
         Raises:
             CampaignError: robot or readings cannot be used.
         """
-        from jointstiff.service.library.here import Here
-
-        Here().prepare_set(self)
+        _prepare(self)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the campaign to a JSON file, which all commands and `Client` accept."""
@@ -155,6 +163,53 @@ class Campaign(messages.Campaign):
         )
 
     __str__ = __repr__
+
+
+def _prepare(campaign: Campaign) -> PreparedSet:
+    """Return the measurement set of a campaign as it is prepared for a run.
+
+    Raises:
+        CampaignError: robot or readings cannot be used.
+    """
+    from jointstiff.service.library.here import Here
+
+    here = Here()
+    set_id, _ = here.prepare_set(campaign)
+    return here.inputs.measured(set_id, "measurement_set")
+
+
+def _refuse_long_deflections(campaign: Campaign, row_count: int) -> None:
+    """Check a campaign; refuse loaded readings that are too far from the unloaded readings, with the cause.
+
+    `row_count` is the number of rows of the arrays; those without readings have no observation.
+
+    Raises:
+        CampaignError: a deflection is too long for an arm; or robot or readings cannot be used.
+    """
+    import numpy as np
+
+    from jointstiff.service.conversion.arrays import LARGE_DEFLECTION
+
+    prepared = _prepare(campaign)
+    lengths = np.linalg.norm(prepared.measurements.deflection, axis=2)
+    if lengths.max() <= LARGE_DEFLECTION:
+        return
+    row, target = np.unravel_index(int(lengths.argmax()), lengths.shape)
+    where = f"loaded[{row}]" if len(lengths) == row_count else "loaded"
+    reason = (
+        f"target '{prepared.measurements.targets[target]}' moved by {lengths.max():.4g} m under load in "
+        f"'{prepared.measurements.labels[row]}'; up to {LARGE_DEFLECTION:g} m is plausible"
+    )
+    remedy = (
+        "check that unloaded and loaded readings are of the same posture and target, in the same frame; a "
+        "campaign file may have greater deflections"
+    )
+    for finding in prepared.warnings:
+        if finding.code in _CAUSES_OF_LONG_DEFLECTIONS and finding.where is None:
+            where, reason, remedy = "loaded", finding.message, finding.remedy
+            break
+    with as_campaign_error(""):
+        raise MeasurementError(reason, where=where, remedy=remedy)
 
 
 def extract_run_options(run: Run) -> RunOptions:

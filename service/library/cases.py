@@ -71,7 +71,7 @@ def make_load_cases(
         return read_load_cases(text, joints, **_convert_points(fields))
     if forces is None and isinstance(postures, Sequence) and isinstance(postures[0], Mapping | Message):
         return parse_document({**fields, "cases": list(postures)}, DeflectionOptions)
-    cases = _cases_from_arrays(postures, forces, fields.pop("moments", None), joints, units["angle"])
+    cases = _cases_from_arrays(postures, forces, fields.pop("moments", None), joints, units)
     return parse_document({**fields, "cases": cases}, DeflectionOptions)
 
 
@@ -80,19 +80,29 @@ def _cases_from_arrays(
     forces: object,
     moments: object,
     joints: Mapping[str, JointKind],
-    angle_unit: str,
+    units: Mapping[str, str],
 ) -> list[dict[str, Any]]:
     """Return a load case, as a dictionary for JSON, for each row of an array of postures (N, n).
 
-    Forces and moments are (N, 3), or (3,) for all postures; moments may be None.
+    Forces and moments are (N, 3), or (3,) for all postures; moments may be None. Columns and rows with names
+    are matched by their names. `units` has the unit of each quantity by name.
 
     Raises:
         RequestError: forces are missing, or an angle exceeds two turns.
+        MeasurementError: names do not match.
     """
     from jointstiff.service.conversion.arrays import to_number_array, to_vectors
     from jointstiff.service.conversion.units import ANGLE
+    from jointstiff.service.library.frames import NameMatcher
 
-    q = to_number_array(postures, "postures")
+    matcher = NameMatcher(list(joints), units)
+    posture_rows = matcher.read_joints(postures, "postures")
+    load_rows = [
+        matcher.read_vectors(value, name) for name, value in (("forces", forces), ("moments", moments))
+    ]
+    matcher.align(None)
+    forces, moments = (None if rows is None else rows.values for rows in load_rows)
+    q = to_number_array(posture_rows.values, "postures")
     q = q.reshape(1, -1) if q.ndim == 1 else q
     if forces is None:
         remedy = "give (N, 3) or (3,): predict(run, q, forces=(0, 0, -500), at=(0, 0, 120))"
@@ -100,7 +110,7 @@ def _cases_from_arrays(
             "`forces` are missing: without a load, the arm does not deflect", where="forces", remedy=remedy
         )
     revolute = [j for j, kind in enumerate(joints.values()) if kind == "revolute" and j < q.shape[1]]
-    greatest_angle = ANGLE[angle_unit] * max(map(abs, q[:, revolute].ravel().tolist()), default=0.0)
+    greatest_angle = ANGLE[units["angle"]] * max(map(abs, q[:, revolute].ravel().tolist()), default=0.0)
     if greatest_angle > _MAX_ANGLE:
         raise RequestError(
             f"a joint angle of {greatest_angle:.4g} rad exceeds two turns",

@@ -25,6 +25,7 @@ from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.plan import Goal, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.arguments import AnyUnits, complete_units, convert_to_si
+from jointstiff.service.conversion.arrays import to_number_array
 from jointstiff.service.conversion.prepared import (
     PreparedRobot,
     prepare_robot,
@@ -33,6 +34,7 @@ from jointstiff.service.conversion.prepared import (
 )
 from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.library.campaigns import Campaign
+from jointstiff.service.library.frames import NameMatcher
 from jointstiff.service.live.campaign import MOST_READINGS, Declaration, Entry, LiveCampaign
 from jointstiff.service.live.declaration import Scales, declare_set, read_goal
 from jointstiff.service.live.sources import (
@@ -264,6 +266,7 @@ class LiveMeasurement:
         self._options = cast("LiveOptions", post.open)
         self._scales = Scales.from_units(post.units, robot.robot)
         self._units_of_caller = Scales.from_units(units, robot.robot)
+        self._unit_names = units.model_dump(exclude_none=True)
         self.source, self._wait = source, wait
         self.joint_names, self.joint_kinds = robot.robot.joint_names, robot.robot.joint_kinds
         self._source_thread: SourceThread | None = None
@@ -323,13 +326,26 @@ class LiveMeasurement:
             CampaignError: the reading cannot be right, or another reading has this label.
             RefusedError: the service refuses the reading.
         """
-        units = self._units_of_caller
+        units, matcher = self._units_of_caller, NameMatcher(self.joint_names, self._unit_names)
+        with as_campaign_error(""):
+            unloaded, loaded = (
+                matcher.read_targets(positions, name)
+                for name, positions in (("unloaded", unloaded), ("loaded", loaded))
+            )
+            if joints is not None:
+                joints = to_number_array(matcher.read_joints(joints).values, "joints") * np.array(
+                    units.joints
+                )
+            force_rows = matcher.read_vectors(force, "force")
+            force_in_newtons = (
+                None if force_rows is None else to_number_array(force_rows.values, "force") * units.force
+            )
         return self._add_observation_in_si(
             _scale_positions(unloaded, units.length),
             _scale_positions(loaded, units.length),
             label=label,
-            joints=None if joints is None else np.asarray(joints, dtype=np.float64) * np.array(units.joints),
-            force=None if force is None else np.asarray(force, dtype=np.float64) * units.force,
+            joints=joints,
+            force=force_in_newtons,
             sigma=None if sigma is None else {name: units.length * each for name, each in sigma.items()},
         )
 

@@ -255,6 +255,8 @@ class Excitation:
         # If the load always acts on the joint's axis, the joint's own sum is zero: compare with the greatest
         # sum of all joints.
         largest_torques = self._squared_largest_torque
+        if not largest_torques.any():
+            return "no observation has a force or a moment: give the loads"
         squared_limit = NULL_COLUMN**2 * max(largest_torques[joint], 1e-6 * largest_torques.max())
         if self._squared_torque[joint] <= squared_limit:
             return f"the load never {words.loads} this joint: add loads that {words.load_verb} the joint"

@@ -19,6 +19,7 @@ from jointstiff.solver.integrity.against_model import (
     inspect_response,
     inspect_rigidity,
 )
+from jointstiff.solver.integrity.order import inspect_loaded
 from jointstiff.solver.integrity.other_robots import inspect_other_robots
 from jointstiff.solver.integrity.rounded_angles import inspect_rounded_angles
 from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
@@ -54,6 +55,11 @@ def inspect_measurements(
     """
     posted = View(robot, measurements, degrees)
     findings = list(inspect_values(posted))
+    mistakes_in_loaded = inspect_loaded(posted)
+    if mistakes_in_loaded:
+        # These loaded readings are no positions of these postures: nothing can be compared with them.
+        findings = [finding for finding in findings if finding.code != "deflection_implausibly_large"]
+        return _limit_kinds([*findings, *mistakes_in_loaded])
     # The other checks use the readings as they are after the exchange, or these checks would name all rows.
     exchange, view = exchange_proved_targets(posted)
     findings += exchange
@@ -73,6 +79,11 @@ def inspect_measurements(
         findings += [*inspect_rigidity(view, good_rows), *inspect_drift(view, good_rows)]
         findings += inspect_response(view, good_rows) if can_compare_deflections else ()
     findings += [*inspect_encoders(view), *inspect_rounded_angles(view)]
+    return _limit_kinds(findings)
+
+
+def _limit_kinds(findings: Iterable[Finding]) -> list[Finding]:
+    """Return at most `MAX_FINDINGS_PER_CODE` findings of each kind; the last one states how many more."""
     findings_by_code: dict[FindingCode, list[Finding]] = {}
     for finding in findings:
         findings_by_code.setdefault(finding.code, []).append(finding)

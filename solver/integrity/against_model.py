@@ -29,6 +29,7 @@ from jointstiff.solver.integrity.exchanged import (
     find_exchanged_targets,
     report_exchanged_targets,
 )
+from jointstiff.solver.integrity.order import inspect_order
 from jointstiff.solver.integrity.values import (
     FALSE_ALARM,
     MEDIAN_SIZE,
@@ -201,6 +202,10 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
         return [
             view.build_finding(best_hypothesis.code, effect, best_hypothesis.remedy, "do_not_use")
         ], ~may_be_checked
+    if 2 * agrees.sum() < len(rows) and 2 * explained_count < len(sample):
+        mixed_up = inspect_order(view, rows)
+        if mixed_up:
+            return mixed_up, ~may_be_checked
     # If many rows are shifted, the places of the corrected rows are right, not those of the posted rows.
     if best_hypothesis.code == "observations_out_of_order" and explained_count / len(sample) > posted_share:
         usual_places = corrected_place

@@ -276,6 +276,15 @@ def inspect_stated_noise(view: View) -> Iterator[Finding]:
 
 def inspect_loads(view: View) -> Iterator[Finding]:
     """Report observations without a load, and forces of an implausible size."""
+    if not view.loaded.any():
+        largest = float(np.linalg.norm(view.measurements.deflection, axis=2).max())
+        yield view.build_finding(
+            "zero_load",
+            f"no observation has a force or a moment, but the targets moved by up to {length_text(largest)}",
+            "give the force, or the moment, of each observation",
+            "do_not_use",
+        )
+        return
     for i in np.flatnonzero(~view.loaded).tolist():
         yield view.build_finding(
             "zero_load",
@@ -285,7 +294,7 @@ def inspect_loads(view: View) -> Iterator[Finding]:
             row=i,
         )
     sizes = np.linalg.norm(view.measurements.force, axis=1)
-    if not sizes.any():
+    if not sizes.any():  # loads that are moments
         return
     median_force, (least, greatest) = float(np.median(sizes[sizes > 0.0])), FORCES
     # Small forces are plausible where moments load the robot.

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pandas as pd
+import polars as pl
 import pytest
 
 import jointstiff as js
@@ -42,6 +43,8 @@ TABLES = {
     "lists in m and rad": (IN_SI, "m, rad"),
     "cells as papers print them": (PRINTED, "mm, deg"),
     "a data frame in another order": (pd.DataFrame(reordered(ROWS)), "mm, deg, N"),
+    "a frame of polars in another order": (pl.DataFrame(reordered(ROWS)), "mm, deg, N"),
+    "a frame of polars without names": (pl.DataFrame(np.array(ROWS)), None),
     "mappings in m and rad": (reordered(IN_SI), "m, rad, N"),
     "units in the names": (
         pd.DataFrame(reordered(ROWS, ["θ_i [°]", "d_i (mm)", "a_i [mm]", "α_{i} [deg]"])),
@@ -58,6 +61,8 @@ def has_names(rows):
     """Return whether the columns of a table have names of their own."""
     if isinstance(rows, pd.DataFrame):
         return all(isinstance(name, str) for name in rows.columns)
+    if isinstance(rows, pl.DataFrame):
+        return rows.columns[0] != "column_0"
     return bool(getattr(getattr(rows, "dtype", None), "names", None)) or isinstance(rows[0], dict | DhRow)
 
 

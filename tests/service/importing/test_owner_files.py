@@ -44,9 +44,9 @@ def test_each_state_may_have_joints_of_its_own_and_the_unloaded_ones_count(files
 def test_joints_that_differ_more_are_told_once_with_the_greatest_difference():
     wrong = UNLOADED.replace("unloaded", "loaded").replace("-35.125", "-35.2").replace("10.5;", "10.55;")
     assert refusals(("u.csv", UNLOADED), ("l.csv", wrong)) == [
-        "l.csv:3: the joint angles of 'c02' differ by 0.075 from those at 'u.csv', line 3; up to 0.01 (deg "
-        "or mm) is plausible; give each observation a unique label, correct one of the two rows, or raise "
-        "`joint_tolerance` [joint_tolerance]"
+        "l.csv:3: the joint angles of 'c02' differ by 0.075° from those at 'u.csv', line 3, at joint 2; "
+        "up to 0.01° is plausible; give each observation a unique label, correct one of the two rows, or "
+        "raise `joint_tolerance` (in ° or mm) [joint_tolerance]"
     ]
 
 

@@ -135,9 +135,7 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         ),
         (
             {"unloaded": read("unloaded") * np.nan},
-            "1 fault; first: observations[0].readings: must have at least 1 items, but has 0; "
-            "remedy: compare "
-            "with an example: `jointstiff simulate FILE` writes a campaign, and /openapi.json has examples",
+            "unloaded: all readings are NaN; remedy: give the readings; NaN means that a target was not read",
         ),
         (
             {"joints": "x"},

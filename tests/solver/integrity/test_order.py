@@ -1,0 +1,99 @@
+"""Rows in another order, and deflections given as positions: named by the cause that the positions prove."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.campaigns import first_target, prepare
+
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.integrity import inspect_measurements
+from jointstiff.solver.mechanics.postures import Postures
+
+COUNT = 15
+ROBOT, CAMPAIGN = prepare(simulate_campaign(default_arm(), load="pull", configurations=COUNT, seed=5))
+UNLOADED, LOADED = CAMPAIGN.position, CAMPAIGN.position + CAMPAIGN.deflection
+SHUFFLED = np.random.default_rng(7).permutation(COUNT)
+FIRST, _, THIRD, *_ = np.eye(6)
+NOISE = 1e-5 * np.random.default_rng(8).standard_normal(UNLOADED.shape)
+
+
+def causes(measurements):
+    """Return code and message of the findings about the whole set."""
+    findings = inspect_measurements(ROBOT, measurements, degrees=False)
+    return [(each.code, each.message) for each in findings if each.where is None]
+
+
+def read(unloaded, loaded):
+    return replace(CAMPAIGN, position=unloaded, deflection=loaded - unloaded)
+
+
+@pytest.mark.parametrize("count", [3, 1])
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        (np.roll(np.arange(COUNT), 1), "the row before"),
+        (np.roll(np.arange(COUNT), -1), "the row after"),
+        (np.roll(np.arange(COUNT), 4), "the row that is 4 rows before"),
+        (SHUFFLED, "other rows"),
+    ],
+)
+def test_loaded_readings_of_other_rows_are_named(order, words, count):
+    measurements = read(UNLOADED, LOADED[order])
+    (cause,) = causes(measurements if count == 3 else first_target(measurements))
+    assert cause[0] == "observations_out_of_order"
+    assert f"at the unloaded positions of {words}" in cause[1]
+
+
+@pytest.mark.parametrize("count", [3, 1])
+@pytest.mark.parametrize("order", [np.roll(np.arange(COUNT), 4), SHUFFLED])
+def test_readings_in_another_order_than_the_angles_are_named(order, count):
+    measurements = read(UNLOADED[order], LOADED[order])
+    (cause,) = causes(measurements if count == 3 else first_target(measurements))
+    assert cause[0] == "observations_out_of_order"
+    assert "are in another order than the joint angles" in cause[1]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_deflections_given_as_loaded_positions_are_named(sign):
+    (cause,) = causes(read(UNLOADED, sign * CAMPAIGN.deflection))
+    assert cause[0] == "deflection_implausibly_large"
+    assert "the loaded readings seem to be deflections, loaded minus unloaded" in cause[1]
+
+
+def test_a_set_without_any_load_is_named_once():
+    unknown = replace(CAMPAIGN, force=np.zeros((COUNT, 3)), moment=np.zeros((COUNT, 3)))
+    (finding,) = inspect_measurements(ROBOT, unknown, degrees=False)
+    assert (finding.code, finding.weight) == ("zero_load", "do_not_use")
+    assert finding.message.startswith(
+        "no observation has a force or a moment, but the targets moved by up to"
+    )
+
+
+WRONG = {
+    "readings of one posture under load": read(UNLOADED, LOADED[:1] + NOISE),
+    "readings of one posture without load": read(UNLOADED[:1] + NOISE, LOADED),
+    "a tracker that was moved": read(UNLOADED, LOADED + np.array([0.4, 0.0, 0.0])),
+    "another frame under load": read(UNLOADED, LOADED[..., [1, 2, 0]]),
+    "a wrong zero of joint 1": replace(CAMPAIGN, joints=CAMPAIGN.joints + 0.5 * FIRST),
+    "a wrong zero of joint 3": replace(CAMPAIGN, joints=CAMPAIGN.joints + 0.2 * THIRD),
+    "noise": read(UNLOADED[SHUFFLED] + 1e4 * NOISE, LOADED[SHUFFLED] + 1e4 * NOISE),
+}
+
+
+@pytest.mark.parametrize("measurements", WRONG.values(), ids=WRONG)
+def test_other_mistakes_are_not_called_another_order(measurements):
+    codes = {code for code, _ in causes(measurements)}
+    assert "observations_out_of_order" not in codes
+
+
+def test_a_turned_frame_is_no_order_although_it_leads_from_posture_to_posture():
+    """Postures on a ring about the axis of joint 1: turned by one step, each reading fits another row."""
+    step = 2.0 * np.pi / 6.0
+    joints = np.tile(CAMPAIGN.joints[3], (6, 1))
+    joints[:, 0] = step * np.array([0, 3, 1, 5, 2, 4])
+    turned = joints + step * FIRST
+    places = np.broadcast_to([[0.1, 0.0, 0.2], [0.0, 0.1, 0.2], [-0.1, 0.0, 0.2]], (6, 3, 3))
+    position = Postures(ROBOT, ROBOT.joint_map.model_angles(turned)).to_base(places)
+    codes = {code for code, _ in causes(replace(CAMPAIGN[:6], joints=joints, position=position))}
+    assert "observations_out_of_order" not in codes
