@@ -384,9 +384,9 @@ window.check = async (rules) => {
 };
 
 /* Return targets that are less than 44 px. */
-window.small = () => [...document.querySelectorAll("a, button, select, summary, input:not(.hidden)")]
+window.small = (least) => [...document.querySelectorAll("a, button, select, summary, input:not(.hidden)")]
   .filter((e) => e.offsetParent !== null && !e.closest(".skip, label.option, label.toggle"))
   .filter((e) => !(e instanceof HTMLInputElement && ["checkbox", "radio"].includes(e.type)))
   .map((e) => [e, e.getBoundingClientRect()])
-  .filter(([e, box]) => box.height < 44 - 0.5 || box.width < 44 - 0.5)
+  .filter(([e, box]) => box.height < least - 0.5 || box.width < least - 0.5)
   .map(([e, box]) => `${e.outerHTML.slice(0, 120)} ${box.width} x ${box.height}`);

@@ -175,10 +175,16 @@ def restore(number: str, url: str) -> None:
             connection.execute(read_kept(number, "postgresql.sql"))
 
 
+COMPUTED: Final = "live"
+"""Field of an open set that is not stored: each answer computes it by the methods of its program."""
+
+
 def list_changes(before: object, now: object, place: str = "") -> Iterator[str]:
     """Yield the places of an answer that are missing now, or have another value; new fields are allowed."""
     if isinstance(before, dict) and isinstance(now, dict):
         for name, value in before.items():
+            if name == COMPUTED:
+                continue
             yield from list_changes(value, now.get(name, "missing"), f"{place}.{name}")
     elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
         for number, (each, other) in enumerate(zip(before, now, strict=True)):
