@@ -80,7 +80,7 @@ def browser() -> Iterator[Browser]:
 
     It ends with this folder: while it is there, an event loop runs in this thread, which others would meet.
     """
-    found = shutil.which("chromium")
+    found = shutil.which("chromium-headless-shell") or shutil.which("chromium")  # the first at half the time
     if found is None:
         reason = "no Chromium here: scripts/chromium"
         if os.environ.get(REQUIRE_CHROMIUM) == "1":

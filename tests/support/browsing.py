@@ -28,7 +28,6 @@ SIZES = {
 ARGUMENTS = [
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-    *("--renderer-process-limit=1", "--disable-gpu-rasterization"),
 ]
 
 
