@@ -39,8 +39,7 @@ class BridgeStand(Message):
     loaded: StrictBool = Field(description="True if the load acts while the targets are read.")
     names: Annotated[dict[Name, Name | None], Field(max_length=MAX_NAMES)] = Field(
         default_factory=dict,
-        description="Target of each other name that the tracker sends; null: positions of this name are "
-        "left out.",
+        description="Target of each other name of the tracker; null leaves the name out.",
     )
 
 
@@ -58,8 +57,7 @@ class BridgePoints(Message):
     )
     unknown: Annotated[dict[Name, Metres[Vector3]], Field(max_length=MAX_NAMES)] = Field(
         default_factory=dict,
-        description="Last position of each name that is no target, in the frame of the readings: the page "
-        "asks which target the name is.",
+        description="Last position of each name that is no target, in the frame of the readings.",
     )
     trouble: Annotated[str, Field(max_length=MAX_TROUBLE_LENGTH)] | None = Field(
         default=None, description="Reason why the tracker gives no position; null if the tracker reads."

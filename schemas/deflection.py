@@ -83,8 +83,7 @@ class SagOptions(Message):
 
     absolute: StrictBool = Field(
         default=False,
-        description="True: deflections are relative to a rigid arm, and include its sag. Needs a run with "
-        "`weight`.",
+        description="Deflections are relative to a rigid arm, sag included; needs `weight`.",
     )
 
 
@@ -363,4 +362,4 @@ class Map(Job):
 
     kind: Literal["map"] = "map"
     request: MapRequest
-    result: MapResult | None = Field(description="Result; present if the job has succeeded.")
+    result: MapResult | None = Field(description="Present if the job succeeded.")

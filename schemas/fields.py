@@ -153,9 +153,7 @@ class Page(Message, Generic[Item]):
 
     items: list[Item]
     next: str | None = Field(description="`cursor` of the next page; null on the last page.")
-    total: int | None = Field(
-        default=None, description="Number of resources on all pages; null after the first page."
-    )
+    total: int | None = Field(default=None, description="Number on all pages; null after the first page.")
 
 
 def validate_list(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:

@@ -92,7 +92,7 @@ class AdvisedAction(Message):
         description="`fit_causes`: identify with `causes` as further unknowns, without `observations`. "
         "`convert_units`: keep the numbers, and declare `unit`. `exchange_readings`: swap unloaded and "
         "loaded readings. `choose_model`: let the readings choose elasticity and loss. `choose_robot`: "
-        "identify with `robot`. `state_payload`: keep `payload`, which the user states, with the robot."
+        "identify with `robot`. `state_payload`: keep `payload` with the robot."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
@@ -120,7 +120,7 @@ class AdvisedAction(Message):
     )
     payload: Payload | None = Field(
         default=None,
-        description="Payload of the robot, to be filled in for `state_payload`; null for other actions.",
+        description="Payload of the robot, for `state_payload`.",
     )
 
     @classmethod

@@ -76,7 +76,7 @@ class Fleet(Job):
 
     kind: Literal["fleet"] = "fleet"
     request: FleetRequest
-    result: FleetResult | None = Field(description="Result; present if the job has succeeded.")
+    result: FleetResult | None = Field(description="Present if the job succeeded.")
 
     @property
     def failed_parts(self) -> int:

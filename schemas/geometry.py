@@ -438,4 +438,4 @@ class Geometry(Job):
     kind: Literal["geometry"] = "geometry"
     name: Name
     request: GeometryRequest
-    result: GeometryResult | None = Field(description="Result; present if the job has succeeded.")
+    result: GeometryResult | None = Field(description="Present if the job succeeded.")

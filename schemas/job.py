@@ -64,7 +64,7 @@ class Job(Message):
     state: JobState = Field(description="While `queued` or `running`, poll its address or follow its events.")
     progress: Progress | None = Field(default=None, description="Progress; null if computed at once.")
     request: Message
-    result: Message | None = Field(description="Result; present if the job has succeeded.")
+    result: Message | None = Field(description="Present if the job succeeded.")
     error: Problem | None = Field(description="Problem; present if the job has failed.")
     provenance: Provenance
     key_id: str | None = Field(default=None, description="Id of the requester's key; null without a key.")

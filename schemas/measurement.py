@@ -116,8 +116,8 @@ class ForceUncertainty(_Uncertain):
 class AxisUncertainty(_Uncertain):
     """Standard uncertainties of the joint axes in the robot's model, each axis by itself.
 
-    A geometry states these uncertainties for each axis (`position_uncertainty`, `direction_uncertainty`);
-    give the typical or the greatest. Each axis has one error for all observations.
+    A geometry states them for each axis; give the typical or the greatest. Each axis has one error for all
+    observations.
     """
 
     position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(

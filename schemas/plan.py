@@ -443,4 +443,4 @@ class Plan(Job):
 
     kind: Literal["plan"] = "plan"
     request: PlanRequest
-    result: PlanResult | None = Field(description="Result; present if the job has succeeded.")
+    result: PlanResult | None = Field(description="Present if the job succeeded.")

@@ -219,7 +219,7 @@ class Process(Job):
 
     kind: Literal["process"] = "process"
     request: ProcessRequest
-    result: ProcessResult | None = Field(description="Result; present if the job has succeeded.")
+    result: ProcessResult | None = Field(description="Present if the job succeeded.")
 
     @property
     def outputs(self) -> list[str]:

@@ -302,7 +302,7 @@ class Spread(Message):
 
 
 class SpreadEnds(Message):
-    """Spreads of the lower and of the upper ends of the intervals of the points under load."""
+    """Lower and upper ends."""
 
     low: Spread
     high: Spread
@@ -335,11 +335,11 @@ class ProgramPoint(Message):
     residual_rotation: Radians[float]
     residual_interval: Metres[Interval | None] = Field(
         default=None,
-        description="Interval of the remaining distance from the errors of the readings.",
+        description="Interval of the remaining distance.",
     )
     residual_interval_with_model_error: Metres[Interval | None] = Field(
         default=None,
-        description="Interval of the remaining distance with model error; null without a bound.",
+        description="The same with the model error.",
     )
     rounding: Metres[float] = Field(
         description="Part of `residual` due to the rounding of numbers in the program."
@@ -369,14 +369,14 @@ class ProgramResult(FromRun):
         description="Distance of the tool from its target with the compensated program."
     )
     deflection_ends: Metres[SpreadEnds | None] = Field(
-        default=None, description="Ends of the intervals of `deflection`; null if unknown."
+        default=None, description="Ends of the intervals of `deflection`."
     )
     residual_ends: Metres[SpreadEnds | None] = Field(
-        default=None, description="Ends of the intervals of `residual`; null if unknown."
+        default=None, description="Ends of the intervals of `residual`."
     )
     with_model_error: StrictBool = Field(
         default=False,
-        description="True if these intervals include the model error; false if it has no bound.",
+        description="Whether these intervals include the model error.",
     )
     rounding: Metres[Spread | None] = Field(
         description="Part of `residual` due to the rounding of numbers in the program."
@@ -397,7 +397,7 @@ class Program(Job):
 
     kind: Literal["program"] = "program"
     request: ProgramRequest
-    result: ProgramResult | None = Field(description="Result; present if the job has succeeded.")
+    result: ProgramResult | None = Field(description="Present if the job succeeded.")
 
     @property
     def outputs(self) -> list[str]:

@@ -41,7 +41,7 @@ compete: of 1,000 posts at the same time, four threads answer a fifth fewer in a
 _DESCRIPTION = """Joint stiffness of industrial robots from laser-tracker readings.
 
 Post a **robot**, then a **measurement set** of it, then a **run**: the answer has the stiffness of each joint
-with its uncertainty, or the reason why the readings do not determine it. Numbers are in SI units unless a set
+with its uncertainty, or the reason for none. Numbers are in SI units unless a set
 declares others in its `units`; each field's unit is in its schema as `unit`.
 
 Every error is a problem details document (RFC 9457) whose `where` names the field and whose `remedy` states

@@ -47,9 +47,7 @@ _REMEDIES: Final = {
 RETRY_SECONDS: Final = {429: 10, 503: 5}
 """Seconds after which a refused request may be sent again, by status."""
 _UNAUTHORISED: Final = 401
-NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {
-    304: {"description": "Unchanged since the `ETag` in `If-None-Match`."}
-}
+NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {304: {"description": "Unchanged since that `ETag`."}}
 
 _ADDRESS: Final = {"Location": {"description": "New address.", "schema": {"type": "string"}}}
 LOCATION: Final[dict[int | str, dict[str, Any]]] = {201: {"description": "Stored.", "headers": _ADDRESS}}
@@ -103,7 +101,7 @@ def describe_post_responses(message: type[BaseModel]) -> dict[int | str, dict[st
 
     `message` is the class of the job in the answer.
     """
-    answer = {"description": "Stored; if not finished (202), poll its address.", "headers": _ADDRESS}
+    answer = {"description": "Stored; at 202, poll its address.", "headers": _ADDRESS}
     return {201: answer, 202: answer | {"model": message}}
 
 

@@ -314,14 +314,13 @@ def _list_files(names: list[str], tables: dict[str, str]) -> str:
 
 _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 
-* `tables.json` of any job: the tables of the terminal (title, caption, head, rows, indices of text columns),
-  its lines, and the `assessment`
+* `tables.json` of any job: the tables and lines of the terminal, and the `assessment`
 * `report.pdf`, `report.html`: request, tables, versions, hash of the input; of a run after ISO/IEC 17025,
   with lines to sign, PDF/A-3b with the run attached
-* `report.xml` of a run: a digital calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and
-  `country` and `responsible` of the laboratory's settings
-* `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with a spring for each joint that has one;
-  refused for the verdict `do_not_use` without `accept_verdict`
+* `report.xml` of a run: a calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and `country`
+  and `responsible` in the laboratory's settings
+* `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with springs; `do_not_use` needs
+  `accept_verdict`
 * `rehearsal.json` of a run or plan: its readings simulated with known stiffnesses, and identified
 * `program` of a program or process: a compensated file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units"""

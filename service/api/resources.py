@@ -147,8 +147,8 @@ def create_measurement_set(
 ) -> Response:
     """Store a measurement set.
 
-    Impossible readings are refused with place and remedy. Suspicious readings (targets that did not move as
-    one body, deflection against the force, …) are stored with a warning, which every run of the set shows.
+    Impossible readings are refused. Suspicious readings (targets that did not move as one body, deflection
+    against the force, …) are stored with a warning, which every run of the set shows.
     With `open`, the set is measured live.
     """
     if body.open is not None:

@@ -304,9 +304,8 @@ async def create_import(
 
     Send the files as fields `files` of a form, and missing information as JSON in a field `options`. The
     answer has the meaning of each column, assumptions, missing items and, if nothing is missing, the
-    measurement set: add `robot_id` and post it. A file with two possible meanings is refused with all
-    faults, each with file:line:column and a remedy. With the `template` of an earlier answer as options,
-    files of another form are refused.
+    measurement set: add `robot_id` and post it. All faults are named with file:line:column and a remedy.
+    With the `template` of an earlier answer as options, files of another form are refused.
     """
     # A small Excel file may unpack to a huge one: the limiter keeps threads free for other requests.
     answer = await run_sync(_import_as_json, parts, files, options, limiter=limiter_of_large_work(request))

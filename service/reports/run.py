@@ -399,6 +399,7 @@ def _make_budget_rows(budget: Budget, result: RunResult) -> list[list[str]]:
     # report prints.
     printed_factor = _coverage_factor(budget)
     combined = [expanded / budget.coverage_factor for expanded in budget.expanded_with_model_error]
+    extent = "partial" if budget.missing else "all sources"
     rows = [
         make_row(
             f"{component.source.replace('_', ' ')}{'' if component.included else ' (not included)'}",
@@ -412,7 +413,7 @@ def _make_budget_rows(budget: Budget, result: RunResult) -> list[list[str]]:
         make_row("combined, only sources that the intervals include", "", budget.standard_uncertainty),
         make_row("combined, all sources", "", combined),
         make_row(
-            f"expanded, all sources, k = {figure(printed_factor)}", "", [printed_factor * u for u in combined]
+            f"expanded, {extent}, k = {figure(printed_factor)}", "", [printed_factor * u for u in combined]
         ),
     ]
 

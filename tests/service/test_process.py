@@ -105,13 +105,13 @@ def test_what_the_wheel_is_built_from_reaches_the_image(name):
 
 
 def test_each_library_of_an_extra_is_known_by_the_extra_that_a_message_names():
-    """But python-multipart, which FastAPI imports, and Typst, of which reports speak themselves."""
+    """But python-multipart, which FastAPI imports."""
     stated = PROJECT["project"]["optional-dependencies"]
     required = {
         (re.match(r"[\w-]+", each)[0].replace("-", "_"), extra)
         for extra, requirements in stated.items()
         for each in requirements
     }
-    others = {("jointstiff", "service"), ("python_multipart", "service"), ("typst", "reports")}
+    others = {("jointstiff", "service"), ("python_multipart", "service")}
     brought = {(name, "service") for name in ("anyio", "starlette")} | {("polars", "frames")}
     assert set(EXTRAS.items()) == required - others | brought

@@ -204,5 +204,5 @@ MAP: Final = Kind[Map, MapRequest](
     description="""Map a work area: deflection of the tool at each place, by the model of a run.
 
 Each place gets the stiffest posture, or the posture nearest to a given one, within the joint
-                limits. Deflections have both intervals. `map.csv` and `map.npz` have all places.""",
+limits. `map.csv` and `map.npz` have all places.""",
 )

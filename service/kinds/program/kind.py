@@ -244,8 +244,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     examples=_EXAMPLES,
     description="""Compensate a program: the loaded tool then reaches the programmed points.
 
-Send the program as fields `files` of a form (a .src with its .dat), and run, tool, base,
-                loads and the controller's accuracy option as JSON in a field `options`. Only numbers change:
-                see the files `program` and `points.csv`. A program that is not understood completely is
-                refused, with the lines, and nothing is stored.""",
+Send the program as fields `files` of a form (a .src with its .dat), and run, tool, base, loads and the
+controller's accuracy option as JSON in a field `options`. Only numbers change: see the files `program` and
+`points.csv`. A program that is not understood is refused, with the lines.""",
 )

@@ -44,7 +44,7 @@ def test_the_rehearsal_of_a_run_is_that_of_python(local, run, document):
     assert shown["lines"] == here.summary().splitlines()
     assert shown["lines"][0] == "This campaign determines 6 of 6 joints (12 postures, noise 20 µm)"
     (table,) = shown["tables"]
-    assert table["head"] == ["joint", "planted", "found", "95 % interval", "half-width"]
+    assert table["head"] == ["joint", "planted", "found", "95 % interval"]
     assert [row[0] for row in table["rows"]] == [f"joint_{i}" for i in range(1, 7)]
 
 

@@ -131,14 +131,13 @@ def test_newtons_that_are_read_as_kilograms_are_seen_beside_the_other_side(defle
     in_kgf = changed(deflected, f"{SET}.units.force", "kgf")
     result = js.compare(deflected, in_kgf, methods=[]).result
     assert result.assessment.verdict == "do_not_use"
-    assert reasons_of(result) == [
-        (
-            "force_unit_suspect",
-            "in the same postures, the forces of the second campaign are 9.81 times those of the first, "
-            "but the deflections 1 times: probably N were read as kgf in the second campaign, or kgf as N in "
-            "the first",
-        )
-    ]
+    beside_the_other, against_the_payload = reasons_of(result)
+    assert beside_the_other == (
+        "force_unit_suspect",
+        "in the same postures, the forces of the second campaign are 9.81 times those of the first, but the "
+        "deflections 1 times: probably N were read as kgf in the second campaign, or kgf as N in the first",
+    )
+    assert against_the_payload[0] == "stiffness_against_payload"
 
 
 @pytest.fixture(scope="module")

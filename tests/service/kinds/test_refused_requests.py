@@ -201,13 +201,13 @@ class TestElasticLinks:
         assert elements[8] == ["link behind joint_3", "12.1 %", "4.6 %", "25.0 %"]
         assert elements[12] == ["unexplained", "0.0 %", "—", "—"]
         (models,) = (each for each in tables if "model" in each["head"][:1])
-        assert models["head"] == ["model", "loss", "compensation", "std. error", "penalty", ""]
+        assert models["head"] == ["model", "loss", "compensation [%]", "95 % interval", "penalty", ""]
         best = "simplest within one standard error, best"
         assert models["rows"] == [
-            ["joints", "squared", "88.1 %", "0.9 %", "—", ""],
-            ["coupled joints", "squared", "79.5 %", "1.5 %", "0.001", ""],
-            ["diagonal links", "squared", "98.5 %", "0.1 %", "0.001", best],
-            ["joints and links", "squared", "97.5 %", "0.2 %", "0.001", "this run"],
+            ["joints", "squared", "88.10", "86.31 … 89.88", "—", ""],
+            ["coupled joints", "squared", "79.5", "76.5 … 82.5", "0.001", ""],
+            ["diagonal links", "squared", "98.482", "98.302 … 98.661", "0.001", best],
+            ["joints and links", "squared", "97.54", "97.15 … 97.93", "0.001", "this run"],
         ]
 
     def test_a_prediction_says_that_it_is_linear_and_how_many_postures_it_rests_on(self, local, run):

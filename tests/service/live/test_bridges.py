@@ -65,6 +65,7 @@ def stand(number=1, loaded=False, **changes):
         "joints": joints,
         "force": [0.0, 0.0, -1471.0],
         "loaded": loaded,
+        "names": {},
     }
     return shown | changes
 
