@@ -31,8 +31,8 @@ _PROBLEMS: Final[dict[int | str, str]] = {
     404: "The resource does not exist.",
     409: "The resource's state does not allow this; see `remedy`.",
     422: "The request is invalid: `where` names the field, `remedy` says what to do.",
-    "default": "400: the body ended too early. 401: no valid key. 403: the role does not allow this, or a page "
-    "of another site requested a change. 413: the body is too large. 415: wrong Content-Type. 429: the "
+    "default": "400: the body ended too early. 401: no valid key. 403: the role does not allow this, or a "
+    "page of another site requested a change. 413: the body is too large. 415: wrong Content-Type. 429: the "
     "queue is full, or many wrong keys were sent. 503: the database is unavailable. 507: its quota is full.",
 }
 _STATUSES_OF_ALL_ROUTES: Final[frozenset[int | str]] = frozenset({422, "default"})

@@ -39,7 +39,6 @@ from jointstiff.service.reports.rendering import render_html, render_pdf
 from jointstiff.service.reports.run import (
     ITEMS,
     RunSubject,
-    build_results_section,
     build_run_report,
     build_uncertainty_section,
     predict_flange_compliance,
