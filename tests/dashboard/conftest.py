@@ -99,17 +99,17 @@ def visit(site: Any, browser: Browser) -> Iterator[Callable[..., Visit]]:
     """Call it for a page of a size and theme, at a view; no script may have failed, no policy been broken."""
     contexts, visits = [], []
 
-    def open_page(size: str = "tablet", theme: str = "light", view: str = "") -> Visit:
+    def open_page(size: str = "tablet", theme: str = "light", view: str = "", service: Any = site) -> Visit:
         width, height = SIZES[size]
         context = browser.new_context(
             viewport={"width": width, "height": height},
             color_scheme=theme,
             has_touch=size != "desktop",
-            base_url=site.url,
+            base_url=service.url,
         )
         context.set_default_timeout(LONGEST_MS)
         contexts.append(context)
-        visited = Visit(context.new_page(), site.url)
+        visited = Visit(context.new_page(), service.url)
         visits.append(visited)
         visited.page.on("pageerror", lambda error: visited.faults.append(str(error)))
         visited.page.on("console", visited.note)

@@ -136,19 +136,21 @@ function ToLookAt({ preview, options, change, places, table }: LookProps) {
 export function FaultList({ faults }: { faults: imports.ImportFault[] }) {
   if (faults.length === 0) return null;
   return (
-    <ul class="warnings" role="alert">
-      {faults.map((fault) => (
-        <li class="note bad">
-          <p>
-            {fault.file !== null && <b>{words.place(fault)}: </b>}
-            <Prose text={fault.reason} />
-          </p>
-          <p>
-            <b>{text.errors.remedy}:</b> <Prose text={fault.remedy} />
-          </p>
-        </li>
-      ))}
-    </ul>
+    <div role="alert">
+      <ul class="warnings">
+        {faults.map((fault) => (
+          <li class="note bad">
+            <p>
+              {fault.file !== null && <b>{words.place(fault)}: </b>}
+              <Prose text={fault.reason} />
+            </p>
+            <p>
+              <b>{text.errors.remedy}:</b> <Prose text={fault.remedy} />
+            </p>
+          </li>
+        ))}
+      </ul>
+    </div>
   );
 }
 
