@@ -222,7 +222,6 @@ def _copy_file(connection: sa.Connection, path: Path, layout: str) -> Path:
     Raises:
         StoreError: the copy cannot be written.
     """
-    path = path.absolute()  # as SQLAlchemy does: SQLite takes a relative path `file:NAME` for a URI
     part = path.with_name(f"{path.name}.before-{layout[:4]}{_PART}")
     pages, page_size = (
         connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in ("page_count", "page_size")
@@ -250,7 +249,11 @@ def _write_copy(path: Path, part: Path, size: int) -> None:
     if free < needed:
         raise OSError(f"{free / 1e6:.0f} MB are free on the disk, and {needed / 1e6:.0f} MB needed")
     os.close(os.open(part, os.O_CREAT | os.O_EXCL, 0o600))
-    with closing(sqlite3.connect(path)) as source, closing(sqlite3.connect(part)) as target:
+    # Absolute, as SQLAlchemy opens files: SQLite takes a relative path `file:NAME` for a URI
+    with (
+        closing(sqlite3.connect(path.absolute())) as source,
+        closing(sqlite3.connect(part.absolute())) as target,
+    ):
         source.backup(target)
     if (copied := part.stat().st_size) != size:
         raise OSError(f"the copy has {copied} bytes, and the database has {size} bytes")
