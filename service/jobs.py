@@ -72,6 +72,7 @@ _CHANGING_COLUMNS: Final = (
     "summary",
     "numbers",
     "schema",
+    "key_name",
     "trend",
     "document",
     "elasticity",

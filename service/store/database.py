@@ -62,6 +62,17 @@ _CONNECTION_PARAMETERS: Final = MappingProxyType(
 )
 """Parameters that decide when a connection to PostgreSQL is lost; the URL can override them."""
 _MIGRATION_LOCK_MILLISECONDS: Final = 2_000
+_MIGRATION_SETTINGS: Final = MappingProxyType(
+    {
+        "lock_timeout": _MIGRATION_LOCK_MILLISECONDS,
+        # A program that is stopped during a step, or whose machine is lost, has locked the tables.
+        "idle_in_transaction_session_timeout": 15_000,  # ms
+        "tcp_keepalives_idle": 5,  # s
+        "tcp_keepalives_interval": 2,  # s
+        "tcp_keepalives_count": 3,
+    }
+)
+"""Settings of the PostgreSQL server while tables are changed; the URL can override them."""
 _AWAY_SECONDS: Final = 2.0  # pause before a server that gave no answer is tried again
 _CORRECTABLE_STATES: Final = frozenset({"42501", "3F000"})  # SQLSTATE: a privilege, or a schema, is missing
 _NO_VALUES: Mapping[str, object] = MappingProxyType({})
@@ -246,12 +257,12 @@ def make_migrating_engine(url: str) -> sa.Engine:
 
     On SQLite, a transaction begins with the write lock, and changes of tables belong to the transaction.
     References are not checked, as a table that is made anew is removed meanwhile. On PostgreSQL, a statement
-    waits at most `_MIGRATION_LOCK_MILLISECONDS` for a lock, as statements of others wait behind it.
+    waits at most `_MIGRATION_LOCK_MILLISECONDS` for a lock, as statements of others wait behind it. The
+    server ends a transaction whose program has been stopped for 15 s.
     """
     parsed = _parse_url(url)
     if _DIALECTS[parsed.drivername] == "postgresql":
-        timeouts = {"lock_timeout": _MIGRATION_LOCK_MILLISECONDS}
-        return _postgresql_engine(parsed, 1, timeouts, answer_in_time=False)
+        return _postgresql_engine(parsed, 1, _MIGRATION_SETTINGS, answer_in_time=False)
     engine, writer = _sqlite_engines(parsed)
     sa.event.listen(engine, "connect", _ignore_references)
     return writer.execution_options(busy_seconds=BUSY_SECONDS)
@@ -430,7 +441,7 @@ def _postgresql_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
 def _postgresql_engine(
     url: sa.URL,
     connections: int,
-    timeouts: Mapping[str, int] = _SERVER_TIMEOUTS,
+    settings: Mapping[str, int] = _SERVER_TIMEOUTS,
     *,
     answer_in_time: bool = True,
 ) -> sa.Engine:
@@ -439,10 +450,10 @@ def _postgresql_engine(
     Args:
         url: URL of the database.
         connections: size of the pool of connections.
-        timeouts: setting of the server → time [ms]; the URL can override them.
+        settings: setting of the server → value in the unit of the setting; the URL can override them.
         answer_in_time: True to close a connection whose server does not answer in time.
     """
-    options = " ".join(f"-c {name}={value}" for name, value in timeouts.items())
+    options = " ".join(f"-c {name}={value}" for name, value in settings.items())
     connect_args: dict[str, Any] = {
         name: value for name, value in _CONNECTION_PARAMETERS.items() if name not in url.query
     }

@@ -48,6 +48,7 @@ class OldDocuments:
     def rewrite(self, seconds: float) -> int:
         """Rewrite old documents until none is left or the time is over; return the number of rows.
 
+        At least one portion is rewritten, however short the time is: 0 means that no row is left to rewrite.
         Damaged documents remain as they are. So do jobs that have not ended: an older program may end such a
         job, and would store the document in its own form.
         """
@@ -62,10 +63,10 @@ class OldDocuments:
             for table in step.tables:
                 after = 0
                 while portion := self._read_portion(table, step.schema, after):
-                    if time.monotonic() > deadline:
-                        return rewritten
                     rewritten += self._store_portion(table, step, portion)
                     after = portion[-1].sequence
+                    if rewritten and time.monotonic() > deadline:
+                        return rewritten
         return rewritten
 
     def _read_portion(self, table: sa.TableClause, schema: int, after: int) -> Sequence[Any]:

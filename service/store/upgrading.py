@@ -2,16 +2,18 @@
 
 Each step is one transaction: a process that is killed leaves the layout before. One process at a time changes
 the tables. Before the first step, an SQLite file is copied to `FILE.before-NNNN` (number of the new layout).
+The name of the copy ends in `.part` until the step is committed: the copy of a killed step is replaced.
 """
 
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import sqlite3
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import count
@@ -28,7 +30,6 @@ from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.store.database import (
     Database,
     make_migrating_engine,
-    make_private,
     open_existing,
     sqlite_path_of,
 )
@@ -39,9 +40,10 @@ from jointstiff.service.store.tables import LOCK_SECONDS, lock_tables, read_layo
 FOLDER: Final = Path(__file__).with_name("migrations")
 """Folder of the steps, for Alembic."""
 _LOCK_PAUSE: Final = 0.5  # before a step whose lock was not available is tried again [s]
-_LOCK_NOT_AVAILABLE: Final = "55P03"  # SQLSTATE
+_LOCKED_STATES: Final = frozenset({"55P03", "40P01"})  # SQLSTATE: a lock is not available, or a deadlock
 SPARE_BYTES: Final = 16 * 1024 * 1024
 """Bytes that must remain free on the disk after a copy."""
+_PART: Final = ".part"  # ends the name of a copy until its step is committed
 _REWRITE_SECONDS: Final = 2.0  # between two reports of progress
 
 
@@ -175,55 +177,115 @@ def _carry_out(engine: sa.Engine, layout: str, step: Step, copy_of: Path | None)
         step: step to carry out.
         copy_of: SQLite file to copy first; None to copy nothing.
     """
-    is_sqlite = engine.dialect.name == "sqlite"
-    copy = None
+    part = None
     with engine.begin() as connection:  # on SQLite with the write lock: the copy has all that was committed
-        if not is_sqlite:
+        if connection.dialect.name != "sqlite":
             lock_tables(connection)
         if read_layout(connection) != layout:
             return None
-        if copy_of is not None:
-            copy = copy_file(copy_of, step.layout)
-        command.upgrade(_make_config(connection), step.layout)
-        if is_sqlite and connection.exec_driver_sql("PRAGMA foreign_key_check").first() is not None:
-            raise StoreError(
-                f"the step to layout {step.layout} would leave rows without the rows to which they refer",
-                "nothing was changed; report this error, with the output of `jointstiff database check`",
-            )
-    return _Outcome(copy)
+        try:
+            if copy_of is not None:
+                part = _copy_file(connection, copy_of, step.layout)
+            _change_tables(connection, step)
+        except BaseException:
+            if part is not None:
+                _remove_part(part)
+            raise
+    return _Outcome(None if part is None else _name_copy(part))
 
 
-def copy_file(path: Path, layout: str) -> Path:
+def _change_tables(connection: sa.Connection, step: Step) -> None:
+    """Carry out the changes of a step in the transaction of a connection.
+
+    Raises:
+        StoreError: rows would refer to rows that do not exist.
+    """
+    command.upgrade(_make_config(connection), step.layout)
+    is_sqlite = connection.dialect.name == "sqlite"
+    if is_sqlite and connection.exec_driver_sql("PRAGMA foreign_key_check").first() is not None:
+        raise StoreError(
+            f"the step to layout {step.layout} would leave rows without the rows to which they refer",
+            "nothing was changed; report this error, with the output of `jointstiff database check`",
+        )
+
+
+def _copy_file(connection: sa.Connection, path: Path, layout: str) -> Path:
     """Copy an SQLite file before it is upgraded to a layout; return the path of the copy.
 
-    The copy is complete, or does not exist under its name. Earlier copies are kept.
+    The name of the copy ends in `.part`. An earlier file of this name is replaced.
+
+    Args:
+        connection: connection to the file, with the write lock.
+        path: path of the file.
+        layout: layout after the upgrade.
 
     Raises:
         StoreError: the copy cannot be written.
     """
-    stem = path.with_name(f"{path.name}.before-{layout[:4]}")
-    names = (stem if number == 1 else Path(f"{stem}-{number}") for number in count(1))
-    copy = next(name for name in names if not name.exists())
-    part = Path(f"{copy}.part")
-    wal = Path(f"{path}-wal")
-    needed = path.stat().st_size + (wal.stat().st_size if wal.exists() else 0) + SPARE_BYTES
-    free = shutil.disk_usage(path.parent).free
-    if free < needed:
-        raise _refuse_copy(
-            path, f"{free / 1e6:.0f} MB are free on the disk, and {needed / 1e6:.0f} MB needed"
-        )
-    part.unlink(missing_ok=True)  # of a process that was killed
-    make_private(part)
+    part = path.with_name(f"{path.name}.before-{layout[:4]}{_PART}")
+    pages, page_size = (
+        connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in ("page_count", "page_size")
+    )
     try:
-        with closing(sqlite3.connect(path)) as source, closing(sqlite3.connect(part)) as target:
-            source.backup(target)
+        _write_copy(path, part, pages * page_size)
+    except BaseException as error:
+        _remove_part(part)
+        if isinstance(error, sqlite3.Error | OSError):
+            raise _refuse_copy(path, str(error)) from error
+        raise
+    return part
+
+
+def _write_copy(path: Path, part: Path, size: int) -> None:
+    """Write the copy of an SQLite file whose database has a size [bytes].
+
+    Raises:
+        OSError: the copy cannot be written, or has another size.
+        sqlite3.Error: the copy cannot be written.
+    """
+    for left in _files_of(part):  # of a process that was killed
+        left.unlink(missing_ok=True)
+    free, needed = shutil.disk_usage(path.parent).free, size + SPARE_BYTES
+    if free < needed:
+        raise OSError(f"{free / 1e6:.0f} MB are free on the disk, and {needed / 1e6:.0f} MB needed")
+    os.close(os.open(part, os.O_CREAT | os.O_EXCL, 0o600))
+    # Absolute, as SQLAlchemy opens files: SQLite takes a relative path `file:NAME` for a URI
+    with (
+        closing(sqlite3.connect(path.absolute())) as source,
+        closing(sqlite3.connect(part.absolute())) as target,
+    ):
+        source.backup(target)
+    if (copied := part.stat().st_size) != size:
+        raise OSError(f"the copy has {copied} bytes, and the database has {size} bytes")
+    _sync_folder(path.parent)
+
+
+def _name_copy(part: Path) -> Path:
+    """Remove `.part` from the name of a copy, as the step is committed; return the path of the copy.
+
+    Earlier copies are kept.
+    """
+    stem = part.with_name(part.name.removesuffix(_PART))
+    names = (stem if number == 1 else Path(f"{stem}-{number}") for number in count(1))
+    try:
+        copy = next(name for name in names if not name.exists())
         part.rename(copy)
-        _sync_folder(path.parent)
-    except (sqlite3.Error, OSError) as error:
-        for left in (part, Path(f"{part}-journal")):
-            left.unlink(missing_ok=True)
-        raise _refuse_copy(path, str(error)) from error
+    except OSError:  # the upgrade is done, and the copy is complete
+        return part
+    _sync_folder(copy.parent)
     return copy
+
+
+def _files_of(part: Path) -> tuple[Path, Path]:
+    """Return the paths of a copy and of SQLite's journal of this copy."""
+    return part, Path(f"{part}-journal")
+
+
+def _remove_part(part: Path) -> None:
+    """Remove a copy whose step was not carried out."""
+    for left in _files_of(part):
+        with suppress(OSError):
+            left.unlink(missing_ok=True)
 
 
 def _refuse_copy(path: Path, reason: str) -> StoreError:
@@ -231,17 +293,18 @@ def _refuse_copy(path: Path, reason: str) -> StoreError:
     return StoreError(
         f"the copy of {path} before the upgrade cannot be written: {reason}",
         "nothing was changed; free space on the disk, or save the database elsewhere and run `jointstiff "
-        f"database upgrade --no-copy --database sqlite:///{path}`",
+        f"database upgrade --no-copy --database {shlex.quote(f'sqlite:///{path}')}`",
     )
 
 
 def _sync_folder(folder: Path) -> None:
     """Write the entries of a folder to the disk, so that a new name outlasts a failure of the power."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    with suppress(OSError):  # some file systems cannot
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def _rewrite_all_documents(database: Database) -> None:
@@ -264,7 +327,7 @@ def _rewrite_all_documents(database: Database) -> None:
 def _is_locked(error: DBAPIError) -> bool:
     """Return whether a statement failed because another program has a lock."""
     code = getattr(error.orig, "sqlite_errorcode", 0) & 0xFF
-    return code == sqlite3.SQLITE_BUSY or getattr(error.orig, "sqlstate", None) == _LOCK_NOT_AVAILABLE
+    return code == sqlite3.SQLITE_BUSY or getattr(error.orig, "sqlstate", None) in _LOCKED_STATES
 
 
 def _read_layout_of(url: str) -> str:

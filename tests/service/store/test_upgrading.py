@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import shlex
 import shutil
 import sqlite3
 import stat
@@ -19,6 +20,8 @@ from typing import Any
 import psycopg
 import pytest
 import sqlalchemy as sa
+from alembic import command as alembic_commands
+from sqlalchemy.exc import OperationalError
 from support import kept
 from support.api import post
 from support.claims import Claims
@@ -32,7 +35,7 @@ from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.runs.numbers import extract_numbers
 from jointstiff.service.store import rewriting, upgrading
 from jointstiff.service.store.checking import check_database, list_differences
-from jointstiff.service.store.database import Database
+from jointstiff.service.store.database import Database, make_migrating_engine
 from jointstiff.service.store.layouts import BASELINE, LAYOUT, kind_of, number_of
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import jobs, metadata, read_layout, robots
@@ -197,6 +200,79 @@ class TestCopy:
         assert content_of(old_file.with_name("jointstiff.db.before-0019")) == before
         assert not part.exists()
 
+    def test_a_relative_path_that_looks_like_a_uri_is_copied(
+        self, old_file: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.chdir(old_file.parent)
+        old_file.rename("file:old.db")
+        before = content_of(Path("file:old.db").absolute())
+        Store.open("sqlite:///file:old.db", upgrade=lambda _: None).close()
+        assert content_of(Path("file:old.db.before-0019").absolute()) == before
+
+    def test_a_copy_of_another_size_is_refused(self, old_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        elsewhere = old_file.with_name("elsewhere")
+        elsewhere.mkdir()
+        monkeypatch.setattr(upgrading, "sqlite_path_of", lambda _: elsewhere / old_file.name)
+        with pytest.raises(StoreError, match=r"the copy has \d+ bytes, and the database has \d+"):
+            Store.open(f"sqlite:///{old_file}", upgrade=lambda _: None)
+        assert layout_of(f"sqlite:///{old_file}") == BASELINE
+        assert not list(elsewhere.glob("*before*"))
+
+    def test_a_step_that_fails_leaves_no_copy(self, old_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        url = f"sqlite:///{old_file}"
+
+        def fail(*_: object) -> None:
+            assert len(list(old_file.parent.glob("*before*"))) == 1
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as failing:
+            failing.setattr(alembic_commands, "upgrade", fail)
+            for _ in range(3):
+                with pytest.raises(KeyboardInterrupt):
+                    Store.open(url, upgrade=lambda _: None)
+                assert not list(old_file.parent.glob("*before*"))
+        Store.open(url, upgrade=lambda _: None).close()
+        assert [path.name for path in old_file.parent.glob("*before*")] == ["jointstiff.db.before-0019"]
+
+    def test_a_copy_that_cannot_be_renamed_is_named_as_it_is(
+        self, old_file: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The upgrade is done: the start goes on."""
+        before, said = content_of(old_file), list[str]()
+
+        def refuse(*_: object) -> None:
+            raise PermissionError("no new names")
+
+        monkeypatch.setattr(Path, "rename", refuse)
+        Store.open(f"sqlite:///{old_file}", upgrade=said.append).close()
+        part = old_file.with_name("jointstiff.db.before-0019.part")
+        assert said[0].endswith(str(part))
+        assert content_of(part) == before
+
+    def test_a_copy_that_cannot_be_made_is_refused_in_words(self, old_file: Path) -> None:
+        old_file.with_name("jointstiff.db.before-0019.part").mkdir()
+        with pytest.raises(StoreError, match="before the upgrade cannot be written"):
+            Store.open(f"sqlite:///{old_file}", upgrade=lambda _: None)
+        assert layout_of(f"sqlite:///{old_file}") == BASELINE
+
+    def test_a_folder_that_cannot_be_synchronised_is_upgraded(
+        self, old_file: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def refuse(_: int) -> None:
+            raise OSError("not supported")
+
+        monkeypatch.setattr("os.fsync", refuse)
+        Store.open(f"sqlite:///{old_file}", upgrade=lambda _: None).close()
+        assert old_file.with_name("jointstiff.db.before-0019").exists()
+
+    def test_the_remedy_quotes_the_path(self, old_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(upgrading, "SPARE_BYTES", shutil.disk_usage(old_file.parent).total)
+        spaced = old_file.rename(old_file.with_name("hall 3's.db"))
+        with pytest.raises(StoreError) as caught:
+            Store.open(f"sqlite:///{spaced}", upgrade=lambda _: None)
+        command = caught.value.remedy.split("`")[1]
+        assert shlex.split(command)[-1] == f"sqlite:///{spaced}"
+
     def test_without_room_for_the_copy_nothing_is_changed_and_the_remedy_works(
         self, old_file: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -272,6 +348,30 @@ class TestStarts:
         Store.open(url, upgrade=lambda _: None).close()
         assert layout_of(url) == LAYOUT
 
+    def test_a_step_that_ends_by_a_deadlock_is_tried_again(
+        self, restored: Restore, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        url, carry_out, tries = restored(), alembic_commands.upgrade, list[str]()
+
+        def end_first_by_deadlock(config: Any, layout: str) -> None:
+            tries.append(layout)
+            if len(tries) == 1:
+                raise OperationalError("ALTER TABLE jobs", {}, psycopg.errors.DeadlockDetected("deadlock"))
+            carry_out(config, layout)
+
+        monkeypatch.setattr(alembic_commands, "upgrade", end_first_by_deadlock)
+        Store.open(url, upgrade=lambda _: None).close()
+        assert (layout_of(url), len(tries)) == (LAYOUT, 2)
+
+    def test_a_postgresql_server_ends_a_step_of_a_program_that_is_stopped(self, postgresql_url: str) -> None:
+        engine = make_migrating_engine(postgresql_url)
+        names = ("idle_in_transaction_session_timeout", "tcp_keepalives_idle", "tcp_keepalives_interval")
+        setting = sa.text("SELECT reset_val FROM pg_settings WHERE name = :name")
+        with closing(engine.connect()) as connection:
+            values = [connection.execute(setting, {"name": name}).scalar_one() for name in names]
+        engine.dispose()
+        assert values == ["15000", "5", "2"]
+
 
 @pytest.fixture
 def contracting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
@@ -326,12 +426,28 @@ class TestDocuments:
             assert left > 30
             assert (store.old_documents.rewrite(FOREVER), store.old_documents.count()) == (left, 0)
 
+    def test_rewriting_in_no_time_comes_to_an_end(
+        self, restored: Restore, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Each call rewrites a portion, also behind damaged documents: 0 means that the rest cannot be."""
+        monkeypatch.setattr(rewriting, "MOST_ROWS", 2)
+        with Store.open(restored(), upgrade=lambda _: None) as store:
+            damage = sa.text("UPDATE jobs SET document = :document WHERE sequence < 5")
+            store._database.change(damage.bindparams(document=b"nothing"))
+            while store.old_documents.rewrite(-1.0):
+                pass
+            assert store.old_documents.count() == 4
+
     def test_an_unfinished_job_has_an_old_form_until_it_ends(self, restored: Restore) -> None:
         with upgraded(restored()) as store:
             ((queued,),) = rows_of(store, "SELECT id FROM jobs WHERE schema < 19")
             runs = Parts(store).jobs["run"]
             assert runs.current(queued).state == "queued"
+            name = runs.current(queued).key_name
+            assert name is not None
             runs.cancel(queued)
+            key_name = sa.select(jobs.c.key_name).where(jobs.c.id == queued)
+            assert store._database.rows(key_name) == [(name,)]
             assert rows_of(store, "SELECT id FROM jobs WHERE schema < 19") == []
             assert runs.current(queued).state == "cancelled"
 
@@ -391,13 +507,15 @@ class TestDocuments:
         """The step has its own code for them, which never changes, as it reads old documents."""
         with upgraded(restored()) as store:
             parts = Parts(store)
+            ((unfinished,),) = rows_of(store, "SELECT id FROM jobs WHERE schema < 19")
+            parts.jobs["run"].cancel(unfinished)
             rows = store._database.rows(sa.select(jobs.c.id, jobs.c.kind, jobs.c.numbers, jobs.c.key_name))
             for identifier, kind, numbers, key_name in rows:
                 job = parts.jobs[kind].kind.message.model_validate_json(
                     store.jobs(parts.jobs[kind].kind.resource).get(identifier, include_deleted=True).document
                 )
                 assert numbers == (extract_numbers(job) if kind == "run" else None)
-                assert key_name == job.key_name or job.state == "queued"
+                assert key_name == job.key_name
             assert sum(row.numbers is not None for row in rows) > 5
             assert {row.key_name for row in rows} == {None, "tablet hall 3"}
 
@@ -444,7 +562,9 @@ print(*layouts)
 
 @pytest.mark.process
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 8))])
-def test_an_upgrade_that_is_killed_at_any_moment_goes_on(restored: Restore, seed: int) -> None:
+def test_an_upgrade_that_is_killed_at_any_moment_goes_on(
+    restored: Restore, tmp_path: Path, seed: int
+) -> None:
     url = restored()
     longest = [0.05, 0.1, 0.2][seed % 3]
     command = [sys.executable, "-W", "error", "-c", KILLED, url, "12", str(seed), str(longest)]
@@ -454,7 +574,9 @@ def test_an_upgrade_that_is_killed_at_any_moment_goes_on(restored: Restore, seed
     assert layouts == sorted(layouts)
     assert set(layouts) <= {"0018", "0019"}
     before = json.loads(kept.read_kept("0018", "answers.json"))
+    assert len(list(tmp_path.glob("*before*"))) <= 2, "one copy, and its journal"
     with upgraded(url) as store:
+        assert len(list(tmp_path.glob("*before*"))) == url.startswith("sqlite"), "one copy after many kills"
         assert check_database(store._database).faults == []
         with kept.client_of(store) as client:
             now = {address: client.get(address).json() for address in before}
