@@ -54,6 +54,26 @@ def test_readings_in_another_order_than_the_angles_are_named(order, count):
     assert "are in another order than the joint angles" in cause[1]
 
 
+def test_an_order_of_many_rows_is_searched_in_few_steps(monkeypatch):
+    rows = []
+    to_base = Postures.to_base
+
+    def count(postures, places):
+        rows.append(len(postures))
+        return to_base(postures, places)
+
+    many, campaign = prepare(simulate_campaign(default_arm(), load="pull", configurations=500, seed=5))
+    shift = np.roll(np.arange(500), 1)
+    loaded = campaign.position + campaign.deflection
+    measurements = replace(
+        campaign, position=campaign.position[shift], deflection=(loaded - campaign.position)[shift]
+    )
+    monkeypatch.setattr(Postures, "to_base", count)
+    findings = inspect_measurements(many, measurements, degrees=False)
+    assert "observations_out_of_order" in {each.code for each in findings}
+    assert sum(rows) <= 50_000
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_deflections_given_as_loaded_positions_are_named(sign):
     (cause,) = causes(read(UNLOADED, sign * CAMPAIGN.deflection))
