@@ -230,7 +230,9 @@ class Robot(RobotDocument, RobotSummary):
 class RobotChange(ResourceChange):
     """Changes of a robot except its kinematics. Omitted fields remain unchanged."""
 
-    payload: Payload | None = Field(default=None, description="Largest payload by the maker; null changes nothing.")
+    payload: Payload | None = Field(
+        default=None, description="Largest payload by the maker; null changes nothing."
+    )
 
 
 class JointMapPreset(Message):
