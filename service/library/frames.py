@@ -463,7 +463,7 @@ def read_table(
 def _are_rows(value: Any) -> bool:  # noqa: ANN401 - anything with columns
     """Return whether a value is a list of rows of a frame of pandas: their elements have names, as columns.
 
-    Columns whose rows have names in words are told by their own names.
+    Columns whose rows have names in words are known by their own names.
     """
     if not isinstance(value, list | tuple) or not value:
         return False
