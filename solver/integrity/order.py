@@ -30,7 +30,7 @@ _MOST_ROWS: Final = 1000
 """Greatest number of rows whose order is searched."""
 _SAMPLE: Final = 30
 """Number of readings with which each place of the targets is tried."""
-_MOST_STEPS: Final = 10_000
+_MOST_STEPS: Final = 30_000
 """Greatest number of postures in which the tried places of one reading are computed, over all places."""
 _SAME_TURN: Final = 0.02
 """Greatest difference [rad or m] of joint offsets that count as the same offset."""
@@ -157,6 +157,8 @@ def _find_places(view: View, readings: FloatArray, rows: IndexArray) -> FloatArr
             fitting = int(np.sum(distances <= _SAME_PLACE))
             if fitting > best:
                 best, best_places = fitting, places
+            if fitting == len(sample):
+                return np.asarray(places)
     return np.asarray(best_places)
 
 

@@ -8,6 +8,7 @@ from support.campaigns import first_target, prepare
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.integrity import inspect_measurements
+from jointstiff.solver.integrity import order as order_of_rows
 from jointstiff.solver.mechanics.postures import Postures
 
 COUNT = 15
@@ -54,24 +55,28 @@ def test_readings_in_another_order_than_the_angles_are_named(order, count):
     assert "are in another order than the joint angles" in cause[1]
 
 
-def test_an_order_of_many_rows_is_searched_in_few_steps(monkeypatch):
-    rows = []
-    to_base = Postures.to_base
+@pytest.mark.parametrize(
+    ("order", "code"),
+    [
+        (np.roll(np.arange(500), 1), "observations_out_of_order"),
+        (np.random.default_rng(7).permutation(500), "target_off_model"),
+    ],
+    ids=["shifted", "shuffled"],
+)
+def test_an_order_of_many_rows_is_searched_in_few_steps(order, code, monkeypatch):
+    compared = []
+    find_greatest = order_of_rows._find_greatest
 
-    def count(postures, places):
-        rows.append(len(postures))
-        return to_base(postures, places)
+    def count(vectors):
+        compared.append(vectors[..., 0, 0].size)
+        return find_greatest(vectors)
 
-    many, campaign = prepare(simulate_campaign(default_arm(), load="pull", configurations=500, seed=5))
-    shift = np.roll(np.arange(500), 1)
-    loaded = campaign.position + campaign.deflection
-    measurements = replace(
-        campaign, position=campaign.position[shift], deflection=(loaded - campaign.position)[shift]
-    )
-    monkeypatch.setattr(Postures, "to_base", count)
-    findings = inspect_measurements(many, measurements, degrees=False)
-    assert "observations_out_of_order" in {each.code for each in findings}
-    assert sum(rows) <= 50_000
+    robot, campaign = prepare(simulate_campaign(default_arm(), load="pull", configurations=500, seed=5))
+    mixed = replace(campaign, position=campaign.position[order], deflection=campaign.deflection[order])
+    monkeypatch.setattr(order_of_rows, "_find_greatest", count)
+    findings = inspect_measurements(robot, mixed, degrees=False)
+    assert code in {each.code for each in findings}
+    assert sum(compared) <= 4_000_000  # a search of all rows with all rows takes 22 million
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
