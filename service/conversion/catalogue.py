@@ -47,7 +47,8 @@ def catalogue() -> Catalogue:
 def find_arm(name: str, where: str) -> Arm:
     """Return the catalogue's arm with a name, or with a part of a name that no other arm has.
 
-    The part has all digits of the name: "IRB 6700" fits arms of several reaches, but the catalogue has one.
+    The part has whole words and all digits of the name: "IRB 6700" fits arms of several reaches, but the
+    catalogue has one, and a UR5 is no UR5e.
 
     Args:
         name: name as it was typed, such as `KUKA KR 210 R2700`; case, blanks and signs do not count.
@@ -62,7 +63,7 @@ def find_arm(name: str, where: str) -> Arm:
     if len(exact) == 1:
         return exact[0]
     if len(arms) == 1:
-        return _refuse_lacking_digits(name, wanted, arms[0], where)
+        return _refuse_lacking_parts(name, wanted, arms[0], where)
     if arms:
         shown = ", ".join(arm.name for arm in arms[:_SHOWN])
         raise RequestError(
@@ -82,21 +83,30 @@ def find_arm(name: str, where: str) -> Arm:
     )
 
 
-def _refuse_lacking_digits(name: str, wanted: str, arm: Arm, where: str) -> Arm:
-    """Return the only arm that matches a name, if the rest of the arm's name has no digits.
+def _refuse_lacking_parts(name: str, wanted: str, arm: Arm, where: str) -> Arm:
+    """Return the only arm that matches a name, if the name has whole words and all digits of the arm's name.
 
     Raises:
-        RequestError: the name lacks digits, by which the maker distinguishes payloads and reaches.
+        RequestError: the name lacks digits, by which the maker distinguishes payloads and reaches, or letters
+            of a word, by which the maker distinguishes generations: a UR5 is no UR5e.
     """
-    rest = _normalise_name(arm.name).replace(wanted, "", 1)
-    if any(character.isdigit() for character in rest):
-        raise RequestError(
-            f"'{name}' fits arms of several reaches; the catalogue has {arm.name}, with a reach of "
-            f"{arm.reach:g} m",
-            where=where,
-            remedy="give the whole name if this arm is meant; or describe the arm by a DH table or URDF",
-        )
-    return arm
+    before, _, after = _normalise_name(arm.name).partition(wanted)
+    has_whole_words = {len(before), len(before) + len(wanted)} <= _find_word_ends(arm.name)
+    lacks_digits = any(character.isdigit() for character in before + after)
+    if has_whole_words and not lacks_digits:
+        return arm
+    fault = "fits arms of several reaches" if lacks_digits else "is a part of a word, and may be another arm"
+    raise RequestError(
+        f"'{name}' {fault}; the catalogue has {arm.name}, with a reach of {arm.reach:g} m",
+        where=where,
+        remedy="give the whole name if this arm is meant; or describe the arm by a DH table or URDF",
+    )
+
+
+def _find_word_ends(name: str) -> set[int]:
+    """Return the places in a normalised name at which a word of the name begins or ends."""
+    words = [_normalise_name(word) for word in re.split(r"[\W_]+", name)]
+    return {len("".join(words[:count])) for count in range(len(words) + 1)}
 
 
 def nominal_robot(arm: Arm) -> RobotDocument:

@@ -190,6 +190,9 @@ def _decode_numbers(dataset: h5py.Dataset, stored: np.ndarray) -> np.ndarray:
         return stored
     numbers = stored.astype(np.float64)
     is_missing = np.isin(numbers, missing)
+    if stored.dtype.kind == "f":  # the mark may be written with more digits than the array has
+        with np.errstate(over="ignore"):
+            is_missing |= np.isin(stored, np.asarray(missing).astype(stored.dtype))
     for limit in least:
         is_missing |= numbers < limit
     for limit in greatest:

@@ -15,7 +15,7 @@ import numpy as np
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.service.conversion.arrays import ArrayReadings, to_number_array
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.grammar import Kind, Meaning, Vocabulary, parse_header
+from jointstiff.service.importing.grammar import DIMENSIONS, Kind, Meaning, Vocabulary, parse_header
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 
@@ -216,6 +216,10 @@ class NameMatcher:
             state = meaning.quantity.state
             if state is not None and state != _STATES.get(argument):
                 _refuse_column(table, column.name, f"has the state '{state}'", remedy)
+            if is_bare_axis and meaning.unit is not None and DIMENSIONS.get(kind) != meaning.dimension:
+                _refuse_column(
+                    table, column.name, f"is in {meaning.unit}, which is no unit of a {kind}", remedy
+                )
             self._check_unit(table, column, meaning)
             meanings[column.name] = meaning
         return meanings
@@ -290,9 +294,11 @@ class NameMatcher:
         Raises:
             MeasurementError: arguments have rows of different names, or the order is uncertain.
         """
-        named = [rows for rows in self._rows if rows.keys is not None]
-        # Rows that are only numbered have no names next to rows with names in words.
+        named = [rows for rows in self._rows if rows.keys is not None and not rows.is_common]
         in_words = [rows for rows in named if any(isinstance(key, str) for key in rows.keys or ())]
+        if in_words:
+            _align_numbered([rows for rows in named if rows not in in_words], in_words[0])
+        # Rows that are only numbered have no names next to rows with names in words.
         named = in_words or named
         if not named:
             return None if labels is None else list(labels)
@@ -346,6 +352,33 @@ def _get_values(rows: Rows | dict[str, Rows] | None) -> Any:  # noqa: ANN401 - a
     if isinstance(rows, dict):
         return {target: each.values for target, each in rows.items()}
     return None if rows is None else rows.values
+
+
+def _align_numbered(numbered: Sequence[Rows], in_words: Rows) -> None:
+    """Check that rows with numbers are in one order, next to rows with names in words.
+
+    Raises:
+        MeasurementError: the numbers are in no plain order, or differ.
+    """
+    for rows in numbered:
+        keys = list(rows.keys or ())
+        if not _is_ascending(keys):
+            shown = ", ".join(map(str, keys[:_SHOWN]))
+            raise MeasurementError(
+                f"the rows of `{rows.argument}` are numbered, but not in order ({shown}, …), and those of "
+                f"`{in_words.argument}` have names in words",
+                where=rows.argument,
+                remedy=f"give both the same index, or sort the rows of `{rows.argument}` by their numbers",
+            )
+        _align_with(rows, numbered[0], None)
+
+
+def _is_ascending(keys: list[Hashable]) -> bool:
+    """Return whether names of rows are in ascending order; names that have no order are not."""
+    try:
+        return keys == sorted(keys)  # type: ignore[type-var]
+    except TypeError:
+        return False
 
 
 def _align_with(rows: Rows, first: Rows, unnamed: Rows | None) -> None:
@@ -403,6 +436,8 @@ def read_table(
     Raises:
         MeasurementError: two columns have the same name, or some columns have none.
     """
+    if _are_rows(value):
+        return _join_rows(value, argument)
     names = _list_names(value)
     if names is None or not names:
         return None
@@ -423,6 +458,48 @@ def read_table(
             columns.remove(column)
             break
     return Table(argument, tuple(columns), keys)
+
+
+def _are_rows(value: Any) -> bool:  # noqa: ANN401 - anything with columns
+    """Return whether a value is a list of rows of a frame of pandas: their elements have names, as columns.
+
+    Columns whose rows have names in words are known by their own names.
+    """
+    if not isinstance(value, list | tuple) or not value:
+        return False
+    indices = [_read_index(each) for each in value]
+    if any(not index or not all(isinstance(key, str | tuple) for key in index) for index in indices):
+        return False
+    if any(_list_names(each) is not None for each in value):
+        return False
+    names = [each.name for each in value]
+    if not all(isinstance(name, str | tuple) for name in names):
+        return True
+    are_columns = all(_find_kind(name) != "unknown" for name in names)
+    return not are_columns and all(_find_kind(key) != "unknown" for key in indices[0] or ())
+
+
+def _join_rows(rows: Sequence[Any], argument: str) -> Table:
+    """Return the columns of rows of a frame of pandas, which are matched by the names of their elements.
+
+    Raises:
+        MeasurementError: a row has other elements than the first one, or two elements of one name.
+    """
+    wanted = rows[0].index.tolist()
+    parts: list[dict[Any, Any]] = []
+    for place, row in enumerate(rows):
+        names = row.index.tolist()
+        if len(set(names)) < len(names) or set(names) != set(wanted):
+            raise MeasurementError(
+                f"row {place} of the list `{argument}` has the elements {', '.join(map(_join_name, names))}; "
+                f"those of row 0 are {', '.join(map(_join_name, wanted))}",
+                where=argument,
+                remedy="give rows of one frame, or the frame itself",
+            )
+        parts.append(dict(zip(names, row.to_numpy().tolist(), strict=True)))
+    keys = tuple(row.name for row in rows)
+    columns = tuple(Column(name, [part[name] for part in parts]) for name in wanted)
+    return Table(argument, columns, None if None in keys else keys)
 
 
 def _list_names(value: Any) -> list[Any] | None:  # noqa: ANN401 - anything with columns

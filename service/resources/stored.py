@@ -229,7 +229,8 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         if isinstance(model, robots.GeometryModel):
             field = "model.geometry_id"
             _, result = load_succeeded_geometry(self._store, model.geometry_id, field)
-            stated = {"name": request.name, "bodies": request.bodies, "payload": request.payload}
+            payload = result.robot.payload if request.payload is None else request.payload
+            stated = {"name": request.name, "bodies": request.bodies, "payload": payload}
             document = result.robot.model_copy(update=stated)
             return document, {"geometry_id": model.geometry_id}
         joint_map, payload, origin = request.joint_map, request.payload, {}

@@ -30,6 +30,8 @@ _MOST_ROWS: Final = 1000
 """Greatest number of rows whose order is searched."""
 _SAMPLE: Final = 30
 """Number of readings with which each place of the targets is tried."""
+_MOST_STEPS: Final = 30_000
+"""Greatest number of postures in which the tried places of one reading are computed, over all places."""
 _SAME_TURN: Final = 0.02
 """Greatest difference [rad or m] of joint offsets that count as the same offset."""
 
@@ -77,7 +79,7 @@ def inspect_order(view: View, rows: IndexArray) -> list[Finding]:
     if not _LEAST_ROWS <= count <= _MOST_ROWS or len(rows) < _LEAST_ROWS:
         return []
     readings = np.where(view.measured[..., None], view.measurements.position, np.nan)[rows]
-    places = _find_places(view, readings)
+    places = _find_places(view, readings, rows)
     expected = view.postures.to_base(np.broadcast_to(places, (count, *places.shape)))
     true_rows = _match_rows(readings, expected, rows)
     is_found = true_rows >= 0
@@ -136,22 +138,27 @@ def _is_order(true_rows: IndexArray) -> bool:
     return len(found) >= _EXPLAINED * len(true_rows) and len(np.unique(found)) >= _EXPLAINED * len(found)
 
 
-def _find_places(view: View, readings: FloatArray) -> FloatArray:
+def _find_places(view: View, readings: FloatArray, rows: IndexArray) -> FloatArray:
     """Return the places (T, 3) of the targets on the flange with which most readings fit any posture [m].
 
-    Readings of three rows are tried with the posture of every row. `readings` are (M, T, 3) [m].
+    Readings of three rows are tried with the posture of every row; of many rows, with those nearest in the
+    table. `readings` are (M, T, 3) [m], those of `rows` (M,).
     """
     postures = view.postures
+    tried = max(_MOST_STEPS // len(postures), 1)
     sample = readings[np.unique(np.linspace(0, len(readings) - 1, _SAMPLE).round().astype(int))]
     best, best_places = -1, readings[0]
     for anchor in (0, len(readings) // 2, len(readings) - 1):
         in_all_rows = np.broadcast_to(readings[anchor], (len(postures), *readings[anchor].shape))
-        for places in postures.to_flange(in_all_rows):
+        nearest = np.argsort(np.abs(np.arange(len(postures)) - rows[anchor]), kind="stable")[:tried]
+        for places in postures.to_flange(in_all_rows)[nearest]:
             expected = postures.to_base(np.broadcast_to(places, (len(postures), *places.shape)))
             distances = _find_greatest(expected[None] - sample[:, None]).min(axis=1)
             fitting = int(np.sum(distances <= _SAME_PLACE))
             if fitting > best:
                 best, best_places = fitting, places
+            if fitting == len(sample):
+                return np.asarray(places)
     return np.asarray(best_places)
 
 

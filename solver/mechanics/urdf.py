@@ -74,6 +74,7 @@ _EXTENSIONS: Final = frozenset(
         *("joint_properties", "damping", "friction", "stiffness", "rotor_inertia", "gear_ratio", "gravity"),
         *("kinematic", "selfCollide", "turnGravityOff", "mu1", "mu2", "kp", "kd", "maxVel", "minDepth"),
         *("capsule", "sphere", "audio_source", "light", "camera", "surface", "dampingFactor"),
+        *("springStiffness", "springReference", "stopCfm", "stopErp", "cfm_damping", "fudgeFactor", "fdir1"),
     )
 )
 """Elements of Gazebo, ROS, Drake, PyBullet and older URDFs in links and joints, none of them kinematic."""

@@ -357,9 +357,17 @@ def _prepare_work(inputs: Inputs, request: GeometryRequest) -> Work:
             readings = to_sweeps(request, nominal)
     # Only inputs that influence the result are hashed: names and ids do not influence it.
     options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
+    payload = None if nominal is None else nominal.payload
+    stated = () if payload is None else (repr(payload),)
+
+    def identify() -> GeometryResult:
+        """Return the result; the identified robot has the payload of the nominal one."""
+        result = _identify(request, readings, nominal, inputs.list_confusable_robots())
+        return result.model_copy(update={"robot": result.robot.model_copy(update={"payload": payload})})
+
     return QuickWork(
-        result=lambda: _identify(request, readings, nominal, inputs.list_confusable_robots()),
-        input_hash=hash_texts(robot_hash, options),
+        result=identify,
+        input_hash=hash_texts(robot_hash, options, *stated),
         robot_id=request.robot_id,
         details={"name": request.name},
     )

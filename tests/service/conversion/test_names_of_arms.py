@@ -22,6 +22,12 @@ ADVICE = "`jointstiff robots` and GET /v1/catalogue list its arms; or describe t
             "reach of 2.6 m; give the whole name if this arm is meant; or describe the arm by a DH table or "
             "URDF",
         ),
+        (
+            "UR5",
+            "'UR5' is a part of a word, and may be another arm; the catalogue has Universal Robots UR5e, "
+            "with a reach of 0.85 m; give the whole name if this arm is meant; or describe the arm by a DH "
+            "table or URDF",
+        ),
         ("", f"the catalogue has no arm ''; {ADVICE}"),
         ("/", f"the catalogue has no arm '/'; {ADVICE}"),
         (
@@ -45,12 +51,22 @@ def test_a_name_without_the_digits_of_a_reach_is_not_chosen(name):
 
 
 @pytest.mark.parametrize(
+    "name", ["UR3", "UR10", "Universal Robots UR5", "LR Mate 200", "LR Mate 200i", "R-2000iC/165", "R10e"]
+)
+def test_a_part_of_a_word_is_not_chosen(name):
+    with pytest.raises(RequestError):
+        find_arm(name, "--robot")
+
+
+@pytest.mark.parametrize(
     ("name", "whole"),
     [
         ("KUKA KR 210 R2700", "KUKA KR 210 R2700 extra"),
         ("ur5e", "Universal Robots UR5e"),
         ("irb 6700 200 2.60", "ABB IRB 6700-200/2.60"),
         ("LR Mate 200iD", "FANUC LR Mate 200iD"),
+        ("kr6r900", "KUKA KR 6 R900 sixx"),
+        ("UR 10e", "Universal Robots UR10e"),
     ],
 )
 def test_a_part_with_all_digits_names_its_arm(name, whole):

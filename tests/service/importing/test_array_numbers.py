@@ -77,6 +77,13 @@ def test_the_fill_value_of_hdf5_is_no_reading(attribute, mark):
     assert numbers_of(answered(("a.h5", content), allow_missing=True)) == WITHOUT_SECOND
 
 
+@pytest.mark.parametrize("attribute", ["_FillValue", "missing_value"])
+def test_a_fill_value_of_more_digits_than_the_array_is_no_reading(attribute):
+    content = hdf5(table(P10_loaded_mm=missing(attribute, 1e20 / 3.0, "f4")))
+    (said,) = refusals(("a.h5", content))
+    assert "target P10 was read only unloaded" in said
+
+
 def test_numbers_outside_their_valid_range_are_no_readings():
     def fill(file, name, values):
         file[name] = np.where(np.arange(3)[:, None] == 1, 99999.0, values)

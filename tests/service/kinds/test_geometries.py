@@ -118,6 +118,17 @@ class TestSharedSweeps:
                 assert one.standard_uncertainty == pytest.approx(other.standard_uncertainty, rel=0.01)
 
 
+@pytest.mark.parametrize("way", ["sweeps", "poses"])
+def test_an_identified_robot_has_the_payload_of_the_nominal_one(parts, way):
+    document = {"sweeps": sweeps, "poses": poses}[way](TrackedArm(default_arm()))
+    nominal = robot_document(default_arm()) | {"payload": 210.0}
+    kept = parts.robots.create(RobotDocument.model_validate(nominal), None).id
+    geometry = made(parts, document, robot_id=kept)
+    assert geometry.result.robot.payload == 210.0
+    assert made(parts, document, robot=nominal).result.robot.payload == 210.0
+    assert parts.robots.load(parts.robots.create(from_geometry(geometry.id), None).id)[0].payload == 210.0
+
+
 def from_geometry(geometry_id):
     model = {"format": "geometry", "geometry_id": geometry_id}
     return RobotDocument.model_validate({"name": "as measured", "model": model})

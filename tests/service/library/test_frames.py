@@ -205,6 +205,50 @@ def test_an_index_that_does_not_match_is_refused():
     )
 
 
+def test_numbered_rows_are_aligned_also_next_to_names_in_words():
+    named = FORCES.set_axis(LABELS)
+    assert read(forces=named, unloaded=UNLOADED, loaded=LOADED) == read(labels=LABELS)
+    assert refusal(forces=named, unloaded=UNLOADED, loaded=LOADED.iloc[::-1]) == (
+        "the rows of `loaded` are numbered, but not in order (7, 6, 5, …), and those of `forces` have names "
+        "in words; remedy: give both the same index, or sort the rows of `loaded` by their numbers"
+    )
+    other = LOADED.set_axis(range(1, 9))
+    assert "the rows of `loaded` have other names than those of `unloaded`: 8" in refusal(
+        forces=named, unloaded=UNLOADED, loaded=other
+    )
+
+
+@pytest.mark.parametrize("count", [3, 6, 8])
+@pytest.mark.parametrize("names", [range(8), LABELS], ids=["numbers", "labels"])
+def test_rows_in_a_list_are_rows(count, names):
+    def rows(frame):
+        return [frame.set_axis(names).iloc[i][frame.columns[::-1]] for i in range(count)]
+
+    found = read(**{name: rows(frame) for name, frame in FRAMES.items()})
+    whole = read(**{name: frame.iloc[:count] for name, frame in FRAMES.items()})
+    assert found.observations == whole.observations
+
+
+def test_rows_of_different_frames_in_a_list_are_refused():
+    rows = [FORCES.iloc[i] for i in range(7)] + [JOINTS.iloc[7]]
+    assert refusal(forces=rows).startswith(
+        "row 7 of the list `forces` has the elements J1, J2, J3, J4, J5, J6; those of row 0 are Fx, Fy, Fz"
+    )
+
+
+def test_columns_in_a_list_may_have_rows_with_names():
+    named = FORCES.set_axis(LABELS)
+    assert read(forces=[named["Fy"], named["Fx"], named["Fz"]]) == read(labels=LABELS)
+
+
+def test_an_axis_in_a_unit_of_another_quantity_is_refused():
+    in_millimetres = FORCES.set_axis(["x [mm]", "y [mm]", "z [mm]"], axis=1)
+    assert refusal(forces=in_millimetres).startswith(
+        "the column 'x [mm]' of `forces` is in mm, which is no unit of a force; remedy: name the columns Fx"
+    )
+    assert read(forces=FORCES.set_axis(list("xyz"), axis=1)) == read()
+
+
 def test_labels_name_the_observations():
     named = [f"day 1, {label}" for label in LABELS]
     found = read(unloaded=UNLOADED.set_axis(named), loaded=LOADED.set_axis(named))

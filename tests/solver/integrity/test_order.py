@@ -54,6 +54,30 @@ def test_readings_in_another_order_than_the_angles_are_named(order, count):
     assert "are in another order than the joint angles" in cause[1]
 
 
+@pytest.mark.parametrize(
+    ("order", "code"),
+    [
+        (np.roll(np.arange(500), 1), "observations_out_of_order"),
+        (np.random.default_rng(7).permutation(500), "target_off_model"),
+    ],
+    ids=["shifted", "shuffled"],
+)
+def test_an_order_of_many_rows_is_searched_in_few_steps(order, code, monkeypatch):
+    steps = []
+    to_base = Postures.to_base
+
+    def count(postures, places):
+        steps.append(len(postures))
+        return to_base(postures, places)
+
+    robot, campaign = prepare(simulate_campaign(default_arm(), load="pull", configurations=500, seed=5))
+    mixed = replace(campaign, position=campaign.position[order], deflection=campaign.deflection[order])
+    monkeypatch.setattr(Postures, "to_base", count)
+    findings = inspect_measurements(robot, mixed, degrees=False)
+    assert code in {each.code for each in findings}
+    assert sum(steps) <= 500_000  # a search of all rows with all rows alone takes 750,000
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_deflections_given_as_loaded_positions_are_named(sign):
     (cause,) = causes(read(UNLOADED, sign * CAMPAIGN.deflection))

@@ -210,10 +210,12 @@ def test_elements_of_other_programs_and_branches_off_the_chain_are_read_over():
         ORIGIN,
         f'{ORIGIN}<calibration rising="0"/><dynamics damping="1"/><safety_controller k_velocity="1"/>'
         '<drake:gear_ratio value="3"/><gazebo><provideFeedback>1</provideFeedback></gazebo>'
-        "<hardwareInterface>PositionJointInterface</hardwareInterface><transmission/>",
+        "<hardwareInterface>PositionJointInterface</hardwareInterface><transmission/>"
+        "<springStiffness>0</springStiffness><springReference>0</springReference><stopCfm>0</stopCfm>"
+        "<stopErp>0.2</stopErp><cfm_damping>1</cfm_damping><fudgeFactor>1</fudgeFactor>",
     ).replace(
         '<link name="l1"/>',
-        '<link name="l1"><inertial/><visual/><collision/><contact/><self_collide/><drake:x/></link>',
+        '<link name="l1"><inertial/><visual/><collision/><contact/><self_collide/><fdir1/><drake:x/></link>',
     )
     branch = (
         '<link name="tool"><pose/></link><joint name="t" type="fixed"><parent link="l6"/><child link="tool"/>'
