@@ -286,6 +286,7 @@ export const en = {
     do_not_use: "Do not use",
   },
   assessment: {
+    payload: "Largest payload",
     title: "Assessment",
     sentence: {
       use: "The readings support these stiffnesses.",
