@@ -15,6 +15,7 @@ from support.importing_samples import CAMPAIGN_NUMBERS, answered, numbers_of, re
 from support.workbooks import arrays, hdf5, parquet, rows_of_values
 
 from jointstiff.service.importing import arrays as room
+from jointstiff.service.importing import child
 from jointstiff.service.importing.columns import NamedArray, tabulate
 from jointstiff.service.limited import belongs_to_child
 
@@ -472,7 +473,7 @@ def test_arrays_in_cells_of_matlab_are_not_unpacked_without_limit():
 
 
 def test_a_file_that_takes_too_long_is_refused(monkeypatch):
-    monkeypatch.setattr(room, "MAX_WAIT", 0.0)
+    monkeypatch.setattr(child, "MAX_WAIT", 0.0)
     (said,) = refusals(("a.mat", matlab()))
     assert (
         "ended without a result: the file is damaged, or reading the file takes over 384 MiB or 60 s" in said
@@ -501,7 +502,7 @@ def test_modules_in_the_working_folder_are_not_run(kind, tmp_path, monkeypatch):
 @pytest.mark.parametrize("said_by_process", ["", "[1]", "not JSON", '{"arr'])
 def test_a_process_that_ends_without_an_answer_is_no_fault_of_ours(said_by_process, monkeypatch):
     command = [sys.executable, "-c", f"print({said_by_process!r}, end='')"]
-    monkeypatch.setattr(room, "build_own_command", lambda *_: command)
+    monkeypatch.setattr(child, "build_own_command", lambda *_: command)
     (said,) = refusals(("a.mat", matlab()))
     assert "reading a MATLAB file ended without a result" in said
 
