@@ -376,7 +376,7 @@ class ProgramResult(FromRun):
     )
     with_model_error: StrictBool = Field(
         default=False,
-        description="Whether these intervals include the model error.",
+        description="True: the intervals include the model error.",
     )
     rounding: Metres[Spread | None] = Field(
         description="Part of `residual` due to the rounding of numbers in the program."

@@ -205,8 +205,7 @@ HELP = {
     ],
     "map": [
         "Map deflection and compliance over a work area.",
-        "--absolute / --no-absolute True: deflections are relative to a rigid arm, and include its sag. "
-        "Needs a run with `weight`.",
+        "--absolute / --no-absolute Deflections are relative to a rigid arm, sag included; needs `weight`.",
         "--despite-verdict `do_not_use`: also accept a run with this verdict.",
         "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
         "--turns <int> Number of angles about the tool's axis over a full turn.",

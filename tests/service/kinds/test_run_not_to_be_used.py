@@ -79,7 +79,7 @@ def test_the_report_states_deviations_and_the_budget_with_its_coverage(local, ru
         "assumed load point | B | 0.42 | 1.5 | 2.5 | 2.5 | 15 |",
         "combined, only sources that the intervals include | | 1.1 | 2.8 | 4.3 | 2.9 | 16 |",
         "combined, all sources | | 1.1 | 19 | 44 | 19 | 17 |",
-        "expanded, all sources, k = 1.282 | | 1.4 | 25 | 56 | 24 | 22 |",
+        "expanded, partial, k = 1.282 | | 1.4 | 25 | 56 | 24 | 22 |",
         "– Deviation: prior knowledge of joint_1, joint_6 was used.",
         "– Deviation: stiffness of joint_2 was bounded.",
         "joint_2 (1, 2) 10⁶ N·m/rad",
