@@ -276,3 +276,10 @@ def test_a_process_of_a_marked_test_is_not():
 def test_a_test_on_postgresql_is_marked(request, kind):
     expected = {"sqlite": set(), "postgresql": {"postgresql", "process"}}[kind]
     assert {mark.name for mark in request.node.iter_markers()} - {"parametrize", "xdist_group"} == expected
+
+
+def test_one_worker_runs_all_tests_of_a_group(request, worker_id):
+    """Pytest 9.2 with xdist 3.8 ran every group in every worker without a word."""
+    if worker_id == "master":
+        pytest.skip("groups are for workers of xdist: -n 2 --dist loadgroup")
+    assert request.node.nodeid.endswith("@test_architecture")
