@@ -15,13 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias
+from functools import cached_property
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy import special
 from scipy.optimize import brentq
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.method import Prior
@@ -90,17 +91,32 @@ class _Ellipsoid:
 
         `response` (k,) is the change of the joint's compliance per unit of each unknown of the mistake.
         """
-        unit_vectors, length = unit_columns(self.rows)
-        U, singular_values, Vt = np.linalg.svd(unit_vectors, full_matrices=False)
-        is_shown = singular_values > _SMALLEST_COLUMN
-        target = U[:, is_shown] @ ((Vt[is_shown] @ (response / length)) / singular_values[is_shown])
+        axes, length = self._axes, self._axes.length
+        target = axes.U @ ((axes.Vt @ (response / length)) / axes.singular_values)
         if not self.positive:
-            worst = Vt[is_shown].T @ ((U[:, is_shown].T @ target) / singular_values[is_shown]) / length
+            worst = axes.Vt.T @ ((axes.U.T @ target) / axes.singular_values) / length
             return np.asarray(worst / max(float(np.linalg.norm(target)), np.finfo(float).tiny))
         mistakes = [solve_nonnegative(self.rows, sign * target)[0] for sign in (1.0, -1.0)]
         sizes = [float(np.linalg.norm(self.rows @ each)) for each in mistakes]
         mistakes = [each / size if size > 0.0 else each for each, size in zip(mistakes, sizes, strict=True)]
         return max(mistakes, key=lambda each: abs(float(response @ each)))
+
+    @cached_property
+    def _axes(self) -> _Axes:
+        """Axes of the ellipsoid, which all joints share."""
+        unit_vectors, length = unit_columns(self.rows)
+        U, singular_values, Vt = np.linalg.svd(unit_vectors, full_matrices=False)
+        is_shown = singular_values > _SMALLEST_COLUMN
+        return _Axes(U[:, is_shown], singular_values[is_shown], Vt[is_shown], length)
+
+
+class _Axes(NamedTuple):
+    """Singular values of an ellipsoid's unit columns, without directions that move nothing."""
+
+    U: FloatArray
+    singular_values: FloatArray
+    Vt: FloatArray
+    length: FloatArray  # of the columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,24 +127,17 @@ class _Remaining:
     largest: float  # largest length of a mistake
 
     @classmethod
-    def from_stack(
-        cls, stack: Stack, term: Term, fitted_names: Sequence[str], visible: IndexArray, force: float
-    ) -> _Remaining:
+    def from_stack(cls, stack: Stack, term: Term, fitted_basis: FloatArray, force: float) -> _Remaining:
         """Return the columns of a term without the part that the fitted terms explain.
 
         Args:
             stack: rows of all terms.
             term: term whose mistake is sought.
-            fitted_names: names of the terms that are projected out.
-            visible: joints that the readings show; other joints are not projected out.
+            fitted_basis: orthonormal columns that span the fitted terms, which are projected out.
             force: largest force of a load [N], which bounds errors of forces.
         """
-        span = stack.span | {JOINTS.name: visible}
-        basis = orthonormal_basis(
-            unit_columns(stack.flat[:, np.concatenate([span[name] for name in fitted_names])])[0]
-        )
-        columns = stack.flat[:, span[term.name]]
-        remaining_columns = columns - basis @ (basis.T @ columns)
+        columns = stack.flat[:, stack.span[term.name]]
+        remaining_columns = columns - fitted_basis @ (fitted_basis.T @ columns)
         largest_mistake = (
             _LARGEST_FORCE * force if term.unit == "N" and force else _LARGEST.get(term.name, np.inf)
         )
@@ -183,6 +192,9 @@ def find_least_mistakes(
         blocks, [*terms.values()], compliance, np.flatnonzero(estimate.estimated), prior
     )
     fitted_names = (JOINTS.name, *fitted_term_names)
+    # Joints that the readings do not show are not projected out.
+    fitted_columns = np.concatenate([visible, *(stack.span[name] for name in fitted_term_names)])
+    fitted_basis = orthonormal_basis(unit_columns(stack.flat[:, fitted_columns])[0])
     force = float(np.linalg.norm(tested.force, axis=1).max())
     uncertainty = [joint.standard_uncertainty or np.inf for joint in estimate.joints]
     # A mistake moves a large set as it moves the part, whose tests are the tests of the set.
@@ -196,7 +208,7 @@ def find_least_mistakes(
         # The test leaves out the observation that a mistake moves most: it may be a single wrong reading.
         triangle_given_statements.rows -= int(stack.read.max())
         prior_of_term = term.prior(common_uncertainty) if name in stated_terms else ()
-        remaining = _Remaining.from_stack(stack, term, fitted_names, visible, force)
+        remaining = _Remaining.from_stack(stack, term, fitted_basis, force)
         ellipsoids = list(
             _list_ellipsoids(triangle_given_statements, term, fitted_names, sigma, level, prior_of_term)
         )

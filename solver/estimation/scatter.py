@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -31,17 +31,15 @@ from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.statements import list_stated_terms
 from jointstiff.solver.estimation.triangle import (
     INDEPENDENT,
-    compute_triangular_factor,
     orthonormal_basis,
     unit_columns,
 )
 from jointstiff.solver.mechanics.block import (
     RegressorBlock,
-    compute_scatter_roots,
     fitted_errors,
     get_whole_block,
 )
-from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
+from jointstiff.solver.mechanics.measurements import Measurements, Scatter
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
 
@@ -65,8 +63,8 @@ out: a single wrong reading must not widen all intervals."""
 _BY_CHANCE: Final = 1e-5
 """Probability with which noise alone exceeds the limit where a posture has so few coordinates that the limit
 is raised."""
-_NOTHING: Final = 1e-12
-"""Singular value of the whitened columns that is rounding; it enters as a logarithm."""
+_STEP: Final = 1e-8
+"""Step of the differences of the likelihood, relative to a variance or to the noise of the readings."""
 
 
 def find_scatter(robot: Robot, measurements: Measurements, estimate: Estimate) -> Scatter:
@@ -171,10 +169,12 @@ class RestrictedLikelihood:
         beyond = np.maximum(_GROSS, special.chdtri(freedom, _BY_CHANCE) / special.chdtri(freedom, 0.5))
         used = squares / typical <= beyond * np.median(squares / typical)
         by_joints, by_station = block.shared_motion
-        self._motion = by_joints[used], by_station[used]
-        self._rows = np.concatenate([unit.reshape(*columns.shape[:2], -1), residual[..., None]], axis=-1)[
-            used
-        ]
+        motion = np.concatenate([by_joints, by_station], axis=-1)[used]
+        rows = np.concatenate([unit.reshape(*columns.shape[:2], -1), residual[..., None]], axis=-1)[used]
+        self._joint_count: int = by_joints.shape[-1]
+        self._motion_products = motion.mT @ motion
+        self._motion_rows = motion.mT @ rows
+        self._row_products = (rows.mT @ rows).sum(axis=0)
         self._measurements = block.measurements
         self._degrees_of_freedom: int = int(stack.read[used].sum()) - unit.shape[-1]
         # Ratio ρ with which turns of the joints move the targets as far as the noise of the readings does.
@@ -201,7 +201,7 @@ class RestrictedLikelihood:
         if not self._can_show_station and self._measurements.sigma is not None:
             likelihood_gain = 2.0 * (
                 self._minus_log_likelihood_at_free_sigma()
-                - self._minus_log_likelihood(self._variances(scatter))
+                - float(self._minus_log_likelihoods(np.array([self._variances(scatter)]))[0])
             )
             p_value = max(p_value, 0.5 * float(special.chdtrc(1, max(likelihood_gain, 0.0))))
         return scatter, p_value
@@ -221,12 +221,21 @@ class RestrictedLikelihood:
             start_joint_variances = ((stated_repeatability / (sigma or 1.0) / self._turns_like_noise) ** 2,)
             bounds[0] = start_joint_variances[0], start_joint_variances[0]
         start_station_variances = _START_VARIANCES if self._can_show_station else (0.0,)
-        start = min(product(start_joint_variances, start_station_variances), key=self._minus_log_likelihood)
-        optimum = minimize(self._minus_log_likelihood, start, method="L-BFGS-B", bounds=bounds)
-        best_variances = min((tuple(optimum.x.tolist()), start), key=self._minus_log_likelihood)
-        gain = 2.0 * (
-            self._minus_log_likelihood((bounds[0][0], 0.0)) - self._minus_log_likelihood(best_variances)
+        starts = np.array([*product(start_joint_variances, start_station_variances)])
+        start = starts[int(self._minus_log_likelihoods(starts).argmin())]
+        lower, upper = np.transpose(bounds)
+        optimum = minimize(
+            lambda variances: self._value_and_gradient(variances, lower, upper),
+            start,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds,
         )
+        without_errors = np.array([lower[0] if len(start_joint_variances) == 1 else 0.0, 0.0])
+        candidates = np.array([optimum.x, start, without_errors])
+        values = self._minus_log_likelihoods(candidates)
+        best_variances = candidates[int(values[:2].argmin())]
+        gain = 2.0 * float(values[2] - values[:2].min())
         scatter = self._scatter(best_variances)
         if len(start_joint_variances) == 1:  # as stated, without the rounding of a root
             scatter = replace(
@@ -236,8 +245,8 @@ class RestrictedLikelihood:
 
     def sigma(self, scatter: Scatter) -> float:
         """Return sigma of the readings [m], estimated from the residuals for given shared errors."""
-        R, _ = self._whiten(scatter)
-        return float(np.sqrt(self._squares(R) / max(self._degrees_of_freedom, 1)))
+        fit = self._fit(np.array([self._variances(scatter)]))
+        return float(np.sqrt(fit.squares[0] / max(self._degrees_of_freedom, 1)))
 
     def _variances(self, scatter: Scatter) -> tuple[float, float]:
         """Return the variances (joints, station) of shared errors, relative to the noise of the readings."""
@@ -245,45 +254,70 @@ class RestrictedLikelihood:
 
     def _minus_log_likelihood_at_free_sigma(self) -> float:
         """Return −log L without shared errors, maximised over sigma, up to the same constant."""
-        R, _ = self._whiten(NO_SCATTER)
-        fit = self._degrees_of_freedom * (np.log(self._squares(R) / self._degrees_of_freedom) + 1.0)
-        return _half_log_determinant(R) + 0.5 * float(fit)
+        fit = self._fit(np.zeros((1, 2)))
+        squares = self._degrees_of_freedom * (np.log(fit.squares[0] / self._degrees_of_freedom) + 1.0)
+        return float(fit.half_log_determinant[0] + 0.5 * squares)
 
     def _scatter(self, variances: tuple[float, ...] | FloatArray) -> Scatter:
         """Return the shared errors of given variances (joints, station), relative to the readings' noise."""
         joints, station = np.sqrt(np.asarray(variances)).tolist()
         return Scatter(self._turns_like_noise * joints, station)
 
-    def _minus_log_likelihood(self, variances: tuple[float, ...] | FloatArray) -> float:
-        """Return −log L of shared errors with given variances of joints and station, up to a constant.
+    def _value_and_gradient(
+        self, variances: FloatArray, lower: FloatArray, upper: FloatArray
+    ) -> tuple[float, FloatArray]:
+        """Return −log L at variances (2,) and its gradient (2,) by differences within the bounds."""
+        step = _STEP * np.maximum(1.0, np.abs(variances))
+        step = np.where((lower < upper) & (variances + step > upper), -step, step)
+        values = self._minus_log_likelihoods(np.vstack([variances, variances + np.diag(step)]))
+        return float(values[0]), np.where(lower == upper, 0.0, (values[1:] - values[0]) / step)
+
+    def _minus_log_likelihoods(self, variances: FloatArray) -> FloatArray:
+        """Return −log L (K,) of shared errors with variances (K, 2) of joints and station, up to a constant.
 
         L is the likelihood of the residuals; variances are relative to the noise of the readings.
         """
-        scatter = self._scatter(variances)
-        R, variance = self._whiten(scatter)
-        squares, sigma = self._squares(R), self._measurements.sigma
-        if sigma is None and self._measurements.repeatability and scatter.joints:
-            sigma = self._measurements.repeatability / scatter.joints
-        if sigma is None:
-            fit = self._degrees_of_freedom * np.log(squares)
-        else:
-            fit = squares / sigma**2 + 2.0 * self._degrees_of_freedom * np.log(sigma)
-        return _half_log_determinant(R) + 0.5 * float(np.log(variance).sum() + fit)
+        fit = self._fit(variances)
+        free = self._degrees_of_freedom * np.log(fit.squares)
+        sigma = self._stated_sigma(variances)
+        is_free = np.isnan(sigma)
+        sigma = np.where(is_free, 1.0, sigma)
+        stated = fit.squares / sigma**2 + 2.0 * self._degrees_of_freedom * np.log(sigma)
+        return fit.half_log_determinant + 0.5 * (fit.log_variance + np.where(is_free, free, stated))
 
-    def _whiten(self, scatter: Scatter) -> tuple[FloatArray, FloatArray]:
-        """Whiten the rows with the covariance of noise and shared errors.
+    def _stated_sigma(self, variances: FloatArray) -> FloatArray:
+        """Return sigma (K,) [m] as stated, or from the stated repeatability; NaN where sigma is free."""
+        sigma, repeatability = self._measurements.sigma, self._measurements.repeatability
+        if sigma is not None or not repeatability:
+            return np.full(len(variances), np.nan if sigma is None else sigma)
+        joints = self._turns_like_noise * np.sqrt(variances[:, 0])
+        return np.where(joints > 0.0, repeatability / np.where(joints > 0.0, joints, 1.0), np.nan)
 
-        Return the triangular factor of the whitened rows, and the variances of the shared errors.
+    def _fit(self, variances: FloatArray) -> _Fit:
+        """Fit the unknowns to rows that are whitened by noise and shared errors of variances (K, 2).
+
+        The shared errors of a posture have n + 3 directions G_i. By ``V_i⁻¹ = I − G_i (I + G_iᵀ G_i)⁻¹ G_iᵀ``
+        a posture with many targets costs no more than a posture with one.
         """
-        directions, reduction, variance = compute_scatter_roots(self._motion, scatter.joints, scatter.station)
-        rows = self._rows - directions @ (reduction[..., None] * (directions.mT @ self._rows))
-        return compute_triangular_factor(rows.reshape(-1, rows.shape[-1])), variance
+        scale = np.sqrt(variances) * (self._turns_like_noise, 1.0)
+        scale = np.repeat(scale, (self._joint_count, 3), axis=1)[:, None, :, None]
+        covariance = np.eye(scale.shape[2]) + scale * self._motion_products * scale.mT
+        root = np.linalg.cholesky(covariance)
+        shared = np.linalg.solve(root, scale * self._motion_rows)
+        products = self._row_products - (shared.mT @ shared).sum(axis=1)
+        factor = np.linalg.cholesky(products[:, :-1, :-1])
+        explained = np.square(np.linalg.solve(factor, products[:, :-1, -1:])).sum(axis=(1, 2))
+        return _Fit(
+            squares=np.maximum(products[:, -1, -1] - explained, 0.0)
+            + self._degrees_of_freedom * _RESOLUTION**2,
+            half_log_determinant=np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1),
+            log_variance=2.0 * np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=(1, 2)),
+        )
 
-    def _squares(self, R: FloatArray) -> float:
-        """Return the sum of squared residuals of a triangular factor R, with an allowance for rounding."""
-        return float(R[-1, -1] ** 2) + self._degrees_of_freedom * _RESOLUTION**2
 
+class _Fit(NamedTuple):
+    """Fit of the unknowns for each of K pairs of variances."""
 
-def _half_log_determinant(R: FloatArray) -> float:
-    """Return ½ log|Σ A_iᵀ V_i⁻¹ A_i| of a triangular factor R of the whitened rows [A d]."""
-    return float(np.log(np.maximum(np.linalg.svd(R[:, :-1], compute_uv=False), _NOTHING)).sum())
+    squares: FloatArray  #: (K,) sum of squared residuals, with an allowance for rounding
+    half_log_determinant: FloatArray  #: (K,) ½ log|Σ A_iᵀ V_i⁻¹ A_i|
+    log_variance: FloatArray  #: (K,) Σ log|V_i|
