@@ -22,7 +22,7 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import special
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, minimize
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
@@ -225,14 +225,14 @@ class RestrictedLikelihood:
         start = starts[int(self._minus_log_likelihoods(starts).argmin())]
         lower, upper = np.transpose(bounds)
         optimum = minimize(
-            lambda variances: self._value_and_gradient(variances, lower, upper),
+            self._value_and_gradient,
             start,
+            args=(lower, upper),
             jac=True,
             method="L-BFGS-B",
-            bounds=bounds,
+            bounds=Bounds(lower, upper),
         )
-        without_errors = np.array([lower[0] if len(start_joint_variances) == 1 else 0.0, 0.0])
-        candidates = np.array([optimum.x, start, without_errors])
+        candidates = np.array([optimum.x, start, (lower[0], 0.0)])
         values = self._minus_log_likelihoods(candidates)
         best_variances = candidates[int(values[:2].argmin())]
         gain = 2.0 * float(values[2] - values[:2].min())
@@ -265,12 +265,13 @@ class RestrictedLikelihood:
 
     def _value_and_gradient(
         self, variances: FloatArray, lower: FloatArray, upper: FloatArray
-    ) -> tuple[float, FloatArray]:
+    ) -> tuple[float, list[float]]:
         """Return −log L at variances (2,) and its gradient (2,) by differences within the bounds."""
         step = _STEP * np.maximum(1.0, np.abs(variances))
         step = np.where((lower < upper) & (variances + step > upper), -step, step)
         values = self._minus_log_likelihoods(np.vstack([variances, variances + np.diag(step)]))
-        return float(values[0]), np.where(lower == upper, 0.0, (values[1:] - values[0]) / step)
+        gradient = np.where(lower == upper, 0.0, (values[1:] - values[0]) / step)
+        return float(values[0]), gradient.tolist()
 
     def _minus_log_likelihoods(self, variances: FloatArray) -> FloatArray:
         """Return −log L (K,) of shared errors with variances (K, 2) of joints and station, up to a constant.
