@@ -338,9 +338,7 @@ def check_set(
     Raises:
         MeasurementError: the set cannot be used.
     """
-    with _add_label_to_errors(document.observations):
-        readings = ReadingArrays.from_observations(document.observations)
-        measurements = to_measurements(*transform_to_base(document, readings, resolved), robot)
+    readings, measurements = convert_readings(document, robot, resolved)
     findings = list(frame_findings)
     if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
         findings += inspect_measurements(
@@ -348,6 +346,24 @@ def check_set(
         )
     content = compute_content_hash(document, readings, resolved)
     return PreparedSet(robot, robot_id, robot_hash, readings, measurements, findings, content)
+
+
+def convert_readings(
+    document: MeasurementSetDocument, robot: Robot, resolved: ResolvedFrame | None
+) -> tuple[ReadingArrays, Measurements]:
+    """Return the readings of a measurement set as arrays, as posted and as the solver takes them.
+
+    Args:
+        document: the set as it was posted.
+        robot: the robot that was measured.
+        resolved: transform from the set's frame to R0; None if all readings are in R0.
+
+    Raises:
+        MeasurementError: the set cannot be used.
+    """
+    with _add_label_to_errors(document.observations):
+        readings = ReadingArrays.from_observations(document.observations)
+        return readings, to_measurements(*transform_to_base(document, readings, resolved), robot)
 
 
 @contextmanager

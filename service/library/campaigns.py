@@ -179,7 +179,7 @@ def _prepare(campaign: Campaign) -> PreparedSet:
 
 
 def _refuse_long_deflections(campaign: Campaign, row_count: int) -> None:
-    """Check a campaign; refuse loaded readings that are too far from the unloaded readings, with the cause.
+    """Refuse loaded readings that are too far from the unloaded readings, with the cause.
 
     `row_count` is the number of rows of the arrays; those without readings have no observation.
 
@@ -189,22 +189,27 @@ def _refuse_long_deflections(campaign: Campaign, row_count: int) -> None:
     import numpy as np
 
     from jointstiff.service.conversion.arrays import LARGE_DEFLECTION
+    from jointstiff.service.conversion.prepared import convert_readings, resolve_stated_frame
 
-    prepared = _prepare(campaign)
-    lengths = np.linalg.norm(prepared.measurements.deflection, axis=2)
+    document = campaign.measurement_set
+    with as_campaign_error("robot"):
+        robot = robots.prepare_once(campaign.robot).robot
+    with as_campaign_error("measurement_set"):
+        _, measurements = convert_readings(document, robot, resolve_stated_frame(document))
+    lengths = np.linalg.norm(measurements.deflection, axis=2)
     if lengths.max() <= LARGE_DEFLECTION:
         return
     row, target = np.unravel_index(int(lengths.argmax()), lengths.shape)
     where = f"loaded[{row}]" if len(lengths) == row_count else "loaded"
     reason = (
-        f"target '{prepared.measurements.targets[target]}' moved by {lengths.max():.4g} m under load in "
-        f"'{prepared.measurements.labels[row]}'; up to {LARGE_DEFLECTION:g} m is plausible"
+        f"target '{measurements.targets[target]}' moved by {lengths.max():.4g} m under load in "
+        f"'{measurements.labels[row]}'; up to {LARGE_DEFLECTION:g} m is plausible"
     )
     remedy = (
         "check that unloaded and loaded readings are of the same posture and target, in the same frame; a "
         "campaign file may have greater deflections"
     )
-    for finding in prepared.warnings:
+    for finding in _prepare(campaign).warnings:
         if finding.code in _CAUSES_OF_LONG_DEFLECTIONS and finding.where is None:
             where, reason, remedy = "loaded", finding.message, finding.remedy
             break
