@@ -85,6 +85,9 @@ BENCHMARKS = {
     "durability": Benchmark(
         "attacks.durability", "kill -9 of workers and services; half an hour", in_parts=True
     ),
+    "versions": Benchmark(
+        "attacks.versions", "two versions on one database, with posts; 20 minutes", in_parts=True
+    ),
     "queue": Benchmark(
         "attacks.queue", "stopped processes, many runs, large jobs beside small ones", in_parts=True
     ),

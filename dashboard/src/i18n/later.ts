@@ -127,6 +127,7 @@ export const later = {
     why: (reason: string) => `Reason: ${reason}.`,
     weight: (kilograms: string) => `${kilograms} kg`,
     readings: "Readings in mm",
+    readingsShort: "In mm",
     readingsHint: "Typed or pasted: a block of lines fills all targets, six numbers both columns.",
     columns: { unloaded: "Unloaded", loaded: "Loaded", unloaded_after: "After unloading" },
     short: { unloaded: "unl.", loaded: "load", unloaded_after: "after" },
