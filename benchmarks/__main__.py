@@ -73,6 +73,9 @@ BENCHMARKS = {
     "attacks": Benchmark(
         "attacks.attacks", "hostile bodies, connections, many posts; a quarter of an hour", in_parts=True
     ),
+    "connections": Benchmark(
+        "attacks.slow_connections", "silent and slow connections to a service without a proxy; a minute"
+    ),
     "hostile": Benchmark(
         "attacks.hostile_requests",
         "100,000 hostile requests; a quarter of an hour",

@@ -1,9 +1,10 @@
-"""Large request bodies are processed by a child process of limited memory and time.
+"""Large request bodies are processed by child processes of limited memory and time.
 
 A parser blocks all other threads of its process, and its result takes many times the memory of the body.
-The child builds the same application as the service, which has checked the key of the requester before. The
-two processes exchange JSON and bytes only, never code or pickles. The service starts the child as
-`python -P -m jointstiff.service.limited DESCRIPTOR`, with the file descriptor of the pipe between them.
+A child builds the same application as the service, which has checked the key of the requester before. The
+two processes exchange JSON and bytes only, never code or pickles. The children are forked from a template,
+which the service starts as `python -P -m jointstiff.service.limited DESCRIPTOR`, with the file descriptor of
+a socket: each message on the socket brings the end of a pipe for a further child.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ import gc
 import json
 import os
 import resource
+import signal
+import socket
 import subprocess
 import sys
 from contextlib import ExitStack, closing, suppress
@@ -19,7 +22,9 @@ from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
+from threading import Lock, Timer
 from typing import Final
+from weakref import WeakValueDictionary
 
 import anyio
 from anyio import CapacityLimiter
@@ -39,7 +44,7 @@ from jointstiff.service.process import (
     set_log_format,
 )
 from jointstiff.service.security.access import REQUESTER, Requester, get_requester
-from jointstiff.service.security.admission import AccessPolicy
+from jointstiff.service.security.admission import AccessPolicy, is_loopback
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import Queue
 
@@ -59,8 +64,12 @@ _ALWAYS_IN_CHILD: Final = frozenset({"/v1/geometries", "/v1/programs"})
 
 Programs are texts of any origin; the time of a geometry grows with the cube of the number of positions.
 """
+CHILDREN: Final = 2
+"""Number of children: while a hostile body occupies one child, the other answers other bodies."""
+PREPARED_AFTER_SECONDS: Final = 15.0
+"""Time after its start at which a service starts the children [s]: the start of the service comes first."""
 START_SECONDS: Final = 60.0
-"""Time that a body waits for the child to start [s]."""
+"""Time that a body waits for a child to start [s]."""
 
 
 @dataclass
@@ -103,8 +112,12 @@ def belongs_to_child(path: str, content: bytes) -> bool:
     )
 
 
-class LimitedChild:
-    """A child process that answers one request at a time; it is started when its first request comes."""
+class LimitedChildren:
+    """Child processes that answer one request each at a time.
+
+    A template process imports the program once; children are forked from it within a moment. So a child that
+    a hostile body has ended is soon replaced, and other bodies have another child meanwhile.
+    """
 
     def __init__(
         self,
@@ -113,7 +126,7 @@ class LimitedChild:
         memory: int = LIMITED_MEMORY,
         seconds: float = LIMITED_SECONDS,
     ) -> None:
-        """Prepare a child that answers from a database; its process starts with the first request.
+        """Prepare children that answer from a database; their processes start with `prepare`, or when needed.
 
         Args:
             database: URL of the database.
@@ -123,13 +136,28 @@ class LimitedChild:
         """
         self._settings_message = json.dumps([database, quota, memory, seconds]).encode()
         self._memory, self._seconds = memory, seconds
-        self._one_request = CapacityLimiter(1)  # lets the child answer one request at a time
-        self._connection: Connection[bytes, bytes] | None = None
-        self._process: subprocess.Popen[bytes] | None = None
-        self._is_ready = False  # True once the child has sent `ready`
+        self._slots = CapacityLimiter(CHILDREN)  # lets each child answer one request at a time
+        self._turns: WeakValueDictionary[str, anyio.Lock] = WeakValueDictionary()  # by sender
+        self._changing = Lock()  # of the attributes below, which several threads change
+        self._template: _Template | None = None
+        self._idle: list[_Child] = []
+        self._busy = 0  # number of children that answer a request
+        self._is_closed = False
+
+    def prepare(self) -> None:
+        """Start the children that do not run yet, without waiting until they are ready."""
+        with self._changing:
+            while not self._is_closed and len(self._idle) + self._busy < CHILDREN:
+                self._idle.append(self._fork_child())
+
+    def prepare_later(self, seconds: float = PREPARED_AFTER_SECONDS) -> None:
+        """Start the children after a time [s], in another thread."""
+        timer = Timer(seconds, self.prepare)
+        timer.daemon = True
+        timer.start()
 
     async def answer(self, request: Request) -> Response | None:
-        """Let the child answer a request; return None if this process is to answer the request.
+        """Let a child answer a request; return None if this process is to answer the request.
 
         Raises:
             HTTPException: the body took too much memory or time (413), or the child does not start (503).
@@ -145,85 +173,209 @@ class LimitedChild:
             REQUEST_ID.get(),
             get_requester(request),
         )
-        head, body = await run_sync(self._send_and_receive, forwarded, content, limiter=self._one_request)
+        async with self._get_turn(forwarded.requester):
+            head, body = await run_sync(self._send_and_receive, forwarded, content, limiter=self._slots)
         status, headers = json.loads(head)
         response = Response(body, status)
         response.raw_headers = [(name.encode("latin-1"), value.encode("latin-1")) for name, value in headers]
         return response
 
     def close(self) -> None:
-        """Kill the child, even while it works on a body."""
-        if self._connection is not None:
-            self._connection.close()
-        if self._process is not None:  # kills it even if nothing could be sent
-            self._process.kill()
-            self._process.wait()
-        self._connection = self._process = None
-        self._is_ready = False
+        """Kill all children, even while they work on bodies."""
+        with self._changing:
+            self._is_closed = True
+            for child in self._idle:
+                child.connection.close()
+            self._idle.clear()
+            if self._template is not None:
+                self._template.close()
+                self._template = None
+
+    def _get_turn(self, requester: Requester) -> anyio.Lock:
+        """Return a lock that lets a sender have one child, so that other senders have the other one.
+
+        A sender is a key, or else an address; several people may use programs of this machine without a key.
+        """
+        if requester.key is not None:
+            sender = requester.key.id
+        elif is_loopback(requester.address):
+            return anyio.Lock()
+        else:
+            sender = requester.address
+        return self._turns.setdefault(sender, anyio.Lock())
 
     def _send_and_receive(self, forwarded: Forwarded, content: bytes) -> tuple[bytes, bytes]:
-        """Send a request and its body `content` to the child, and wait for the answer.
+        """Send a request and its body `content` to a child, and wait for the answer.
 
         Return (status and headers as JSON, body) of the answer.
 
         Raises:
             HTTPException: the body took too much memory or time (413), or the child does not start (503).
         """
-        connection = self._ready_connection()
+        child = self._take_ready_child()
         try:
-            connection.send_bytes(FORWARDED.dump_json(forwarded))
-            connection.send_bytes(content)
-            if not connection.poll(self._seconds):
-                raise TimeoutError
-            return connection.recv_bytes(), connection.recv_bytes()
+            answer = child.ask(forwarded, content, self._seconds)
         except (OSError, EOFError):  # the child was too slow, or its limits ended it
-            self.close()
+            child.connection.close()
+            with self._changing:
+                self._busy -= 1
+            self.prepare()
             raise HTTPException(
                 413,
                 f"processing the body takes more than {self._seconds:.0f} s or {self._memory >> 20} MiB; "
                 "split the body into several requests",
             ) from None
+        with self._changing:
+            self._busy -= 1
+            self._idle.append(child)
+        return answer
 
-    def _ready_connection(self) -> Connection[bytes, bytes]:
-        """Return the connection to the child when the child is ready; start the child if it does not run.
+    def _take_ready_child(self) -> _Child:
+        """Take an idle child, or fork one; wait until it is ready.
 
         Raises:
             HTTPException: the child does not start, or is still starting (503).
         """
+        with self._changing:
+            living = [child for child in self._idle if not child.has_ended()]
+            child = living.pop() if living else self._fork_child()
+            self._idle = living
         try:
-            if self._connection is None or self._process is None or self._process.poll() is not None:
-                self.close()
-                self._connection = self._start_child()
-            if not self._is_ready:
-                if not self._connection.poll(START_SECONDS):
-                    raise HTTPException(
-                        503, "the process for large bodies is still starting; send the request again later"
-                    )
-                self._connection.recv_bytes()
-                self._is_ready = True
+            is_ready = child.is_ready(START_SECONDS)
         except (OSError, EOFError):
-            self.close()
+            child.connection.close()
             raise HTTPException(
                 503, "the process for large bodies does not start; send the request again later"
             ) from None
-        return self._connection
+        with self._changing:
+            if is_ready:
+                self._busy += 1
+            else:
+                self._idle.insert(0, child)  # it goes on starting
+        if not is_ready:
+            raise HTTPException(
+                503, "the process for large bodies is still starting; send the request again later"
+            )
+        return child
 
-    def _start_child(self) -> Connection[bytes, bytes]:
-        """Start the child; return the parent's end of the pipe to the child, which sends `ready` later."""
+    def _fork_child(self) -> _Child:
+        """Fork a child from the template, which is started if it does not run; the child is ready later."""
+        if self._template is None or not self._template.is_running():
+            self._template = _Template()
         connection, child_end = Pipe()
         with child_end:
+            self._template.fork(child_end.fileno())
+        connection.send_bytes(self._settings_message)
+        return _Child(connection)
+
+
+class _Child:
+    """A child process, at the other end of a connection."""
+
+    def __init__(self, connection: Connection[bytes, bytes]) -> None:
+        self.connection = connection
+        self._process: int | None = None  # its id, which the child sends when it is ready
+
+    def is_ready(self, seconds: float) -> bool:
+        """Return whether the child is ready; wait for that at most `seconds` [s].
+
+        Raises:
+            EOFError: the child has ended.
+        """
+        if self._process is None:
+            if not self.connection.poll(seconds):
+                return False
+            self._process = int(self.connection.recv_bytes())
+        return True
+
+    def has_ended(self) -> bool:
+        """Return whether an idle child has ended: a living one sends nothing once it is ready."""
+        return self._process is not None and self.connection.poll()
+
+    def ask(self, forwarded: Forwarded, content: bytes, seconds: float) -> tuple[bytes, bytes]:
+        """Send a request with its body; return (status and headers as JSON, body) of the answer.
+
+        After `seconds` the child is killed, even if it does not take the request.
+
+        Raises:
+            OSError, EOFError: the child has ended.
+        """
+        end = Timer(seconds, self._kill)
+        end.daemon = True
+        end.start()
+        try:
+            self.connection.send_bytes(FORWARDED.dump_json(forwarded))
+            self.connection.send_bytes(content)
+            return self.connection.recv_bytes(), self.connection.recv_bytes()
+        finally:
+            end.cancel()
+
+    def _kill(self) -> None:
+        """Kill the process."""
+        with suppress(ProcessLookupError):
+            os.kill(self._process or 0, signal.SIGKILL)
+
+
+class _Template:
+    """The process of which the children are copies: it has imported the program, and does nothing else."""
+
+    def __init__(self) -> None:
+        self._control, other_end = socket.socketpair()
+        with other_end:
             self._process = subprocess.Popen(  # noqa: S603 - no part of the command comes from outside
-                build_own_command("jointstiff.service.limited", str(child_end.fileno())),
+                build_own_command("jointstiff.service.limited", str(other_end.fileno())),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                pass_fds=[child_end.fileno()],
-                process_group=0,  # so that Ctrl-C at the terminal ends the service, not the child
+                pass_fds=[other_end.fileno()],
+                process_group=0,  # Ctrl-C at the terminal ends the service alone; `close` ends the group
             )
-        connection.send_bytes(self._settings_message)
-        return connection
+
+    def is_running(self) -> bool:
+        """Return whether the process runs."""
+        return self._process.poll() is None
+
+    def fork(self, descriptor: int) -> None:
+        """Fork a child that reads from the pipe with a file descriptor."""
+        with suppress(OSError):  # the process has just ended: nobody answers at the other end of the pipe
+            socket.send_fds(self._control, [b"c"], [descriptor])
+
+    def close(self) -> None:
+        """Kill the process and all children."""
+        self._control.close()
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
 
 
 _NO_THREAD: Final = "can't start new thread"  # Python's message if a new thread finds no memory for its stack
+
+
+def run_template(descriptor: int) -> None:
+    """Fork a child for each pipe that comes through a socket, until the service closes the socket.
+
+    This process has one thread and no connection to a database, so that its copies are sound.
+
+    Args:
+        descriptor: file descriptor of the socket.
+
+    Raises:
+        StoreError: the database of a child cannot be used.
+    """
+    control = socket.socket(fileno=descriptor)
+    with Store.open("sqlite://") as store:
+        create_app(store)  # makes what all applications share
+    gc.freeze()  # garbage collections need not examine the libraries, which are never freed
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system forgets children that have ended
+    while True:
+        _, descriptors, _, _ = socket.recv_fds(control, 1, 1)
+        if not descriptors:
+            return
+        if os.fork() == 0:
+            control.close()
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            run_child(descriptors[0])
+            return
+        os.close(descriptors[0])
 
 
 def run_child(descriptor: int) -> None:
@@ -244,8 +396,7 @@ def run_child(descriptor: int) -> None:
             pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
             memory_limit = pages * resource.getpagesize() + memory
             resource.setrlimit(resource.RLIMIT_DATA, (memory_limit, memory_limit))
-        gc.freeze()  # garbage collections need not examine the libraries, which are never freed
-        connection.send_bytes(b"ready")
+        connection.send_bytes(str(os.getpid()).encode())
         while True:
             forwarded = FORWARDED.validate_json(connection.recv_bytes())
             content = connection.recv_bytes()
@@ -287,4 +438,4 @@ def _limit_time(seconds: float) -> None:
 
 if __name__ == "__main__":
     set_log_format(LogFormat(os.environ.get(FORMAT_VARIABLE, LogFormat.TEXT)))
-    run_child(int(sys.argv[1]))
+    run_template(int(sys.argv[1]))

@@ -21,12 +21,13 @@ from sqlalchemy import make_url
 from starlette.types import ASGIApp
 from uvicorn.config import LOGGING_CONFIG
 
+from jointstiff.service.api.connections import ConnectionLimits, Connections, count_by_address
 from jointstiff.service.app import create_app
-from jointstiff.service.limited import LimitedChild
+from jointstiff.service.limited import LimitedChildren
 from jointstiff.service.problems import ServiceError, StoreError
 from jointstiff.service.process import LogFormat, give_memory_back, jointstiff_version, set_log_format
 from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
-from jointstiff.service.security.admission import AccessPolicy
+from jointstiff.service.security.admission import MAX_HEADER_BYTES, AccessPolicy
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.settings import Settings
 from jointstiff.service.store.database import refuse_in_memory
@@ -51,8 +52,6 @@ _KEEP_ALIVE_SECONDS: Final = 75
 A proxy must close its connections earlier, such as after the 30 s in docker/Caddyfile; else the proxy may
 send a request on a connection that the service closes at the same moment, and the request is lost.
 """
-_HEADER_BYTES: Final = 32 * 1024
-"""Greatest size of the header of a request [bytes]. The proxy accepts 16 kB, and adds lines."""
 _MOST_DESCRIPTORS: Final = 65_536
 """Greatest number of open files and connections, if the system allows it; the usual default is 1,024."""
 _BACKLOG: Final = 128
@@ -122,12 +121,17 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
         if policy.access == "none":
             _say(_NO_ACCESS_CONTROL)
         app = create_app(store, queue.enqueue, policy, keyring, laboratory)
-        app.state.answer_elsewhere = stack.enter_context(closing(LimitedChild(database, quota))).answer
+        children = stack.enter_context(closing(LimitedChildren(database, quota)))
+        children.prepare_later()
+        app.state.answer_elsewhere = children.answer
         app.state.failing_workers = lambda: supervisor.failing
         ports = [listener.getsockname()[1] for listener in listeners]
         has_metrics_port = len(ports) > 1
         served_app = app.state.metrics.serve_on_port(app, ports[1]) if has_metrics_port else app
-        config = _configure_uvicorn(served_app, settings.log_format)
+        proxies = os.environ.get(PROXIES_VARIABLE)
+        limits = ConnectionLimits(per_address=settings.connections_per_address)
+        connections = Connections(limits, count_by_address(proxies))
+        config = configure_uvicorn(served_app, connections, settings.log_format)
         sys.setswitchinterval(_THREAD_SWITCH_SECONDS)
         gc.set_threshold(*_GARBAGE_THRESHOLDS)
         gc.freeze()  # garbage collections need not examine the libraries, which are never freed
@@ -152,16 +156,18 @@ def _raise_limit_of_open_files() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard_limit))
 
 
-def _configure_uvicorn(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
-    """Return the configuration of uvicorn."""
+def configure_uvicorn(
+    app: ASGIApp, connections: Connections, log_format: LogFormat = LogFormat.TEXT
+) -> uvicorn.Config:
+    """Return the configuration of uvicorn for an application with limited connections."""
     return uvicorn.Config(
         app,
         log_level="warning",
         log_config=None if log_format is LogFormat.JSON else LOGGING_CONFIG,
         access_log=False,
         server_header=False,
-        http="h11",
-        h11_max_incomplete_event_size=_HEADER_BYTES,
+        http=connections.make_protocol(),
+        h11_max_incomplete_event_size=MAX_HEADER_BYTES,
         ws="none",
         backlog=_BACKLOG,
         # By default uvicorn would trust the headers of all programs of this machine.

@@ -100,6 +100,16 @@ class Settings:
             help="Address of the metrics port; everyone who reaches this address can read the metrics."
         ),
     ] = "127.0.0.1"
+    connections_per_address: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            max=65_536,
+            metavar="NUMBER",
+            help="Greatest number of connections of one address; this machine and the proxies that "
+            "FORWARDED_ALLOW_IPS names are not counted.",
+        ),
+    ] = 50
     log_format: LogLines = LogFormat.TEXT
     require_key: Annotated[
         bool,

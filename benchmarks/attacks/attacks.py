@@ -138,7 +138,7 @@ class _Manner:
     name: str
     first: bytes  # sent at once
     drip: bytes  # sent each second after that
-    is_closed: bool  # by Caddy, in its time for a header
+    is_closed: bool  # in the time for a header
 
 
 _POST: Final = (
@@ -155,7 +155,7 @@ _MANNERS: Final = (
 
 
 def _connections(database: str, count: int) -> Section:
-    """Hold connections to a service, and to Caddy in front of it; nobody closes those to the service."""
+    """Hold connections to a service, and to Caddy in front of it."""
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 8_192), hard))
     rows, figures = [], []
@@ -179,9 +179,10 @@ def _connections(database: str, count: int) -> Section:
         )
         name = f"{count:,} × {manner.name}, {where}"
         figures.append(Figure(f"{name}: /health p95", answered, "at most", 0.05, " s"))
-        if is_behind and manner.is_closed:
+        if manner.is_closed:
             closed = float("inf") if held.closed is None else held.closed
             figures.append(Figure(f"{name}: all closed", closed, "at most", 15.0, " s"))
+        if is_behind and manner.is_closed:
             figures.append(Figure(f"{name}: connections at the service", held.at_service, "at most", _OTHERS))
     return Section(
         title=f"{count:,} connections that hold, to the service and to Caddy in front of it",
@@ -245,8 +246,8 @@ def _at_once(database: str, fewer: int) -> Section:
             ),
             Figure(f"at once, {what}: /health p95", p95, "at most", 0.05, " s"),
         ]
-    others = posted.total() - posted[413]
-    figures.append(Figure.none(f"at once, {_REFUSED}: answers that are not 413", others))
+    others = posted.total() - posted[413] - posted[503]  # 503: beyond the budget of all bodies
+    figures.append(Figure.none(f"at once, {_REFUSED}: answers that are neither 413 nor 503", others))
     clients = f"{counts['slow reader']} slow readers, {counts['silent']:,} silent"
     return Section(
         title=f"At once: {clients}, {64 // fewer} clients that post large bodies",

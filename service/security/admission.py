@@ -1,4 +1,4 @@
-"""Admission of requests: by host and origin, and by the size and structure of their bodies."""
+"""Admission of requests: by host and origin, and by the size and structure of headers and bodies."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
-from urllib.parse import urlsplit
 
 from fastapi import HTTPException
 from starlette.datastructures import Headers
@@ -25,6 +24,10 @@ SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that change nothing."""
 _OWN_PAGES: Final = frozenset({"same-origin", "none"})
 """Values of Sec-Fetch-Site (W3C Fetch Metadata) of the service's own page and of typed addresses."""
+MAX_HEADER_BYTES: Final = 32 * 1024
+"""Greatest size of the header of a request [bytes]. The proxy accepts 16 kB, and adds lines."""
+_LINE_BYTES: Final = len(": \r\n")
+"""Size of a line of a header in addition to its name and its value [bytes]."""
 _HOST: Final = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+)(?::[0-9]{1,5})?")
 
 
@@ -76,12 +79,15 @@ def is_loopback(address: str) -> bool:
 
 
 def find_refusal(policy: AccessPolicy, scope: Scope) -> Problem | None:
-    """Check the host and the origin of a request; return the problem if it is refused, None if accepted.
+    """Check header, host and origin of a request; return the problem if it is refused, None if accepted.
 
     A request to an unknown host name (421) may come from a page of an attacker who lets this name point to
     this machine (DNS rebinding). A change requested by another site's page (403) is recognised from the
     headers `Origin` and `Sec-Fetch-Site`, which browsers send and programs do not.
     """
+    lines_bytes = sum(len(name) + len(value) + _LINE_BYTES for name, value in scope["headers"])
+    if len(scope["path"]) + len(scope["query_string"]) + lines_bytes > MAX_HEADER_BYTES:
+        return make_header_problem()
     headers = Headers(scope=scope)
     hosts = headers.getlist("host")
     match = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
@@ -94,22 +100,33 @@ def find_refusal(policy: AccessPolicy, scope: Scope) -> Problem | None:
             "the request names a host that is not this service",
             "start the service with --allowed-host and this name",
         )
-    if scope["method"] not in SAFE and not _is_own_page(headers, hosts[0]):
+    if scope["method"] not in SAFE and not _is_own_page(headers, hosts[0], scope["scheme"]):
         return http_problem(
             403, "a page of another site requested a change", "use the service's own page, or a program"
         )
     return None
 
 
-def _is_own_page(headers: Headers, host: str) -> bool:
-    """Return whether a request comes from a page of the service itself, or from a program."""
+def make_header_problem() -> Problem:
+    """Return the problem of a header larger than `MAX_HEADER_BYTES`."""
+    return http_problem(
+        431, f"the header exceeds {MAX_HEADER_BYTES // 1024} KiB", "send fewer or shorter headers and cookies"
+    )
+
+
+def _is_own_page(headers: Headers, host: str, scheme: str) -> bool:
+    """Return whether a request comes from a page of the service itself, or from a program.
+
+    The page has the scheme of the request: a page of plain HTTP may have been changed on its way. If a proxy
+    with TLS does not state the scheme, the request seems to have come by HTTP: a page of HTTPS is accepted.
+    """
     if headers.get("sec-fetch-site", "none") not in _OWN_PAGES:
         return False
-    origins = headers.getlist("origin")
-    try:
-        return all(urlsplit(origin).netloc.lower() == host.lower() for origin in origins)
-    except ValueError:
-        return False
+    # Pages of other sites cannot set this header. The first of several proxies is the nearest to the browser.
+    stated_scheme = headers.get("x-forwarded-proto", "").partition(",")[0].strip()
+    schemes = {stated_scheme} if stated_scheme else {scheme, "https"}
+    own_origins = {f"{each}://{host}".lower() for each in schemes}
+    return all(origin.lower() in own_origins for origin in headers.getlist("origin"))
 
 
 def _format_host(address: str) -> str:
@@ -152,14 +169,60 @@ _STRING: Final = re.compile(rb'"((?:[^"\\]++|\\.)*+)(?:"\s*+(:?))?', re.DOTALL)
 """A JSON string, whether it ends or not, and the colon that makes it a key. Linear in time."""
 
 
-class BodyLimits:
-    """Middleware that refuses a body larger than the limit of its path (413)."""
+MAX_BODIES: Final = 64_000_000
+"""Greatest size of all bodies in flight [bytes]: of requests that have begun and are not answered yet."""
+MAX_LARGE_BODIES: Final = 43_000_000
+"""Greatest size of all large bodies in flight [bytes]; the rest of `MAX_BODIES` is left for other bodies."""
+LARGE_BYTES: Final = 2_000_000
+"""Size above which a body is large [bytes]."""
 
-    def __init__(self, app: ASGIApp) -> None:
+
+class BodyBudget:
+    """Budget of the bytes of all bodies in flight."""
+
+    def __init__(self, most: int = MAX_BODIES, most_large: int = MAX_LARGE_BODIES) -> None:
+        """Prepare a budget.
+
+        Args:
+            most: greatest size of all bodies together [bytes].
+            most_large: greatest size of all bodies above `LARGE_BYTES` together [bytes].
+        """
+        self._most, self._most_large = most, most_large
+        self._all = self._large = 0  # bytes in flight
+
+    def change(self, before: int, now: int) -> None:
+        """Count a body with `now` in place of `before` bytes, as declared or received; 0 for no body.
+
+        Raises:
+            HTTPException: the budget has not enough bytes left (503).
+        """
+        all_bytes = self._all - before + now
+        large_bytes = self._large - _large_part(before) + _large_part(now)
+        is_beyond = all_bytes > self._most or large_bytes > self._most_large
+        if now > before and is_beyond:
+            raise HTTPException(
+                503,
+                f"no room is left for this body: the service accepts {self._most // 1_000_000} MB of bodies "
+                f"at a time, {self._most_large // 1_000_000} MB of them in bodies above "
+                f"{LARGE_BYTES // 1_000_000} MB; send the request again later",
+            )
+        self._all, self._large = all_bytes, large_bytes
+
+
+def _large_part(size: int) -> int:
+    """Return the size of a body if the body is large, else 0 [bytes]."""
+    return size if size > LARGE_BYTES else 0
+
+
+class BodyLimits:
+    """Middleware that refuses a body larger than the limit of its path (413), or beyond the budget (503)."""
+
+    def __init__(self, app: ASGIApp, budget: BodyBudget | None = None) -> None:
         self._app = app
+        self._budget = BodyBudget() if budget is None else budget
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request; refuse its body when the declared or the received length exceeds the limit."""
+        """Answer a request; refuse its body when the declared or the received length exceeds a limit."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -167,19 +230,30 @@ class BodyLimits:
         content_length = Headers(scope=scope).get("content-length", "0")
         declared_bytes = int(content_length) if content_length.isdecimal() else 0
         received_bytes = 0
+        counted_bytes = 0  # in the budget
+
+        def count() -> None:
+            """Count the body in the budget; raise an error (413, 503) if the body is too large."""
+            nonlocal counted_bytes
+            size = max(declared_bytes, received_bytes)
+            if size > limit:
+                raise _make_size_error(limit)
+            self._budget.change(counted_bytes, size)
+            counted_bytes = size
 
         async def receive_counted() -> Message:
-            """Receive the next message; raise the error 413 if the body has become too large."""
+            """Receive the next message; raise the error 413 or 503 if the body has become too large."""
             nonlocal received_bytes
-            if max(declared_bytes, received_bytes) > limit:
-                raise _make_size_error(limit)
+            count()
             message = await receive()
             received_bytes += len(message.get("body", b""))
-            if received_bytes > limit:
-                raise _make_size_error(limit)
+            count()
             return message
 
-        await self._app(scope, receive_counted, send)
+        try:
+            await self._app(scope, receive_counted, send)
+        finally:
+            self._budget.change(counted_bytes, 0)
 
 
 def refuse_structure(content: bytes) -> None:

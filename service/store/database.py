@@ -285,10 +285,19 @@ def open_existing(url: str) -> Database:
     Raises:
         StoreError: the database does not exist, or cannot be used.
     """
+    refuse_missing(url)
+    return Database.open(url)
+
+
+def refuse_missing(url: str, remedy: str = _URLS) -> None:
+    """Refuse an SQLite file that does not exist; `remedy` is the remedy of the error.
+
+    Raises:
+        StoreError: the file does not exist, or the database is in memory.
+    """
     parsed = _parse_url(url)
     if _DIALECTS[parsed.drivername] == "sqlite" and not sqlite_path_of(parsed).exists():
-        raise StoreError(f"the database {parsed.database} does not exist", _URLS)
-    return Database.open(url)
+        raise StoreError(f"the database {parsed.database} does not exist", remedy)
 
 
 def _is_in_memory(url: sa.URL) -> bool:

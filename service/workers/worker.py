@@ -22,7 +22,7 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import StoreUnavailableError, WorkerLostError
 from jointstiff.service.runs.trend import Trends
 from jointstiff.service.store.collection import KEEP_DELETED
-from jointstiff.service.store.database import refuse_in_memory
+from jointstiff.service.store.database import refuse_in_memory, refuse_missing
 from jointstiff.service.store.jobs import SILENT, Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
@@ -248,6 +248,12 @@ _GOODBYE_SECONDS: Final = 8.0
 _FAULT_EXIT_CODE: Final = 70  # exit status of a worker that cannot go on
 _SPARE_BYTES: Final = 64 * 1024 * 1024  # memory that must be free for a worker; some steps need more
 _LOOK_SECONDS: Final = 1.0  # between two checks of memory and of the parent process
+_MISSING_REMEDY: Final = (
+    "give --database the URL that the service has, with an absolute path: sqlite:////path/to/file.db; the "
+    "service makes the file: start `jointstiff serve` first"
+)
+_DATABASE_SECONDS: Final = 60.0  # time for a database that comes up
+_DATABASE_PAUSE: Final = 1.0  # between two attempts to open the database [s]
 _BEGIN_SECONDS: Final = 60.0  # time for the worker's threads to begin
 # Longest check of the recovery thread [s]; a locked database takes half of this time.
 _LONGEST_CHECK_SECONDS: Final = 60.0
@@ -282,7 +288,8 @@ def run_worker(
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
     signal.signal(signal.SIGINT, lambda *_: stop.set())
     refuse_in_memory(database)
-    store = Store.open(database, upgrade=upgrade)
+    refuse_missing(database, _MISSING_REMEDY)
+    store = _open_patiently(database, upgrade, stop)
     parts = Parts(store)
     gc.freeze()  # libraries stay to the end: the garbage collector need not search them
     try:
@@ -313,6 +320,31 @@ def run_worker(
     # A running step would keep the process alive, though its part has been offered to others.
     sys.stdout.flush()
     os._exit(0)
+
+
+def _open_patiently(database: str, upgrade: Callable[[str], object] | None, stop: threading.Event) -> Store:
+    """Open a store; wait for a database that does not answer yet, such as a server that starts.
+
+    The process ends if `stop` is set meanwhile.
+
+    Raises:
+        StoreError: the database cannot be used.
+        StoreUnavailableError: the database does not answer within `_DATABASE_SECONDS`.
+    """
+    deadline = time.monotonic() + _DATABASE_SECONDS
+    has_warned = False
+    while True:
+        try:
+            return Store.open(database, upgrade=upgrade)
+        except StoreUnavailableError as error:
+            if time.monotonic() > deadline:
+                raise
+            if not has_warned:
+                words = f"{error.reason}; waiting up to {_DATABASE_SECONDS:.0f} s"
+                console(stderr=True).print(words, markup=False, soft_wrap=True)
+            has_warned = True
+        if stop.wait(_DATABASE_PAUSE):
+            sys.exit(0)
 
 
 def _run_recovery(recovery: Recovery, stop: threading.Event) -> None:

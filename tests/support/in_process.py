@@ -62,10 +62,17 @@ class Client:
 
 
 @contextmanager
+def listening() -> Iterator[socket.socket]:
+    """A socket that listens on a free port, as that of `serve` does."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        yield listener
+
+
+@contextmanager
 def served(store: Store, posture: AccessPolicy | None = None) -> Iterator[str]:
     """Serve a store from a thread of this process; yield the address."""
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as `serve` does
+    with listening() as listener:
         config = uvicorn.Config(composed(store, posture), log_level="critical", http="h11", ws="none")
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
