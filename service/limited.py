@@ -112,15 +112,53 @@ def belongs_to_child(path: str, content: bytes) -> bool:
     )
 
 
+class Template:
+    """The process from which children are forked: it has imported the program, and does nothing else."""
+
+    def __init__(self) -> None:
+        """Prepare the process, which starts with the first child."""
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def fork(self, descriptor: int) -> None:
+        """Fork a child that reads from the pipe with a file descriptor; start the process if need be."""
+        if self._process is None or self._process.poll() is not None:
+            self._start()
+        with suppress(OSError):  # the process has just ended: nobody answers at the other end of the pipe
+            socket.send_fds(self._control, [b"c"], [descriptor])
+
+    def close(self) -> None:
+        """Kill the process and all children, even while they work on bodies."""
+        if self._process is None:
+            return
+        self._control.close()
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._process = None
+
+    def _start(self) -> None:
+        """Start the process."""
+        self._control, other_end = socket.socketpair()
+        with other_end:
+            self._process = subprocess.Popen(  # noqa: S603 - no part of the command comes from outside
+                build_own_command("jointstiff.service.limited", str(other_end.fileno())),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                pass_fds=[other_end.fileno()],
+                process_group=0,  # Ctrl-C at the terminal ends the service alone; `close` ends the group
+            )
+
+
 class LimitedChildren:
     """Child processes that answer one request each at a time.
 
-    A template process imports the program once; children are forked from it within a moment. So a child that
-    a hostile body has ended is soon replaced, and other bodies have another child meanwhile.
+    A template has imported the program, so that a child is ready within a moment: a child that a hostile body
+    has ended is soon replaced, and other bodies have another child meanwhile.
     """
 
     def __init__(
         self,
+        template: Template,
         database: str,
         quota: int | None = None,
         memory: int = LIMITED_MEMORY,
@@ -129,17 +167,18 @@ class LimitedChildren:
         """Prepare children that answer from a database; their processes start with `prepare`, or when needed.
 
         Args:
+            template: process from which the children are forked; the caller closes it.
             database: URL of the database.
             quota: greatest size of the database [bytes]; None for no limit.
             memory: memory for one body, in addition to the memory of the idle process [bytes].
             seconds: time for one body [s].
         """
+        self._template = template
         self._settings_message = json.dumps([database, quota, memory, seconds]).encode()
         self._memory, self._seconds = memory, seconds
         self._slots = CapacityLimiter(CHILDREN)  # lets each child answer one request at a time
         self._turns: WeakValueDictionary[str, anyio.Lock] = WeakValueDictionary()  # by sender
         self._changing = Lock()  # of the attributes below, which several threads change
-        self._template: _Template | None = None
         self._idle: list[_Child] = []
         self._busy = 0  # number of children that answer a request
         self._is_closed = False
@@ -181,15 +220,12 @@ class LimitedChildren:
         return response
 
     def close(self) -> None:
-        """Kill all children, even while they work on bodies."""
+        """End the idle children; busy children end with the template."""
         with self._changing:
             self._is_closed = True
             for child in self._idle:
                 child.connection.close()
             self._idle.clear()
-            if self._template is not None:
-                self._template.close()
-                self._template = None
 
     def _get_turn(self, requester: Requester) -> anyio.Lock:
         """Return a lock that lets a sender have one child, so that other senders have the other one.
@@ -259,9 +295,7 @@ class LimitedChildren:
         return child
 
     def _fork_child(self) -> _Child:
-        """Fork a child from the template, which is started if it does not run; the child is ready later."""
-        if self._template is None or not self._template.is_running():
-            self._template = _Template()
+        """Fork a child from the template; the child is ready later."""
         connection, child_end = Pipe()
         with child_end:
             self._template.fork(child_end.fileno())
@@ -300,7 +334,9 @@ class _Child:
         Raises:
             OSError, EOFError: the child has ended.
         """
-        end = Timer(seconds, self._kill)
+        if self._process is None:
+            raise EOFError  # it has never been ready
+        end = Timer(seconds, _kill, [self._process])
         end.daemon = True
         end.start()
         try:
@@ -310,41 +346,11 @@ class _Child:
         finally:
             end.cancel()
 
-    def _kill(self) -> None:
-        """Kill the process."""
-        with suppress(ProcessLookupError):
-            os.kill(self._process or 0, signal.SIGKILL)
 
-
-class _Template:
-    """The process of which the children are copies: it has imported the program, and does nothing else."""
-
-    def __init__(self) -> None:
-        self._control, other_end = socket.socketpair()
-        with other_end:
-            self._process = subprocess.Popen(  # noqa: S603 - no part of the command comes from outside
-                build_own_command("jointstiff.service.limited", str(other_end.fileno())),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                pass_fds=[other_end.fileno()],
-                process_group=0,  # Ctrl-C at the terminal ends the service alone; `close` ends the group
-            )
-
-    def is_running(self) -> bool:
-        """Return whether the process runs."""
-        return self._process.poll() is None
-
-    def fork(self, descriptor: int) -> None:
-        """Fork a child that reads from the pipe with a file descriptor."""
-        with suppress(OSError):  # the process has just ended: nobody answers at the other end of the pipe
-            socket.send_fds(self._control, [b"c"], [descriptor])
-
-    def close(self) -> None:
-        """Kill the process and all children."""
-        self._control.close()
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
+def _kill(process: int) -> None:
+    """Kill a process, given its id, if it still runs."""
+    with suppress(ProcessLookupError):
+        os.kill(process, signal.SIGKILL)
 
 
 _NO_THREAD: Final = "can't start new thread"  # Python's message if a new thread finds no memory for its stack

@@ -23,7 +23,7 @@ from uvicorn.config import LOGGING_CONFIG
 
 from jointstiff.service.api.connections import ConnectionLimits, Connections, count_by_address
 from jointstiff.service.app import create_app
-from jointstiff.service.limited import LimitedChildren
+from jointstiff.service.limited import LimitedChildren, Template
 from jointstiff.service.problems import ServiceError, StoreError
 from jointstiff.service.process import LogFormat, give_memory_back, jointstiff_version, set_log_format
 from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
@@ -121,7 +121,8 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
         if policy.access == "none":
             _say(_NO_ACCESS_CONTROL)
         app = create_app(store, queue.enqueue, policy, keyring, laboratory)
-        children = stack.enter_context(closing(LimitedChildren(database, quota)))
+        template = stack.enter_context(closing(Template()))
+        children = stack.enter_context(closing(LimitedChildren(template, database, quota)))
         children.prepare_later()
         app.state.answer_elsewhere = children.answer
         app.state.failing_workers = lambda: supervisor.failing

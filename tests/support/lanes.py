@@ -19,7 +19,7 @@ LANES = {
     "built_wheel": ("process",),
     "node_modules": ("process",),
     "site": ("process",),
-    "child": ("process",),
+    "template": ("process",),
     "browser": ("browser", "process"),
 }
 """Markers of the tests that use a fixture, directly or through others."""

@@ -19,7 +19,7 @@ from support.processes import until
 
 from jointstiff.service import limited
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.limited import LimitedChildren
+from jointstiff.service.limited import LimitedChildren, Template
 from jointstiff.service.security.access import Requester
 from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.security.keys import make_key
@@ -41,8 +41,14 @@ def store(database):
 
 
 @pytest.fixture(scope="module")
-def child(database):
-    with closing(LimitedChildren(database)) as started:
+def template():
+    with closing(Template()) as process:
+        yield process
+
+
+@pytest.fixture(scope="module")
+def child(database, template):
+    with closing(LimitedChildren(template, database)) as started:
         yield started
 
 
@@ -96,7 +102,7 @@ def test_it_limits_its_memory_and_time_once_and_goes_on(database, store, monkeyp
     limits = []
     monkeypatch.setattr(limited.resource, "setrlimit", lambda kind, bounds: limits.append((kind, bounds[0])))
     client = Client(store)
-    with closing(InThread(database, memory=1 << 40, seconds=50.0)) as child:
+    with closing(InThread(Template(), database, memory=1 << 40, seconds=50.0)) as child:
         client._app.state.answer_elsewhere = child.answer
         before = time.process_time()
         posted = [client.request("POST", "/v1/robots", content=LARGE, headers=JSON) for _ in range(2)]
@@ -127,30 +133,30 @@ def test_one_that_ended_is_started_again(client, child):
 
 
 @pytest.mark.process
-def test_one_that_is_slow_to_start_goes_on_starting(store, database, monkeypatch):
+def test_one_that_is_slow_to_start_goes_on_starting(store, database, template, monkeypatch):
     """As long as its start takes, however many bodies come meanwhile."""
     monkeypatch.setattr(limited, "START_SECONDS", 0.0)
-    client, answers, templates = Client(store), [], set()
-    with closing(LimitedChildren(database)) as slow:
+    client, answers = Client(store), []
+    with closing(LimitedChildren(template, database)) as slow:
         client._app.state.answer_elsewhere = slow.answer
 
         def is_answered():
             answers.append(client.request("POST", "/v1/robots", content=LARGE, headers=JSON))
-            templates.add(slow._template)
-            assert len(slow._idle) == 1
+            children.update(slow._idle)
             return answers[-1].status_code == 201
 
+        children = set()
         until(is_answered)
     assert answers[0].status_code == 503
     assert "still starting" in answers[0].json()["detail"]
     assert int(answers[0].headers["Retry-After"]) > 0
-    assert len(templates) == 1
+    assert len(children) == 1
 
 
 @pytest.mark.process
-def test_a_body_that_hangs_costs_its_sender_alone(store, database):
+def test_a_body_that_hangs_costs_its_sender_alone(store, database, template):
     """Another sender has the other child meanwhile, and the child that hung is replaced."""
-    with closing(LimitedChildren(database, seconds=4.0)) as children:
+    with closing(LimitedChildren(template, database, seconds=4.0)) as children:
         children.prepare()
         assert all(child.is_ready(60.0) for child in children._idle)
         clients = [Client(store) for _ in range(2)]
@@ -175,7 +181,7 @@ def test_a_body_that_hangs_costs_its_sender_alone(store, database):
 
 def test_a_sender_has_one_child_at_a_time():
     """A key is a sender, else an address; programs of this machine without a key may be several senders."""
-    children = LimitedChildren("sqlite://")
+    children = LimitedChildren(Template(), "sqlite://")
     keys = [make_key(name, "operator", datetime.now(UTC), None).record for name in "ab"]
     turns = [
         children._get_turn(Requester(key, is_open=False, address=address))
@@ -190,10 +196,10 @@ def test_a_sender_has_one_child_at_a_time():
 
 
 @pytest.mark.parametrize("bounds", [{"seconds": 0.0}, {"memory": 4 << 20}], ids=["time", "memory"])
-def test_its_time_and_memory_are_limited(bounds, database, client, child):
+def test_its_time_and_memory_are_limited(bounds, database, template, client, child):
     """300,000 lists take 20 MB, and more time than none."""
     body = b'{"name": [' + b"[]," * 300_000 + b"[]]}"
-    with closing(LimitedChildren(database, **bounds)) as small:
+    with closing(LimitedChildren(template, database, **bounds)) as small:
         client._app.state.answer_elsewhere = small.answer
         answer = client.request("POST", "/v1/robots", content=body, headers=JSON)
     client._app.state.answer_elsewhere = child.answer
