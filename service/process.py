@@ -121,6 +121,12 @@ def give_memory_back() -> None:
             ctypes.CDLL(None).mallopt(option, value)
 
 
+def trim_memory() -> None:
+    """Let glibc return all free memory to the system now, also between blocks that are in use."""
+    with suppress(OSError, AttributeError, TypeError):  # the C library is not glibc
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 _DISTRIBUTIONS: Final = MappingProxyType(
     {
         "jointstiff": "jointstiff",

@@ -28,8 +28,10 @@ CONNECTIONS_PER_ADDRESS: Final = 50
 """Default of the greatest number of connections of one address (`serve --connections-per-address`)."""
 _CHECKS_PER_SILENCE: Final = 10
 """Number of checks of each connection in the time of the longest silence."""
-_LINGER_CHECKS: Final = 2
-"""Number of checks for which a refused client may still read its answer."""
+_LINGER_CHECKS: Final = 5
+"""Number of checks for which a refused client may still send its body, and read its answer."""
+_MOST_UNWANTED: Final = 256 * 1024
+"""Bytes of a body that are read after its request was answered [bytes]; with more, the connection ends."""
 
 
 @dataclass(frozen=True)
@@ -162,6 +164,7 @@ class LimitedConnection(H11Protocol):
         self._received = 0  # bytes of the stage
         self._unread = 0.0  # time since the client read a byte of its answer [s]
         self._unsent = 0  # bytes of answers that the client has not read yet
+        self._unwanted = 0  # bytes of a body whose request was answered before
         self._lingers_for: int | None = None  # checks until a refused connection is cut; None if not refused
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -190,6 +193,10 @@ class LimitedConnection(H11Protocol):
         self._silent = 0.0
         self._received += len(data)
         super().data_received(data)
+        is_unwanted = self.conn.our_state is h11.DONE and self.conn.their_state is h11.SEND_BODY
+        self._unwanted = self._unwanted + len(data) if is_unwanted else 0
+        if self._unwanted > _MOST_UNWANTED:
+            self._end_after_answer()
 
     def is_idle(self) -> bool:
         """Return whether the client may lose this connection: it has sent nothing of its next request."""
@@ -279,11 +286,11 @@ class LimitedConnection(H11Protocol):
 
     def _refuse(self, problem: Problem) -> None:
         """Answer with a problem, and end the connection as soon as the client has read the answer."""
-        self._lingers_for = _LINGER_CHECKS
         if self.cycle is not None and not self.cycle.response_complete:
             self.cycle.disconnected = True
             self.cycle.message_event.set()
         if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):  # an answer has begun
+            self._lingers_for = 0
             self.transport.abort()
             return
         answer = answer_problem(problem)
@@ -292,7 +299,13 @@ class LimitedConnection(H11Protocol):
         head = h11.Response(status_code=problem.status, headers=headers, reason=reason)
         for event in (head, h11.Data(data=bytes(answer.body)), h11.EndOfMessage()):
             self.transport.write(self.conn.send(event) or b"")
+        self._end_after_answer()
+
+    def _end_after_answer(self) -> None:
+        """End the connection when the client has read its answer; throw away what the client still sends.
+
+        If bytes of the client were unread at the end, the system would throw the answer away.
+        """
+        self._lingers_for = _LINGER_CHECKS
         self.flow.resume_reading()
-        # The other direction stays open for a moment: if bytes of the client were unread at the end, the
-        # system would throw the answer away.
         self.transport.write_eof()

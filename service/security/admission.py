@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import re
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import http_problem
+from jointstiff.service.process import trim_memory
 
 LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
 SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
@@ -171,8 +173,10 @@ _STRING: Final = re.compile(rb'"((?:[^"\\]++|\\.)*+)(?:"\s*+(:?))?', re.DOTALL)
 
 MAX_BODIES: Final = 64_000_000
 """Greatest size of all bodies in flight [bytes]: of requests that have begun and are not answered yet."""
-MAX_LARGE_BODIES: Final = 43_000_000
+MAX_LARGE_BODIES: Final = 40_000_000
 """Greatest size of all large bodies in flight [bytes]; the rest of `MAX_BODIES` is left for other bodies."""
+_TRIM_SECONDS: Final = 1.0
+"""Time after the last body at which free memory is given back [s]: the body itself is free by then."""
 LARGE_BYTES: Final = 2_000_000
 """Size above which a body is large [bytes]."""
 
@@ -189,6 +193,7 @@ class BodyBudget:
         """
         self._most, self._most_large = most, most_large
         self._all = self._large = 0  # bytes in flight
+        self._has_been_large = False  # whether more than `LARGE_BYTES` were in flight since the last trim
 
     def change(self, before: int, now: int) -> None:
         """Count a body with `now` in place of `before` bytes, as declared or received; 0 for no body.
@@ -207,6 +212,14 @@ class BodyBudget:
                 f"{LARGE_BYTES // 1_000_000} MB; send the request again later",
             )
         self._all, self._large = all_bytes, large_bytes
+        self._has_been_large |= all_bytes > LARGE_BYTES
+
+    def take_trim(self) -> bool:
+        """Return whether much memory has become free since the last call that returned True."""
+        is_due = self._has_been_large and self._all == 0
+        if is_due:
+            self._has_been_large = False
+        return is_due
 
 
 def _large_part(size: int) -> int:
@@ -254,6 +267,8 @@ class BodyLimits:
             await self._app(scope, receive_counted, send)
         finally:
             self._budget.change(counted_bytes, 0)
+            if self._budget.take_trim():
+                asyncio.get_running_loop().call_later(_TRIM_SECONDS, trim_memory)
 
 
 def refuse_structure(content: bytes) -> None:
