@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field, StrictBool
 
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
-from jointstiff.schemas.finding import Assessment
+from jointstiff.schemas.finding import Verdict
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.options import Method, Weighting
 from jointstiff.schemas.robot import Estimate
@@ -31,6 +31,12 @@ class TrendQuery(Message):
     same_load_point: bool = Field(
         default=False,
         description="True if the load of all campaigns acted at the same point of the flange.",
+    )
+    campaigns: int = Field(
+        default=100,
+        ge=2,
+        le=2000,
+        description="Greatest number of campaigns in the answer; of more, it has some at even distances.",
     )
 
 
@@ -57,7 +63,7 @@ class TrendCampaign(Message):
     time_source: Literal["measured_at", "created_at"] = Field(
         description="Source of `at`: time of the measurement, or time of storing."
     )
-    assessment: Assessment = Field(description="Assessment of the run.")
+    verdict: Verdict = Field(description="Verdict on the run.")
 
 
 class TrendPoint(Message):
@@ -104,9 +110,11 @@ class Trend(Message):
     selection: TrendSelection | None = Field(description="Options that the runs share; null without any run.")
     serial_numbers: list[str] = Field(description="Serial numbers that the robot's sets state.")
     campaigns: list[TrendCampaign] = Field(description="Campaigns, oldest first.")
+    campaign_count: int = Field(default=0, description="Number of compared campaigns.")
     joints: list[TrendJoint]
     level: Dimensionless[float] = Field(
         description="Greatest probability of reporting a change if there is none."
     )
-    left_out: list[LeftOut] = Field(description="Campaigns that are not compared, with the reason.")
+    left_out: list[LeftOut] = Field(description="Newest campaigns that are not compared, with the reason.")
+    left_out_count: int = Field(default=0, description="Number of campaigns that are not compared.")
     note: str | None = Field(description="Remarks on limits of the test, and on what to check first.")

@@ -631,7 +631,7 @@ class RobotTrend(Presented, Trend):
         """Return the report of a trend: number of changed joints, a table of the changes in %, remarks."""
         changed_count = sum(joint.changed for joint in self.joints)
         headline = (
-            f"{len(self.campaigns)} campaigns: {changed_count} of {len(self.joints)} joints "
+            f"{self.campaign_count} campaigns: {changed_count} of {len(self.joints)} joints "
             "changed since the first"
         )
         rows = []

@@ -112,6 +112,8 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
     if kind in classes:
         message = cast("Any", classes[kind])
         del fields["kind"]
+        if kind == "trend":
+            _renew_trend(fields)
         robot = fields.pop("robot", None)
         result = parse_document(fields, message)
         return result if robot is None else result.with_robot(robot)
@@ -134,6 +136,17 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
     here.tables = {name: Sheet(part.columns, frozenset(part.texts)) for name, part in parts.tables.items()}
     here.files = parts.files
     return results.attach_origin(cast("Job", job), here)
+
+
+def _renew_trend(fields: dict[str, Any]) -> None:
+    """Change a trend that an earlier version saved: its campaigns have whole assessments."""
+    campaigns = fields.get("campaigns")
+    if not isinstance(campaigns, list):
+        return
+    fields.setdefault("campaign_count", len(campaigns))
+    for campaign in campaigns:
+        if isinstance(campaign, dict) and isinstance(campaign.get("assessment"), dict):
+            campaign["verdict"] = campaign.pop("assessment").get("verdict")
 
 
 def to_document(result: Presented) -> dict[str, Any]:

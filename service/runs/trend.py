@@ -27,7 +27,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.comparison.campaigns import CHANGED_LEVEL, Change, log_stiffness
 
 _MAX_RUNS: Final = 2_000
-_MAX_CACHED_RUNS: Final = 2_000
+_MAX_CACHED_RUNS: Final = 4_000
 _OPEN_INTERVAL = "the stiffness has no upper limit, or its uncertainty exceeds a quarter of the stiffness"
 
 
@@ -152,11 +152,11 @@ class Campaign:
             return None
         return -np.array(responses) / result.compliance
 
-    @property
+    @cached_property
     def selection(self) -> messages.TrendSelection:
         """Serial number and options, which all campaigns of one trend share."""
         request = self.run.request
-        return messages.TrendSelection(
+        return _make_selection(
             serial_number=self.measured.serial_number,
             method=request.method,
             weighting=request.weighting,
@@ -165,23 +165,41 @@ class Campaign:
             complementary_stiffness=request.complementary_stiffness,
         )
 
+    @cached_property
+    def unfit(self) -> str | None:
+        """Reason in words why the run cannot be part of any trend; None if the run can be part of a trend."""
+        return _explain_unfit_for_any_trend(self)
+
+
+@lru_cache(256)
+def _make_selection(**fields: Any) -> messages.TrendSelection:  # noqa: ANN401 - fields of the message
+    """Return the message of a selection; most campaigns of a robot share one."""
+    return messages.TrendSelection(**fields)
+
 
 def compare_campaigns(
-    names: Sequence[str], campaigns: Sequence[Campaign], *, same_load_point: bool = False
+    names: Sequence[str],
+    campaigns: Sequence[Campaign],
+    *,
+    same_load_point: bool = False,
+    most: int = _MAX_RUNS,
 ) -> dict[str, Any]:
-    """Compare campaigns of a robot; return the trend's fields `campaigns`, `joints`, `level` and `note`.
+    """Compare campaigns of a robot; return the trend's fields about its campaigns and joints.
 
     Args:
         names: names of the robot's joints.
         campaigns: comparable campaigns, oldest first.
+        most: greatest number of campaigns in the fields.
         same_load_point: True if the load of all campaigns hung at the same point of the flange, so that the
             error of the load point is the same.
     """
     changes = {name: _estimate_change(campaigns, name, same_load_point=same_load_point) for name in names}
     # The more joints are tested, the stricter each test has to be.
     test_count = sum(1 for change in changes.values() if change is not None)
-    joints = [_summarise_joint(campaigns, name, changes[name], test_count) for name in names]
+    shown = choose_shown(names, campaigns, most)
+    joints = [_summarise_joint(shown, name, changes[name], test_count) for name in names]
     return {
+        "campaign_count": len(campaigns),
         "campaigns": [
             messages.TrendCampaign(
                 run_id=campaign.run_id,
@@ -189,9 +207,9 @@ def compare_campaigns(
                 name=campaign.measured.name,
                 at=campaign.at,
                 time_source="created_at" if campaign.measured.measured_at is None else "measured_at",
-                assessment=campaign.run.result.assessment,
+                verdict=campaign.run.result.assessment.verdict,
             )
-            for campaign in campaigns
+            for campaign in shown
         ],
         "joints": joints,
         "level": CHANGED_LEVEL,
@@ -207,12 +225,9 @@ def _estimate_change(
     None if fewer than two campaigns determine the stiffness. With `same_load_point` both campaigns have one
     error of the load point, and only the difference between their responses to this error counts.
     """
-    with_stiffness = [
-        campaign for campaign in campaigns if _compute_log_stiffness(campaign, name) is not None
-    ]
-    if len(with_stiffness) < 2:
+    first_and_last = _find_compared(campaigns, name)
+    if first_and_last is None:
         return None
-    first_and_last = with_stiffness[0], with_stiffness[-1]
     instruments = {campaign.measured.instrument for campaign in first_and_last}
     # A budget with a single source says nothing about the load cell.
     budgets = [sources for campaign in first_and_last if len(sources := campaign.sources(name)) > 1]
@@ -235,6 +250,35 @@ def _estimate_change(
         return None
     freedom = min(map(_find_fewest_degrees_of_freedom, first_and_last))
     return Change.between(first, last, freedom, 0.0 if shared is None else shared)
+
+
+def _find_compared(campaigns: Sequence[Campaign], name: str) -> tuple[Campaign, Campaign] | None:
+    """Return the first and the latest campaign that determine a joint's stiffness; None without two."""
+    first = _find_determining(campaigns, name)
+    latest = _find_determining(reversed(campaigns), name)
+    if first is None or latest is None or first is latest:
+        return None
+    return first, latest
+
+
+def _find_determining(campaigns: Iterable[Campaign], name: str) -> Campaign | None:
+    """Return the first of some campaigns that determines a joint's stiffness; None if none does."""
+    return next((each for each in campaigns if _compute_log_stiffness(each, name) is not None), None)
+
+
+def choose_shown(names: Sequence[str], campaigns: Sequence[Campaign], most: int) -> Sequence[Campaign]:
+    """Return at most about `most` campaigns: some at even distances, and those that joints are compared by.
+
+    Args:
+        names: names of the robot's joints.
+        campaigns: campaigns of a trend, oldest first.
+        most: number of campaigns at even distances, at least two.
+    """
+    if len(campaigns) <= most:
+        return campaigns
+    numbers = {round(place) for place in np.linspace(0, len(campaigns) - 1, most)}
+    compared = {id(each) for name in names for each in _find_compared(campaigns, name) or ()}
+    return [each for number, each in enumerate(campaigns) if number in numbers or id(each) in compared]
 
 
 def _find_fewest_degrees_of_freedom(campaign: Campaign) -> float:
@@ -268,6 +312,8 @@ def _compute_log_stiffness(
     joint = campaign.joints.get(name)
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
         return None
+    if not (same_load_cell or assumed_cell or same_load_point):
+        return log_stiffness(joint.compliance, joint.standard_uncertainty, 0.0)
     is_shared = {
         "force_scale": same_load_cell,
         "assumed_force_scale": assumed_cell,
@@ -362,7 +408,7 @@ def group_by_selection(
     for runs_of_set in runs:
         newest_of_set: dict[messages.TrendSelection, Campaign] = {}
         for campaign in runs_of_set:
-            if _explain_unfit_for_any_trend(campaign) is None:
+            if campaign.unfit is None:
                 newest_of_set.setdefault(campaign.selection, campaign)
         for selection, campaign in newest_of_set.items():
             groups.setdefault(selection, []).append(campaign)
@@ -377,7 +423,7 @@ def choose_selection(
     Return the selection; None if no selection matches the query. Counting campaigns keeps a single run with
     other options from ending a trend.
     """
-    filters = query.model_dump(exclude_none=True, exclude={"same_load_point"})
+    filters = query.model_dump(exclude_none=True, exclude={"same_load_point", "campaigns"})
     matching = {
         selection: campaigns
         for selection, campaigns in group_by_selection(runs).items()
@@ -456,8 +502,10 @@ def split_by_comparability(
 
 def _explain_unfit_for_selection(campaign: Campaign, selection: messages.TrendSelection | None) -> str | None:
     """Return in words why a run does not belong to the trend of a selection; None if it does."""
-    if (general_reason := _explain_unfit_for_any_trend(campaign)) is not None or selection is None:
-        return general_reason or "no run of this set matches the query"
+    if campaign.unfit is not None or selection is None:
+        return campaign.unfit or "no run of this set matches the query"
+    if campaign.selection == selection:
+        return None
     own_values, trend_values = campaign.selection.model_dump(), selection.model_dump()
     differing = [name for name in trend_values if own_values[name] != trend_values[name]]
     return (
@@ -477,8 +525,8 @@ class Trends:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        # Parsed runs are cached: a run never changes once it has ended.
-        self._read_run = lru_cache(_MAX_CACHED_RUNS)(ReadRun.model_validate_json)
+        # Id of a run → the parsed run, in the order of reading: a run never changes once it has ended.
+        self._cached_runs: dict[str, ReadRun] = {}
 
     def trend(self, robot_id: str, query: messages.TrendQuery) -> messages.Trend:
         """Return the trend of a robot.
@@ -495,8 +543,11 @@ class Trends:
             robot_id=robot_id,
             selection=selection,
             serial_numbers=sorted({entry.serial_number for entry in sets if entry.serial_number is not None}),
-            left_out=left_out,
-            **compare_campaigns(names, campaigns_of_trend, same_load_point=query.same_load_point),
+            left_out=left_out[: query.campaigns],
+            left_out_count=len(left_out),
+            **compare_campaigns(
+                names, campaigns_of_trend, same_load_point=query.same_load_point, most=query.campaigns
+            ),
         )
 
     def last_campaign(self, entry: RobotEntry) -> LastCampaign | None:
@@ -552,7 +603,7 @@ class Trends:
         by_options = group_by_selection(runs.values())
         for selection in sorted(by_options, key=lambda each: len(by_options[each]), reverse=True):
             campaigns_of_trend, _ = split_by_comparability(sets, runs, selection)
-            for joint in compare_campaigns(names, campaigns_of_trend)["joints"]:
+            for joint in compare_campaigns(names, campaigns_of_trend, most=2)["joints"]:
                 if joint.changed and joint.change is not None:
                     serial_number = selection.serial_number
                     changed_joint = ChangedJoint(
@@ -575,8 +626,22 @@ class Trends:
         """Return measurement set's id → campaigns made of this set that have a result, newest first."""
         set_by_id = {campaign.id: campaign for campaign in sets}
         campaigns_by_set: dict[str, list[Campaign]] = {}
-        for entry in self._store.runs_with_numbers(robot_id, _MAX_RUNS):
-            if (measured_set := set_by_id.get(entry.measurement_set_id)) is not None:
-                campaign = Campaign(entry.id, entry.created_at, self._read_run(entry.trend), measured_set)
+        entries = self._store.runs_with_numbers(robot_id, _MAX_RUNS)
+        runs = self._read_runs([entry.id for entry in entries])
+        for entry in entries:
+            measured_set, run = set_by_id.get(entry.measurement_set_id), runs.get(entry.id)
+            if measured_set is not None and run is not None:
+                campaign = Campaign(entry.id, entry.created_at, run, measured_set)
                 campaigns_by_set.setdefault(measured_set.id, []).append(campaign)
         return campaigns_by_set
+
+    def _read_runs(self, run_ids: Sequence[str]) -> dict[str, ReadRun]:
+        """Return id → run, for the runs that are stored; only runs that are not cached are read."""
+        cached = self._cached_runs
+        runs = {run_id: run for run_id in run_ids if (run := cached.get(run_id)) is not None}
+        missing = [run_id for run_id in run_ids if run_id not in runs]
+        for run_id, text in self._store.read_trend_numbers(missing).items():
+            runs[run_id] = cached[run_id] = ReadRun.model_validate_json(text)
+        for run_id in list(cached)[: max(0, len(cached) - _MAX_CACHED_RUNS)]:
+            cached.pop(run_id, None)
+        return runs

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from collections.abc import Collection as Ids
 from contextlib import AbstractContextManager
 from datetime import timedelta
@@ -50,6 +50,7 @@ SESSION_IDLE: Final = timedelta(hours=8)
 SESSION_LONGEST: Final = timedelta(days=7)
 """Time after which every session has ended."""
 
+_IDS_AT_ONCE: Final = 500  # in one query
 _PING = sa.select(robots.c.id).limit(1)
 """Query of a table of the store: a bare `SELECT 1` would not read the file of an SQLite database."""
 
@@ -148,6 +149,15 @@ class Store:
             .limit(limit)
         )
         return [TrendEntry(*row) for row in self._database.rows(newest)]
+
+    def read_trend_numbers(self, run_ids: Sequence[str]) -> dict[str, str]:
+        """Return id of a run → its numbers for a trend as JSON, for those of `run_ids` that are stored."""
+        numbers = {}
+        for start in range(0, len(run_ids), _IDS_AT_ONCE):
+            ids = run_ids[start : start + _IDS_AT_ONCE]
+            query = sa.select(jobs.c.id, jobs.c.trend).where(jobs.c.id.in_(ids), jobs.c.trend.is_not(None))
+            numbers |= {str(row.id): str(row.trend) for row in self._database.rows(query)}
+        return numbers
 
     def sets_of_robot(self, robot_id: str) -> list[MeasurementSetEntry]:
         """Return the entries of a robot's measurement sets, newest first; without deleted sets."""

@@ -191,12 +191,11 @@ class JobRecord(JobRow):
 
 @dataclass(frozen=True, slots=True)
 class TrendEntry:
-    """A run with the numbers that a trend needs."""
+    """A run that has numbers for a trend."""
 
     id: str
     created_at: datetime
     measurement_set_id: str
-    trend: Document  # JSON text
 
 
 @dataclass(frozen=True, slots=True)

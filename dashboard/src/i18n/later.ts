@@ -729,7 +729,8 @@ export const later = {
     none: "No campaigns in this trend",
     noneHint: "Identify a measurement set of this robot, or choose another method.",
     noSerial: "no serial number",
-    campaigns: (count: number) => plural(count, "campaign", "campaigns"),
+    campaigns: (shown: number, count: number) =>
+      shown < count ? `${shown} of ${plural(count, "campaign", "campaigns")}` : plural(count, "campaign", "campaigns"),
     said: (note: string) => `${note.charAt(0).toUpperCase()}${note.slice(1)}.`,
     changed: "Changed",
     test: (level: number) =>

@@ -150,7 +150,7 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
             <Charts trend={found} />
             {found.left_out.length > 0 && (
               <details>
-                <summary>{words.leftOut(found.left_out.length)}</summary>
+                <summary>{words.leftOut(found.left_out_count)}</summary>
                 <Rows
                   rows={found.left_out.map(({ measurement_set_id: set, name, reason }) => ({
                     id: set,
@@ -200,15 +200,15 @@ function Charts({ trend }: { trend: Found }) {
         {trend.campaigns.length > 1 && words.test(trend.level)}
         {words.axes}
       </p>
-      <details open={trend.campaigns.some(({ assessment }) => assessment.verdict !== "use")}>
-        <summary>{words.campaigns(trend.campaigns.length)}</summary>
+      <details open={trend.campaigns.some(({ verdict }) => verdict !== "use")}>
+        <summary>{words.campaigns(trend.campaigns.length, trend.campaign_count)}</summary>
         <Rows
-          rows={trend.campaigns.map(({ run_id: id, name, at, assessment }) => ({
+          rows={trend.campaigns.map(({ run_id: id, name, at, verdict }) => ({
             id,
             href: link(["runs", id]),
             name,
             at,
-            standing: <Badge verdict={assessment.verdict} />,
+            standing: <Badge verdict={verdict} />,
           }))}
         />
       </details>
@@ -232,14 +232,14 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
           words.reason,
           text.run.verdict,
         ],
-        rows: trend.campaigns.map(({ name, at, assessment }, i) => {
+        rows: trend.campaigns.map(({ name, at, verdict }, i) => {
           const [drawn, point] = [points[i], joint.points[i]];
           return [
             name,
             timeText(at),
             ...[drawn?.value, drawn?.low, point?.interval ? drawn?.high : null],
             point?.reason ?? "",
-            text.usability[assessment.verdict],
+            text.usability[verdict],
           ];
         }),
       }}
@@ -264,7 +264,7 @@ const sayer = (joint: TrendJoint, trend: Found) => (index: number) => {
     campaign.name,
     campaign.time_source === "measured_at" ? when : words.stored(when),
     ...(point.reason === null ? [] : [point.reason]),
-    ...(campaign.assessment.verdict === "use" ? [] : [words.verdict(text.usability[campaign.assessment.verdict])]),
+    ...(campaign.verdict === "use" ? [] : [words.verdict(text.usability[campaign.verdict])]),
   ];
 };
 

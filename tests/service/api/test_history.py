@@ -61,7 +61,7 @@ def trend(client, robot, **query):
     return client.get(f"/v1/robots/{robot}/trend", params=query).json()
 
 
-def test_one_campaign_is_shown_and_compared_with_nothing(worn):
+def test_one_campaign_is_shown_and_compared_with_nothing(client, worn):
     _, before = worn
     assert before["note"] == "only one campaign: a second one is needed to compare"
     assert {(each["change"], each["p_value"], each["changed"]) for each in before["joints"]} == {
@@ -76,7 +76,8 @@ def test_one_campaign_is_shown_and_compared_with_nothing(worn):
         DAYS[0],
         "measured_at",
     )
-    assessment = campaign["assessment"]
+    assert campaign["verdict"] == "use"
+    assessment = client.get(f"/v1/jobs/{campaign['run_id']}").json()["result"]["assessment"]
     assert (assessment["verdict"], assessment["joints_identified"], assessment["reasons"]) == ("use", 6, [])
     *notes, unseen = assessment["notes"]
     assert unseen.startswith("The readings cannot show ")

@@ -275,6 +275,21 @@ def vague(campaign):
     return replace(campaign, run=campaign.run.model_copy(update={"result": result}))
 
 
+def test_a_trend_of_many_campaigns_shows_some_and_those_that_it_compares():
+    """The test is that of all; each joint's first and latest compared campaign is among those that are shown."""
+    measured = list(campaigns([None] * 500))
+    measured[0], measured[-1] = vague(measured[0]), vague(measured[-1])
+    whole, some = (compare_campaigns(["joint_1"], measured, most=most) for most in (500, 20))
+    assert (len(whole["campaigns"]), len(some["campaigns"])) == (500, 22)
+    assert some["campaign_count"] == 500
+    assert some["joints"][0].change == whole["joints"][0].change
+    places = [whole["campaigns"].index(each) for each in some["campaigns"]]
+    assert places[:2] == [0, 1]
+    assert places[-2:] == [498, 499]
+    assert max(np.diff(places)) < 30
+    assert [whole["joints"][0].points[place] for place in places] == some["joints"][0].points
+
+
 def sharing(campaign, responses):
     """The campaign whose run states changes of joint_1 by the load point, relative to its compliance."""
     budget = campaign.run.result.budget
