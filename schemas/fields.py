@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import lru_cache
 from hashlib import sha256
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, Final, Generic, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, TypeAdapter, model_validator
 from typing_extensions import TypeAliasType
@@ -64,7 +64,7 @@ Quantity = Annotated[float, Field(strict=True, ge=-MAX_MAGNITUDE, le=MAX_MAGNITU
 """A finite number, not a text of digits, whose square is finite too."""
 
 Confidence = Annotated[
-    float, Field(strict=True, ge=0.5, le=0.9999, description="Confidence level of the intervals.")
+    float, Field(strict=True, ge=0.5, le=0.9999, description="Confidence of the intervals.")
 ]
 """The probability of an interval."""
 
@@ -148,12 +148,19 @@ class ResourceChange(Message):
     )
 
 
+MOST_COUNTED: Final = 10_000
+"""Greatest number of resources on all pages that a listing counts."""
+
+
 class Page(Message, Generic[Item]):
     """One page of a listing."""
 
     items: list[Item]
-    next: str | None = Field(description="`cursor` of the next page; null on the last page.")
-    total: int | None = Field(default=None, description="Number on all pages; null after the first page.")
+    next: str | None = Field(description="`cursor` of the next page; null: none.")
+    total: int | None = Field(
+        default=None,
+        description=f"Number on all pages, {MOST_COUNTED + 1} if more; null after the first page.",
+    )
 
 
 def validate_list(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:

@@ -381,7 +381,7 @@ class ProgramResult(FromRun):
     rounding: Metres[Spread | None] = Field(
         description="Part of `residual` due to the rounding of numbers in the program."
     )
-    confidence: Dimensionless[float] = Field(description="Confidence level of the intervals.")
+    confidence: Dimensionless[float] = Field(description="Confidence of the intervals.")
     worst: Annotated[list[ProgramPoint], Field(max_length=MAX_WORST)] = Field(
         description="Points with the greatest deflections without a correction, greatest first."
     )

@@ -30,7 +30,7 @@ class RehearsalResult(Message):
 
     joints: list[RehearsedJoint]
     determined: int = Field(description="Number of joints whose interval has two ends.")
-    confidence: float = Field(description="Confidence level of the intervals.")
+    confidence: float = Field(description="Confidence of the intervals.")
     postures: int = Field(description="Number of simulated postures.")
     sigma: Metres[float] = Field(description="Standard deviation of the simulated noise of a coordinate.")
     seed: int = Field(description="Random seed of noise and planted stiffnesses.")

@@ -36,7 +36,7 @@ class TrendQuery(Message):
         default=100,
         ge=2,
         le=2000,
-        description="Greatest number of campaigns in the answer; of more, it has some at even distances.",
+        description="Most campaigns in the answer, at even distances.",
     )
 
 
@@ -87,7 +87,7 @@ class TrendJoint(Message):
     points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
     change: Estimate | None = Field(
         description="Relative change of stiffness from the first to the latest point without a `reason` "
-        "(-0.1: 10 % softer); null with fewer than two points."
+        "(-0.1: 10 % softer); null without two."
     )
     p_value: Dimensionless[float | None] = Field(description="Two-sided p-value of an unchanged stiffness.")
     changed: StrictBool = Field(
@@ -115,6 +115,5 @@ class Trend(Message):
     level: Dimensionless[float] = Field(
         description="Greatest probability of reporting a change if there is none."
     )
-    left_out: list[LeftOut] = Field(description="Newest campaigns that are not compared, with the reason.")
-    left_out_count: int = Field(default=0, description="Number of campaigns that are not compared.")
+    left_out: list[LeftOut] = Field(description="Campaigns that are not compared, with the reason.")
     note: str | None = Field(description="Remarks on limits of the test, and on what to check first.")

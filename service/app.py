@@ -45,7 +45,7 @@ with its uncertainty, or the reason for none. Numbers are in SI units unless a s
 declares others in its `units`; each field's unit is in its schema as `unit`.
 
 Every error is a problem details document (RFC 9457) whose `where` names the field and whose `remedy` states
-the correction. Posting with an `Idempotency-Key` is safe to repeat.
+the correction.
 """
 
 

@@ -147,8 +147,8 @@ def create_measurement_set(
 ) -> Response:
     """Store a measurement set.
 
-    Impossible readings are refused. Suspicious readings (targets that did not move as one body, deflection
-    against the force, …) are stored with a warning, which every run of the set shows.
+    Impossible readings are refused. Suspicious readings are stored with a warning, which every run of the
+    set shows.
     With `open`, the set is measured live.
     """
     if body.open is not None:
@@ -218,7 +218,7 @@ def get_trend(
 ) -> trend.Trend:
     """Get the trend of a robot: each joint over its campaigns, and whether the latest differs from the first.
 
-    A campaign is a measurement set with its newest run of the same method, weighting, constraint, encoders
-    and serial number; `left_out` names campaigns without such a run.
+    A campaign is a measurement set with its newest run of the same options and serial number; `left_out`
+    names the others.
     """
     return parts.trend(robot_id, query)

@@ -543,8 +543,7 @@ class Trends:
             robot_id=robot_id,
             selection=selection,
             serial_numbers=sorted({entry.serial_number for entry in sets if entry.serial_number is not None}),
-            left_out=left_out[: query.campaigns],
-            left_out_count=len(left_out),
+            left_out=left_out,
             **compare_campaigns(
                 names, campaigns_of_trend, same_load_point=query.same_load_point, most=query.campaigns
             ),

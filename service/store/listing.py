@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import sqlalchemy as sa
 
+from jointstiff.schemas.fields import MOST_COUNTED
 from jointstiff.service import problems
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import RecordPage, Row
@@ -28,7 +29,8 @@ class Order:
     cursor: str | None = None  # `next` of the page before; None for the first page
     q: str | None = None  # words to search, each a part of a name; None for no search
     sort: str = "-created_at"  # `created_at` or `name`; in descending order with a minus in front
-    counted: bool = False  # True to count the records of all pages, which is done with the first page
+    # True to count the records of all pages to `MOST_COUNTED` and one, which is done with the first page
+    counted: bool = False
 
     @property
     def is_descending(self) -> bool:
@@ -74,25 +76,32 @@ def read_page(
             _after_record(order, sorted_by, _values_at_cursor(database, table, order))
         )
     sorting = [column.desc() if order.is_descending else column for column in sorted_by]
+    is_counted = order.counted and order.cursor is None
     # One row more than the limit shows whether another page follows.
     page_query = page_query.order_by(*sorting).limit(sa.bindparam("limit", order.limit + 1, type_=sa.Integer))
+    on_page = sequence.in_(page_query)
+    total = None
+    if is_counted and order.q is not None:
+        # A search reads the whole index: this query serves the page and the count at once.
+        found = database.rows(page_query, {"limit": MOST_COUNTED + 1})
+        total = len(found)
+        on_page = sequence.in_([row.sequence for row in found[: order.limit + 1]])
     # The columns of the order are read with each row, to count the rows after the page and to make the next
     # cursor.
     order_columns = [column.label(f"place_{number}") for number, column in enumerate(sorted_by)]
-    query = rows.add_columns(*order_columns).where(sequence.in_(page_query)).order_by(*sorting)
+    query = rows.add_columns(*order_columns).where(on_page).order_by(*sorting)
     rows_read = [dict(row._mapping) for row in database.rows(query)]
     order_values = [tuple(row.pop(place.name) for place in order_columns) for row in rows_read]
     is_last = len(rows_read) <= order.limit
-    total = None
-    if order.counted and order.cursor is None:
+    if is_counted and total is None:
         total = len(rows_read)
         if not is_last:  # only the rows after those read must be counted
             # With `sequence` itself SQLite would read whole rows; with a sum it uses the index.
             index_columns = [*sorted_by[:-1], sequence + 0]
-            count_query = sa.select(sa.func.count()).select_from(table).where(*conditions)
-            total += int(
-                database.rows(count_query.where(_after_record(order, index_columns, order_values[-1])))[0][0]
-            )
+            is_after = _after_record(order, index_columns, order_values[-1])
+            rows_after = sa.select(sa.literal(1)).select_from(table).where(*conditions, is_after)
+            counted_rows = rows_after.limit(max(0, MOST_COUNTED + 1 - total)).subquery()
+            total += int(database.rows(sa.select(sa.func.count()).select_from(counted_rows))[0][0])
     records = tuple(record(**row) for row in rows_read[: order.limit])
     return RecordPage(records, None if is_last else str(order_values[order.limit - 1][-1]), total)
 

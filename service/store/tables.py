@@ -266,7 +266,8 @@ class RecordPage(Generic[Row]):
 
     records: tuple[Row, ...]
     next: str | None  # cursor of the following page; None on the last page
-    total: int | None  # number of records on all pages; None if they were not counted
+    # number of records on all pages, or `MOST_COUNTED` + 1 if there are more; None if they were not counted
+    total: int | None
 
 
 _ADVISORY_LOCK: Final = 0x4A6F696E74  # "Joint" in ASCII: any number that no other program uses

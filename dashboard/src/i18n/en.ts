@@ -21,6 +21,11 @@ export const causeNames: Record<string, string> = {
   turn: "a turn of tracker or base",
 };
 
+/** The service counts the resources of a list up to this number; it states the next number if there are more. */
+const MOST_COUNTED = 10_000;
+
+const counted = (all: number) => (all > MOST_COUNTED ? "more than 10,000" : String(all));
+
 export const plural = (count: number, one: string, many: string) => `${count} ${count === 1 ? one : many}`;
 
 export const en = {
@@ -481,7 +486,7 @@ export const en = {
     filter: "Filter and order",
     sorts: { newest: "Newest first", oldest: "Oldest first", name: "By name" },
     deletedState: "Deleted",
-    count: (shown: number, all: number) => (shown === all ? `${all} in all` : `${shown} of ${all}`),
+    count: (shown: number, all: number) => (shown === all ? `${all} in all` : `${shown} of ${counted(all)}`),
     none: "Nothing here yet",
     noneHint: "Drop a measurement file on the Identify page and the first result appears here.",
     noneAbove: "Results of the form above appear here.",

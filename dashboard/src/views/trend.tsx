@@ -150,7 +150,7 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
             <Charts trend={found} />
             {found.left_out.length > 0 && (
               <details>
-                <summary>{words.leftOut(found.left_out_count)}</summary>
+                <summary>{words.leftOut(found.left_out.length)}</summary>
                 <Rows
                   rows={found.left_out.map(({ measurement_set_id: set, name, reason }) => ({
                     id: set,

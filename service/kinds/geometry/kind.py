@@ -475,7 +475,6 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     examples=_EXAMPLES,
     description="""Identify a robot's geometry from sweeps of single joints, or from unloaded poses.
 
-Post the identified model as the model of a robot: `{"format": "geometry", …}`. Suspicious readings (a bumped
-tracker, a short arc, a wrong joint map, …) are findings; readings that do not determine the geometry are
-refused.""",
+Post the identified model as the model of a robot: `{"format": "geometry", …}`. Suspicious readings
+are findings; readings that do not determine the geometry are refused.""",
 )

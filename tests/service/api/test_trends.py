@@ -276,7 +276,7 @@ def vague(campaign):
 
 
 def test_a_trend_of_many_campaigns_shows_some_and_those_that_it_compares():
-    """The test is that of all; each joint's first and latest compared campaign is among those that are shown."""
+    """The test is that of all; the first and latest compared campaign of each joint are among those shown."""
     measured = list(campaigns([None] * 500))
     measured[0], measured[-1] = vague(measured[0]), vague(measured[-1])
     whole, some = (compare_campaigns(["joint_1"], measured, most=most) for most in (500, 20))

@@ -10,6 +10,7 @@ import sqlalchemy as sa
 from support.jobs import RUN, TIME, job_record
 
 from jointstiff.service.problems import CursorError
+from jointstiff.service.store import listing
 from jointstiff.service.store.jobs import JOB
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetRecord, RobotRecord, robots
@@ -187,6 +188,18 @@ def test_the_first_page_counts_what_all_pages_have(store):
     assert runs.page(limit=2, counted=True, deleted=True).total == 1
 
 
+@pytest.mark.parametrize("sort", ["created_at", "-name"])
+@pytest.mark.parametrize("q", [None, "set"])
+def test_records_are_counted_to_a_number_and_one_more(store, monkeypatch, sort, q):
+    monkeypatch.setattr(listing, "MOST_COUNTED", 4)
+    add_robot(store, "r1", "arm")
+    for number in range(7):
+        add_set(store, f"s{number}", f"set {number}")
+        counted = store.sets.page(limit=2, counted=True, sort=sort, q=q)
+        assert counted.total == min(number + 1, 5)
+        assert len(counted.records) == min(number + 1, 2)
+
+
 def test_a_robot_shows_its_last_campaign_until_runs_or_sets_change(store):
     add_robot(store, "r1", "robot")
     add_set(store, "s1", "set")
@@ -293,6 +306,8 @@ def test_all_new_files_have_the_same_plans_and_each_is_by_an_index(tmp_path):
     first, *others = [plans(tmp_path / f"{number}.db") for number in range(8)]
     assert all(other == first for other in others)
     for plan in first:
+        if "PRIMARY KEY" in plan and "SUBQUERY" not in plan:
+            continue  # rows of a search, whose numbers the statement before has found
         assert "INDEX" in plan
         found_by = plan.partition("SUBQUERY")[2] or plan
         if "robot_id" not in found_by and "due" not in found_by:
