@@ -323,7 +323,7 @@ def run_worker(
 
 
 def _open_patiently(database: str, upgrade: Callable[[str], object] | None, stop: threading.Event) -> Store:
-    """Open a store; wait for a database that does not answer yet, such as a server that starts.
+    """Open a store; wait for a server of the database that does not answer yet, as it may just start.
 
     The process ends if `stop` is set meanwhile.
 
@@ -331,7 +331,8 @@ def _open_patiently(database: str, upgrade: Callable[[str], object] | None, stop
         StoreError: the database cannot be used.
         StoreUnavailableError: the database does not answer within `_DATABASE_SECONDS`.
     """
-    deadline = time.monotonic() + _DATABASE_SECONDS
+    is_server = not database.startswith("sqlite")
+    deadline = time.monotonic() + (_DATABASE_SECONDS if is_server else 0.0)
     has_warned = False
     while True:
         try:

@@ -8,6 +8,7 @@ import re
 import resource
 import signal
 import sys
+import threading
 import time
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
@@ -24,13 +25,14 @@ from support.processes import Service, ready, until, workers_of, working
 from jointstiff.service.jobs import PARTS_AT_ONCE, STEPS_OF_A_PART, Part, Parts
 from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.library.client import Client
-from jointstiff.service.problems import StoreUnavailableError
+from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.store.compression import compress
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import jobs
 from jointstiff.service.workers import supervisor as supervisor_module
+from jointstiff.service.workers import worker as worker_module
 from jointstiff.service.workers.engine import ATTEMPTS
 from jointstiff.service.workers.supervisor import Supervisor, pause_after
 from jointstiff.service.workers.worker import FrozenError, Recovery, carry_out, retry_until_available
@@ -563,6 +565,55 @@ def test_a_worker_that_cannot_start_is_said_and_is_not_living(tmp_path, monkeypa
         until(lambda: supervisor.failing == 1)
     assert len(set(forgotten)) == len(forgotten) >= 2, "no two processes have one name"
     assert all(name.startswith("test-1-") for name in forgotten)
+
+
+@pytest.mark.parametrize("comes_up", [True, False])
+def test_a_worker_waits_for_a_server_that_comes_up(comes_up, monkeypatch, capsys):
+    monkeypatch.setattr(worker_module, "_DATABASE_SECONDS", 1.0)
+    monkeypatch.setattr(worker_module, "_DATABASE_PAUSE", 0.02)
+    attempts = []
+
+    def connect(url, upgrade):
+        attempts.append(url)
+        if not comes_up or len(attempts) < 3:
+            raise StoreUnavailableError("the postgresql database failed (starting up)", "check the server")
+        return "store"
+
+    monkeypatch.setattr(worker_module.Store, "open", connect)
+    if comes_up:
+        assert worker_module._open_patiently("postgresql://h/d", None, threading.Event()) == "store"
+        assert len(attempts) == 3
+    else:
+        with pytest.raises(StoreUnavailableError, match="starting up"):
+            worker_module._open_patiently("postgresql://h/d", None, threading.Event())
+    said = capsys.readouterr().err.strip().splitlines()
+    assert said == ["the postgresql database failed (starting up); waiting up to 1 s"]
+
+
+def test_a_worker_that_is_stopped_while_it_waits_ends(monkeypatch):
+    def refuse(url, upgrade):
+        raise StoreUnavailableError("the postgresql database failed", "check the server")
+
+    monkeypatch.setattr(worker_module.Store, "open", refuse)
+    stop = threading.Event()
+    stop.set()
+    with pytest.raises(SystemExit) as ended:
+        worker_module._open_patiently("postgresql://h/d", None, stop)
+    assert ended.value.code == 0
+
+
+def test_a_worker_makes_no_database(tmp_path, monkeypatch):
+    """A mistyped path is an error with a remedy, not an empty database."""
+    monkeypatch.setattr(threading, "excepthook", threading.excepthook)  # which a worker changes
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        with pytest.raises(StoreError, match=r"mistyped\.db does not exist") as refused:
+            worker_module.run_worker(f"sqlite:///{tmp_path / 'mistyped.db'}", "w1")
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    assert "start `jointstiff serve` first" in refused.value.remedy
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.process
