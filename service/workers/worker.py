@@ -19,7 +19,7 @@ from typing import Final
 
 from jointstiff.service.jobs import Jobs, Part, Parts
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.problems import StoreUnavailableError, WorkerLostError
+from jointstiff.service.problems import StoreError, StoreUnavailableError, WorkerLostError
 from jointstiff.service.runs.trend import Trends
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.database import refuse_in_memory, refuse_missing
@@ -249,8 +249,8 @@ _FAULT_EXIT_CODE: Final = 70  # exit status of a worker that cannot go on
 _SPARE_BYTES: Final = 64 * 1024 * 1024  # memory that must be free for a worker; some steps need more
 _LOOK_SECONDS: Final = 1.0  # between two checks of memory and of the parent process
 _MISSING_REMEDY: Final = (
-    "give --database the URL that the service has, with an absolute path: sqlite:////path/to/file.db; the "
-    "service makes the file: start `jointstiff serve` first"
+    "the service makes the file: start `jointstiff serve`, and give --database the URL that the service has, "
+    "with an absolute path: sqlite:////path/to/file.db"
 )
 _DATABASE_SECONDS: Final = 60.0  # time for a database that comes up
 _DATABASE_PAUSE: Final = 1.0  # between two attempts to open the database [s]
@@ -288,7 +288,6 @@ def run_worker(
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
     signal.signal(signal.SIGINT, lambda *_: stop.set())
     refuse_in_memory(database)
-    refuse_missing(database, _MISSING_REMEDY)
     store = _open_patiently(database, upgrade, stop)
     parts = Parts(store)
     gc.freeze()  # libraries stay to the end: the garbage collector need not search them
@@ -323,29 +322,46 @@ def run_worker(
 
 
 def _open_patiently(database: str, upgrade: Callable[[str], object] | None, stop: threading.Event) -> Store:
-    """Open a store; wait for a server of the database that does not answer yet, as it may just start.
+    """Open a store; wait for a server that does not answer yet, and for an SQLite file that is not there yet.
 
     The process ends if `stop` is set meanwhile.
 
     Raises:
-        StoreError: the database cannot be used.
-        StoreUnavailableError: the database does not answer within `_DATABASE_SECONDS`.
+        StoreError: the database cannot be used, or its file does not exist after `_DATABASE_SECONDS`.
+        StoreUnavailableError: the server does not answer within `_DATABASE_SECONDS`.
     """
-    is_server = not database.startswith("sqlite")
-    deadline = time.monotonic() + (_DATABASE_SECONDS if is_server else 0.0)
+    deadline = time.monotonic() + _DATABASE_SECONDS
     has_warned = False
     while True:
-        try:
-            return Store.open(database, upgrade=upgrade)
-        except StoreUnavailableError as error:
-            if time.monotonic() > deadline:
-                raise
-            if not has_warned:
-                words = f"{error.reason}; waiting up to {_DATABASE_SECONDS:.0f} s"
-                console(stderr=True).print(words, markup=False, soft_wrap=True)
-            has_warned = True
+        opened = _open_or_explain(database, upgrade)
+        if isinstance(opened, Store):
+            return opened
+        if time.monotonic() > deadline:
+            raise opened
+        if not has_warned:
+            words = f"{opened}; waiting up to {_DATABASE_SECONDS:.0f} s"
+            console(stderr=True).print(words, markup=False, soft_wrap=True)
+        has_warned = True
         if stop.wait(_DATABASE_PAUSE):
             sys.exit(0)
+
+
+def _open_or_explain(database: str, upgrade: Callable[[str], object] | None) -> Store | StoreError:
+    """Open a store; return the error instead if the store may be there a little later.
+
+    Raises:
+        StoreError: the database cannot be used.
+    """
+    try:
+        refuse_missing(database, _MISSING_REMEDY)
+    except StoreError as error:
+        return error
+    try:
+        return Store.open(database, upgrade=upgrade)
+    except StoreUnavailableError as error:
+        if database.startswith("sqlite"):
+            raise
+        return error
 
 
 def _run_recovery(recovery: Recovery, stop: threading.Event) -> None:

@@ -568,7 +568,7 @@ def test_a_worker_that_cannot_start_is_said_and_is_not_living(tmp_path, monkeypa
 
 
 @pytest.mark.parametrize("comes_up", [True, False])
-def test_a_worker_waits_for_a_server_that_comes_up(comes_up, monkeypatch, capsys):
+def test_a_worker_waits_for_a_server_that_comes_up(comes_up, store, monkeypatch, capsys):
     monkeypatch.setattr(worker_module, "_DATABASE_SECONDS", 1.0)
     monkeypatch.setattr(worker_module, "_DATABASE_PAUSE", 0.02)
     attempts = []
@@ -577,17 +577,17 @@ def test_a_worker_waits_for_a_server_that_comes_up(comes_up, monkeypatch, capsys
         attempts.append(url)
         if not comes_up or len(attempts) < 3:
             raise StoreUnavailableError("the postgresql database failed (starting up)", "check the server")
-        return "store"
+        return store
 
     monkeypatch.setattr(worker_module.Store, "open", connect)
     if comes_up:
-        assert worker_module._open_patiently("postgresql://h/d", None, threading.Event()) == "store"
+        assert worker_module._open_patiently("postgresql://h/d", None, threading.Event()) is store
         assert len(attempts) == 3
     else:
         with pytest.raises(StoreUnavailableError, match="starting up"):
             worker_module._open_patiently("postgresql://h/d", None, threading.Event())
     said = capsys.readouterr().err.strip().splitlines()
-    assert said == ["the postgresql database failed (starting up); waiting up to 1 s"]
+    assert said == ["the postgresql database failed (starting up): check the server; waiting up to 1 s"]
 
 
 def test_a_worker_that_is_stopped_while_it_waits_ends(monkeypatch):
@@ -602,9 +602,20 @@ def test_a_worker_that_is_stopped_while_it_waits_ends(monkeypatch):
     assert ended.value.code == 0
 
 
+def test_a_worker_waits_for_the_file_of_a_service_that_starts(tmp_path, monkeypatch):
+    monkeypatch.setattr(worker_module, "_DATABASE_PAUSE", 0.02)
+    url = f"sqlite:///{tmp_path / 'jointstiff.db'}"
+    service = threading.Timer(0.2, lambda: Store.open(url).close())
+    service.start()
+    worker_module._open_patiently(url, None, threading.Event()).close()
+    service.join()
+
+
 def test_a_worker_makes_no_database(tmp_path, monkeypatch):
     """A mistyped path is an error with a remedy, not an empty database."""
     monkeypatch.setattr(threading, "excepthook", threading.excepthook)  # which a worker changes
+    monkeypatch.setattr(worker_module, "_DATABASE_SECONDS", 0.1)
+    monkeypatch.setattr(worker_module, "_DATABASE_PAUSE", 0.02)
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         with pytest.raises(StoreError, match=r"mistyped\.db does not exist") as refused:
@@ -612,7 +623,7 @@ def test_a_worker_makes_no_database(tmp_path, monkeypatch):
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-    assert "start `jointstiff serve` first" in refused.value.remedy
+    assert "start `jointstiff serve`" in refused.value.remedy
     assert list(tmp_path.iterdir()) == []
 
 
