@@ -152,7 +152,7 @@ class Store:
 
     def read_trend_numbers(self, run_ids: Sequence[str]) -> dict[str, str]:
         """Return id of a run → its numbers for a trend as JSON, for those of `run_ids` that are stored."""
-        numbers = {}
+        numbers: dict[str, str] = {}
         for start in range(0, len(run_ids), _IDS_AT_ONCE):
             ids = run_ids[start : start + _IDS_AT_ONCE]
             query = sa.select(jobs.c.id, jobs.c.trend).where(jobs.c.id.in_(ids), jobs.c.trend.is_not(None))

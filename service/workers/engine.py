@@ -26,6 +26,7 @@ from jointstiff.service.jobs import PARTS_AT_ONCE, Part
 from jointstiff.service.problems import StoreError
 from jointstiff.service.store.database import dispose, make_engine
 from jointstiff.service.store.store import Store
+from jointstiff.service.workers.queue_tables import move_tables, name_schema
 
 ATTEMPTS: Final = 5
 """Number of workers that die over one part of a job, without a finished step, before the job is given up."""
@@ -70,10 +71,14 @@ class Queue:
             StoreError: the tables cannot be created or used.
         """
         self._store = store
-        self._schema = store.schema() or "dbos"  # SQLite has no schemas: DBOS ignores the name
+        store_schema = store.schema()
+        # SQLite has no schemas: DBOS ignores the name.
+        self._schema = "dbos" if store_schema is None else name_schema(store_schema)
         self._engine = make_engine(database, _CONNECTIONS)
         try:
             DBOS.migrate(self._engine.url.render_as_string(hide_password=False), schema=self._schema)
+            if store_schema is not None:
+                move_tables(store, store_schema, self._schema)
             self._client = DBOSClient(
                 system_database_engine=self._engine,
                 dbos_system_schema=self._schema,
@@ -87,7 +92,7 @@ class Queue:
             cause = str(getattr(error, "orig", None) or error).strip().splitlines()[0]
             raise StoreError(
                 f"the tables of the queue cannot be created or used ({cause[:200]})",
-                "give the user of the database the right to create tables and functions",
+                "give the user of the database the right to create schemas, tables and functions",
             ) from error
 
     def close(self) -> None:

@@ -8,12 +8,12 @@ from jointstiff.service.jobs import Part
 from jointstiff.service.workers.engine import _QUEUE, ATTEMPTS, Queue
 from jointstiff.service.workers.worker import carry_out, retry_until_available
 
-_NEXT = sa.text(
-    "SELECT workflow_uuid, recovery_attempts FROM workflow_status WHERE status = 'ENQUEUED' "
+_NEXT = (
+    "SELECT workflow_uuid, recovery_attempts FROM {} WHERE status = 'ENQUEUED' "
     "ORDER BY priority, created_at LIMIT 1"
 )
-_SET = sa.text(
-    "UPDATE workflow_status SET status = :status, executor_id = :executor, recovery_attempts = :starts "
+_SET = (
+    "UPDATE {} SET status = :status, executor_id = :executor, recovery_attempts = :starts "
     "WHERE workflow_uuid = :name"
 )
 
@@ -24,18 +24,20 @@ class Claims(Queue):
     def __init__(self, store, database):
         super().__init__(store, database)
         self.claimed: dict[Part, str] = {}  # names of the parts
+        table = "workflow_status" if store.schema() is None else f"{self._schema}.workflow_status"
+        self._next, self._set = sa.text(_NEXT.format(table)), sa.text(_SET.format(table))
         self.used: dict[str, float] = {}  # what the engine says of the parts of this process
 
     def claim(self, executor: str) -> Part | None:
         """Claim the next part; None if there is none."""
         with self._store.transaction() as connection:
-            row = connection.execute(_NEXT).one_or_none()
+            row = connection.execute(self._next).one_or_none()
             if row is None:
                 return None
             starts = row.recovery_attempts + 1
             status = "PENDING" if starts <= ATTEMPTS else "MAX_RECOVERY_ATTEMPTS_EXCEEDED"
             values = {"status": status, "executor": executor, "starts": starts, "name": row.workflow_uuid}
-            connection.execute(_SET, values)
+            connection.execute(self._set, values)
         job_id, number, kept = row.workflow_uuid.split("-")[:3]
         part = Part(job_id, int(number), int(kept))
         self.claimed[part] = row.workflow_uuid
@@ -44,7 +46,7 @@ class Claims(Queue):
     def end(self, part: Part) -> None:
         values = {"status": "SUCCESS", "executor": None, "starts": 0, "name": self.claimed[part]}
         with self._store.transaction() as connection:
-            connection.execute(_SET, values)
+            connection.execute(self._set, values)
 
     def work(self, jobs, executor: str = "worker") -> bool:
         """Carry out the next part, as a worker does; return whether there was one."""

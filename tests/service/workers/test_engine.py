@@ -17,6 +17,7 @@ from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers import engine as module
 from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue
+from jointstiff.service.workers.queue_tables import name_schema
 from jointstiff.service.workers.worker import Recovery, carry_out
 
 
@@ -51,7 +52,11 @@ def enqueued(store, queue, *job_ids):
 
 
 def changed(store, sql, **values):
+    """Carry out a statement, in which tables of the queue need no schema."""
+    schema = store.schema()
     with store.transaction() as connection:
+        if schema is not None:
+            connection.exec_driver_sql(f"SET LOCAL search_path TO {name_schema(schema)}, {schema}")
         connection.execute(sa.text(sql), values)
 
 
@@ -242,3 +247,27 @@ def test_a_pickle_planted_in_the_queue_is_not_run_and_its_job_ends(store, queue,
     assert runs.current(run.id).state == "failed"
     assert "cannot be carried out" in runs.current(run.id).error.detail
     assert not (tmp_path / "ran").exists()
+
+
+def test_parts_of_earlier_versions_move_to_the_schema_of_the_queue(new_postgresql_database, monkeypatch):
+    """Those that wait and those that are claimed; the store's schema has the tables of the store alone."""
+    url = new_postgresql_database()
+    with Store.open(url) as store:
+        tables = sa.text("SELECT table_name FROM information_schema.tables WHERE table_schema = 'public'")
+        functions = sa.text("SELECT proname FROM pg_proc WHERE pronamespace = to_regnamespace('public')")
+        own = set(store._database.rows(tables))
+        with monkeypatch.context() as earlier:
+            earlier.setattr(module, "name_schema", lambda schema: schema)
+            earlier.setattr(module, "move_tables", lambda *_: None)
+            with closing(Queue(store, url)) as old:
+                enqueued(store, old, "a", "b")
+                changed(store, "UPDATE workflow_status SET status = 'PENDING' WHERE workflow_uuid LIKE 'b%'")
+                before = rows(old)
+        assert set(store._database.rows(tables)) > own
+        for _ in range(2):  # the second one finds nothing to move
+            with closing(Queue(store, url)) as queue:
+                assert rows(queue) == before
+                assert queue.find_unknown_jobs(["a", "b", "c"]) == {"c"}
+                assert queue.claimed_parts().keys() == {"b-000000-0"}
+        assert set(store._database.rows(tables)) == own
+        assert not store._database.rows(functions)
