@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import Field, StrictBool
 
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
-from jointstiff.schemas.finding import Verdict
+from jointstiff.schemas.finding import Assessment, Verdict
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.options import Method, Weighting
 from jointstiff.schemas.robot import Estimate
 
+MOST_ASSESSED: Final = 20
+"""Greatest number of campaigns of a trend that have their assessments, which may be long."""
 Encoders = Literal["motor", "secondary"]
 
 
@@ -64,6 +66,10 @@ class TrendCampaign(Message):
         description="Source of `at`: time of the measurement, or time of storing."
     )
     verdict: Verdict = Field(description="Verdict on the run.")
+    assessment: Assessment | None = Field(
+        default=None,
+        description=f"Assessment of the run; null beyond {MOST_ASSESSED} campaigns.",
+    )
 
 
 class TrendPoint(Message):

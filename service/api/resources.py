@@ -216,9 +216,5 @@ def change_measurement_set(
 def get_trend(
     parts: answers.InjectedParts, robot_id: RobotId, query: Annotated[trend.TrendQuery, Query()]
 ) -> trend.Trend:
-    """Get the trend of a robot: each joint over its campaigns, and whether the latest differs from the first.
-
-    A campaign is a measurement set with its newest run of the same options and serial number; `left_out`
-    names the others.
-    """
+    """Get the trend of a robot: each joint over its campaigns, and whether it changed since the first."""
     return parts.trend(robot_id, query)

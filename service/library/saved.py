@@ -139,14 +139,14 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
 
 
 def _renew_trend(fields: dict[str, Any]) -> None:
-    """Change a trend that an earlier version saved: its campaigns have whole assessments."""
+    """Change a trend that an earlier version saved: its campaigns have no verdict of their own."""
     campaigns = fields.get("campaigns")
     if not isinstance(campaigns, list):
         return
     fields.setdefault("campaign_count", len(campaigns))
     for campaign in campaigns:
         if isinstance(campaign, dict) and isinstance(campaign.get("assessment"), dict):
-            campaign["verdict"] = campaign.pop("assessment").get("verdict")
+            campaign.setdefault("verdict", campaign["assessment"].get("verdict"))
 
 
 def to_document(result: Presented) -> dict[str, Any]:

@@ -197,6 +197,7 @@ def compare_campaigns(
     # The more joints are tested, the stricter each test has to be.
     test_count = sum(1 for change in changes.values() if change is not None)
     shown = choose_shown(names, campaigns, most)
+    has_assessments = len(shown) <= messages.MOST_ASSESSED
     joints = [_summarise_joint(shown, name, changes[name], test_count) for name in names]
     return {
         "campaign_count": len(campaigns),
@@ -208,6 +209,7 @@ def compare_campaigns(
                 at=campaign.at,
                 time_source="created_at" if campaign.measured.measured_at is None else "measured_at",
                 verdict=campaign.run.result.assessment.verdict,
+                assessment=campaign.run.result.assessment if has_assessments else None,
             )
             for campaign in shown
         ],

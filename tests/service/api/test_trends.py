@@ -282,6 +282,7 @@ def test_a_trend_of_many_campaigns_shows_some_and_those_that_it_compares():
     whole, some = (compare_campaigns(["joint_1"], measured, most=most) for most in (500, 20))
     assert (len(whole["campaigns"]), len(some["campaigns"])) == (500, 22)
     assert some["campaign_count"] == 500
+    assert {each.assessment for each in some["campaigns"]} == {None}
     assert some["joints"][0].change == whole["joints"][0].change
     places = [whole["campaigns"].index(each) for each in some["campaigns"]]
     assert places[:2] == [0, 1]
