@@ -38,7 +38,7 @@ class TrendQuery(Message):
         default=100,
         ge=2,
         le=2000,
-        description="Most campaigns in the answer, at even distances.",
+        description="Most campaigns in the answer.",
     )
 
 
