@@ -164,7 +164,11 @@ class Store:
         sets = measurement_sets.c
         query = select_fields_of(measurement_sets, MeasurementSetEntry).where(sets.robot_id == robot_id)
         shown = query.where(sets.deleted_at.is_(None)).order_by(sets.sequence.desc())
-        return [MeasurementSetEntry(**row._mapping) for row in self._database.rows(shown)]
+        names = [column.name for column in shown.selected_columns]
+        # Not `row._mapping`, which takes three times as long: a robot may have thousands of sets.
+        return [
+            MeasurementSetEntry(**dict(zip(names, row, strict=True))) for row in self._database.rows(shown)
+        ]
 
     def transaction(self) -> AbstractContextManager[sa.Connection]:
         """Return a context manager of a transaction, in which store and job queue can both write."""
