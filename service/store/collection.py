@@ -383,7 +383,7 @@ class Collection(Generic[Record, Entry]):
             record: record that is about to be stored.
             parent_rows: column → row of the record to which the column refers.
         """
-        return _make_robot_name_columns(record.name or "")
+        return make_robot_name_columns(record.name or "")
 
     def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a record's name in other rows; subclasses with such copies override this."""
@@ -593,7 +593,7 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
     ) -> dict[str, str | None]:
         """Return column → text for a new set: the robot's name, and the text for searches."""
         robot = value_of_parent(parent_rows, "robot_id")
-        return _make_set_name_columns(
+        return make_set_name_columns(
             record.name, robot, record.serial_number, record.operator, record.instrument
         )
 
@@ -619,7 +619,7 @@ class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
         self, record: OpenSetRecord, parent_rows: Mapping[str, Any]
     ) -> dict[str, str | None]:
         """Return column → text for a new live campaign: the robot's name, and the text for searches."""
-        return _make_set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"))
+        return make_set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"))
 
     def _delete_related(self, connection: sa.Connection, removed_ids: Sequence[str]) -> None:
         """Delete the entries of removed live campaigns."""
@@ -645,12 +645,12 @@ def value_of_parent(parent_rows: Mapping[str, Any], column: str, name: str = "na
     return None if row is None else getattr(row, name)
 
 
-def _make_robot_name_columns(name: str) -> dict[str, str | None]:
+def make_robot_name_columns(name: str) -> dict[str, str | None]:
     """Return column → text for the columns of a robot's row that hold copies of its name."""
     return {"words": make_search_text(name)}
 
 
-def _make_set_name_columns(
+def make_set_name_columns(
     name: str,
     robot: str | None,
     serial_number: str | None = None,
@@ -697,12 +697,12 @@ SEARCHED: Final = ("serial_number", "operator", "instrument")
 _NAME_QUERIES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, str | None]]]]] = (
     MappingProxyType(
         {
-            robots: (sa.select(robots.c.sequence, robots.c.name), _make_robot_name_columns),
+            robots: (sa.select(robots.c.sequence, robots.c.name), make_robot_name_columns),
             measurement_sets: (
                 _make_set_names_query(measurement_sets, *(measurement_sets.c[name] for name in SEARCHED)),
-                _make_set_name_columns,
+                make_set_name_columns,
             ),
-            open_sets: (_make_set_names_query(open_sets), _make_set_name_columns),
+            open_sets: (_make_set_names_query(open_sets), make_set_name_columns),
             jobs: (
                 sa.select(
                     jobs.c.sequence,
