@@ -17,8 +17,6 @@ _MOST_AXES: Final = 5
 _TYPE: Final = re.compile(r"<f8|\|b1|<U\d{1,3}|<i8")
 
 
-
-
 def describe_arrays(content: bytes) -> dict[str, dict[str, Any]]:
     """Return the arrays of an npz file by name, as an archive has them.
 

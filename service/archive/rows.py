@@ -125,7 +125,10 @@ class Built:
 
 
 def _raise_text(
-    kind: str, message: type[Message], line: Any, exclude: frozenset[str] = frozenset()  # noqa: ANN401 - any line
+    kind: str,
+    message: type[Message],
+    line: _DocumentLine,
+    exclude: frozenset[str] = frozenset(),
 ) -> tuple[Any, str, tuple[str, ...]]:
     """Return (validated message, its JSON text, fields that were dropped) of the document of a line."""
     if line.document.get("id", line.id) != line.id:

@@ -22,7 +22,7 @@ from jointstiff.service.problems import DamagedError, StoreError
 from jointstiff.service.process import jointstiff_version
 from jointstiff.service.store.compression import decompress
 from jointstiff.service.store.documents import read_text
-from jointstiff.service.store.layouts import LAYOUT, number_of
+from jointstiff.service.store.layouts import LAYOUT, can_archive, number_of
 from jointstiff.service.store.snapshot import Snapshot, read_snapshot
 
 Keys = Literal["none", "names", "hashes"]
@@ -31,7 +31,6 @@ Keys = Literal["none", "names", "hashes"]
 _LEVEL: Final = 3  # of compression: level 6 takes twice the time for a twentieth of the size
 _DOCUMENTS: Final = frozenset({"document", "resolved", "warnings", "campaign", "stated", "events"})
 """Columns of texts that are JSON."""
-_NUMBERS_OF_LAYOUT: Final = 4  # digits at the beginning of a layout's name
 
 
 @dataclass
@@ -77,16 +76,10 @@ def write_archive(
 
 def _refuse_unknown_layout(layout: str) -> None:
     """Refuse a database whose layout is older than the oldest, or newer than that of this program."""
-    number = number_of(layout) if layout[:_NUMBERS_OF_LAYOUT].isdecimal() else 0
-    if number > number_of(LAYOUT):
+    if not can_archive(layout):
         raise StoreError(
-            f"the database has layout {layout}, which is newer than {LAYOUT}",
-            "archive the database with the version of Jointstiff that upgraded it",
-        )
-    if number < OLDEST:
-        raise StoreError(
-            f"the database has layout {layout}, which is older than {OLDEST:04}",
-            "open the database with the version that wrote it, and post its campaigns again",
+            f"the database has layout {layout}; this version archives {OLDEST:04} to {LAYOUT}",
+            "archive the database with the version of Jointstiff that wrote it, or a newer one",
         )
 
 

@@ -1,4 +1,4 @@
-"""Versions of documents: each step raises documents of one version to the next, so that today's code reads them.
+"""Versions of documents: steps raise documents from version to version, so that today's code reads them.
 
 The version of a document is the number of the layout of the database in which such documents were first
 stored. Documents without a version, such as saved files and answers of older services, count as the oldest:
@@ -9,7 +9,16 @@ a step changes only what has the old shape. Three rules:
 * A field that an older version lacks is null, or has its default; it was *not recorded by version …*.
 """
 
-from jointstiff.service.history.raising import Raised, raise_document, recorded_version
+from jointstiff.service.history.raising import Raised, raise_document, recognize_kind, recorded_version
 from jointstiff.service.history.steps import NEWEST, OLDEST, STEPS, Step
 
-__all__ = ["NEWEST", "OLDEST", "STEPS", "Raised", "Step", "raise_document", "recorded_version"]
+__all__ = [
+    "NEWEST",
+    "OLDEST",
+    "STEPS",
+    "Raised",
+    "Step",
+    "raise_document",
+    "recognize_kind",
+    "recorded_version",
+]

@@ -4,11 +4,23 @@ from __future__ import annotations
 
 from copy import deepcopy
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Final
 
 from jointstiff.service.history.paths import remove
-from jointstiff.service.history.steps import JOBS, NEWEST, STEPS
+from jointstiff.service.history.steps import JOBS, NEWEST, OLDEST, STEPS
 
+_MARKS: Final = MappingProxyType(
+    {
+        "variant_of": "run",
+        "run_ids": "comparison",
+        "sweeps": "geometry",
+        "criterion": "plan",
+        "grid": "map",
+        "accuracy_option": "program",
+    }
+)
+"""Field of a request → kind of its job, in documents of version 9, which do not state their kind."""
 _RECORDED: Final = "document"
 """Entry of the versions in a job's provenance: version of the document as the job was computed."""
 
@@ -28,18 +40,42 @@ def raise_document(kind: str, document: dict[str, Any], version: int | None) -> 
         kind: `robot`, `measurement_set`, `campaign`, `open_set`, `live_entry`, `findings`, or a kind of work.
         document: the document.
         version: version of the document; None for a document that does not state it.
+
+    Raises:
+        ValueError: the document is none of its version.
     """
     if version is not None and version >= NEWEST:
         return Raised(document, ())
-    raised, dropped = deepcopy(document), list[str]()
+    try:
+        raised, dropped = _take_steps(kind, deepcopy(document), version or 0)
+    except (LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(f"the document is no {kind} of version {version or OLDEST}") from error
+    if kind in JOBS:
+        raised.setdefault("kind", kind)
+        if version is not None:
+            _note_version(raised, version)
+    return Raised(raised, dropped)
+
+
+def _take_steps(kind: str, document: dict[str, Any], version: int) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Carry out the steps from a version on a document; return it, and the places that were dropped."""
+    dropped = list[str]()
     for step in STEPS:
-        if step.after <= (version or 0) or kind not in step.kinds:
-            continue
-        step.change(raised)
-        dropped += [f"{kind}: {path}" for path in step.dropped if remove(raised, path)]
-    if kind in JOBS and version is not None:
-        _note_version(raised, version)
-    return Raised(raised, tuple(dict.fromkeys(dropped)))
+        if step.after > version and kind in step.kinds:
+            step.change(document)
+            dropped += [f"{kind}: {path}" for path in step.dropped if remove(document, path)]
+    return document, tuple(dropped)
+
+
+def recognize_kind(document: Any) -> str | None:  # noqa: ANN401 - any JSON
+    """Return the kind of a job or a prediction that does not state it, as of version 9; None for others."""
+    if not isinstance(document, dict):
+        return None
+    if "cases" in document and "model_error_postures" in document:
+        return "prediction"
+    request = document.get("request")
+    is_job = isinstance(request, dict) and "provenance" in document
+    return next((kind for mark, kind in _MARKS.items() if is_job and mark in request), None)
 
 
 def recorded_version(versions: dict[str, str]) -> int | None:

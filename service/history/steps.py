@@ -1,4 +1,4 @@
-"""The steps from version to version, in order. A step never changes after its release; new steps come after it.
+"""The steps from version to version, in order. A step never changes after its release.
 
 To change the shape of a document: raise `NEWEST`, add a step whose `change` moves what has moved and whose
 `dropped` names what has no place any more, and keep an example (CONTRIBUTING, *Change what is stored*).
@@ -35,13 +35,15 @@ class Step:
     after: int
     kinds: tuple[str, ...]  # kinds of documents that the step changes
     change: Callable[[Document], None] = leave_unchanged  # moves and renames fields, in place
-    dropped: tuple[str, ...] = ()  # places of fields that have no place after the step; removed after `change`
+    dropped: tuple[
+        str, ...
+    ] = ()  # places of fields that have no place after the step; removed after `change`
     # places of new fields whose values follow from their definition → value
     defined: tuple[tuple[str, float], ...] = ()
 
 
 def _move(document: Document, path: str, names: dict[str, str]) -> None:
-    """Move fields of the object at a path into the object that has it; an object that is empty then is removed.
+    """Move fields of the object at a path into the object around it; an emptied object is removed.
 
     Args:
         document: document.
@@ -107,9 +109,7 @@ def _raise_run_9(document: Document) -> None:
     _raise_joints_9(document, "result.joints[]")
     _raise_resampling_9(document, "result.resampling")
     _move(document, "result.goodness.test", {"p_value": "p_value", "verdict": "test"})
-    robust = {"threshold": "huber_threshold"} | {
-        name: name for name in ("suspicious", "suspicious_count")
-    }
+    robust = {"threshold": "huber_threshold"} | {name: name for name in ("suspicious", "suspicious_count")}
     _move(document, "result.robust", robust)
     for result in _objects(document, "result"):
         if isinstance(result.get("selection"), dict) and isinstance(result.get("choice"), dict):
@@ -199,6 +199,23 @@ def _raise_live_entry_9(document: Document) -> None:
     _rename(document, "held_out.share", "ball_ratio")
 
 
+def _raise_prediction_9(document: Document) -> None:
+    """Raise a prediction: intervals are fields of the case, contributions have names."""
+    for case in _objects(document, "cases[]"):
+        intervals = case.get("readings_only")
+        if isinstance(intervals, dict):
+            case["readings_only"] = intervals.get("displacement")
+            case["rotation_interval"] = intervals.get("rotation")
+        else:
+            case.setdefault("rotation_interval", None)
+    for budget in _objects(document, "cases[].budget"):
+        components = budget.get("components")
+        if isinstance(components, list):
+            included = [each["source"] for each in components if each["included"]]
+            contributions = {each["source"]: each.pop("contribution") for each in components}
+            budget |= {"contributions": contributions, "included": included}
+
+
 _JOINTS_9: Final = ("one_sided", "budget")
 _OLD_JOINTS: Final = tuple(f"result.joints[].{name}" for name in _JOINTS_9)
 _OLD_ENTRIES: Final = tuple(f"result.entries[].joints[].{name}" for name in _JOINTS_9)
@@ -243,6 +260,7 @@ _FROM_9: Final = (
     Step(9, 14, ("robot",), _raise_robot_9, ("archived", "alarms")),
     Step(9, 14, ("measurement_set",), _raise_set_9, ("archived",)),
     Step(9, 14, ("open_set",), dropped=_OLD_OPEN_SET),
+    Step(9, 14, ("prediction",), _raise_prediction_9, ("postures_needed", "cases[].budget.components")),
     Step(9, 14, ("live_entry",), _raise_live_entry_9, ("innovation.label", "held_out.inside")),
 )
 

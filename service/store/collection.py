@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
 from types import MappingProxyType
@@ -15,12 +15,15 @@ from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service import problems
 from jointstiff.service.store.database import Database, Quota
+from jointstiff.service.store.documents import raise_text
+from jointstiff.service.store.layouts import SCHEMA
 from jointstiff.service.store.listing import Order, is_indexable, make_search_text, read_page
 from jointstiff.service.store.tables import (
     DUE,
     AuditEntry,
     Entry,
     IdempotencyKey,
+    JobRecord,
     LiveEntry,
     MeasurementSetEntry,
     MeasurementSetRecord,
@@ -47,6 +50,10 @@ PARENTS: Final[Mapping[sa.Table, problems.Resource]] = MappingProxyType(
 )
 """Table to which other tables refer → its kind of resource, for messages."""
 
+_KINDS_OF_DOCUMENTS: Final[Mapping[sa.Table, str]] = MappingProxyType(
+    {robots: "robot", measurement_sets: "measurement_set", open_sets: "open_set"}
+)
+"""Table → kind of its documents; a job states its kind."""
 _NO_FILTERS: Final[Mapping[str, str]] = MappingProxyType({})
 _NO_SPANS: Final[Mapping[str, tuple[datetime | None, datetime | None]]] = MappingProxyType({})
 _INSERT_KEY: Final = sa.insert(idempotency_keys)
@@ -186,7 +193,8 @@ class Collection(Generic[Record, Entry]):
         (row,) = rows
         if row.body_hash != key.body_hash:
             raise problems.IdempotencyConflictError(self.resource, key.key)
-        return self._record(**{name: value for name, value in row._mapping.items() if name != "body_hash"})
+        values = {name: value for name, value in row._mapping.items() if name != "body_hash"}
+        return self._make_record(values)
 
     def get(self, identifier: str, *, include_deleted: bool = False) -> Record:
         """Return the record with an id.
@@ -202,10 +210,18 @@ class Collection(Generic[Record, Entry]):
         self._refuse_unindexable(identifier)
         by_id = self._by_id_with_deleted if include_deleted else self._by_id
         for row in self._database.rows(by_id, {"id": identifier}):
-            return self._record(**row._mapping)
+            return self._make_record(row._mapping)
         was_deleted = self._has_row(self._id_query, identifier)
         error = problems.DeletedError if was_deleted else problems.NotFoundError
         raise error(self.resource, identifier)
+
+    def _make_record(self, values: Mapping[str, Any]) -> Record:
+        """Return the record of a row; a document of an earlier version is raised to today's shape."""
+        record = self._record(**values)
+        if record.schema < SCHEMA:
+            kind = record.kind if isinstance(record, JobRecord) else _KINDS_OF_DOCUMENTS[self._table]
+            record = replace(record, document=raise_text(kind, record.document, record.schema))
+        return record
 
     def change(
         self, identifier: str, values: Mapping[str, object], *, include_deleted: bool = False

@@ -1,4 +1,4 @@
-"""Snapshots: the rows of a database of any layout, as they were at one moment; the database is not changed."""
+"""Snapshots: the rows of a database of any layout, as they were at one moment; nothing is changed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 import sqlalchemy as sa
-from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+from sqlalchemy.exc import DBAPIError
 
 from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.store.database import make_migrating_engine, sqlite_path_of
