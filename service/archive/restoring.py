@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from jointstiff.service.archive.form import OF_EARLIER_LAYOUTS, RESTORED, file_of
 from jointstiff.service.archive.reading import Archive, read_archive
-from jointstiff.service.archive.rows import BUILDERS, Built
+from jointstiff.service.archive.rows import BUILDERS
 from jointstiff.service.problems import DamagedError, StoreError
 from jointstiff.service.store.collection import (
     SEARCHED,
@@ -50,6 +50,7 @@ class TableOutcome:
     added: int = 0  # rows that were stored; with `dry_run`, that would be stored
     present: int = 0  # rows that were in the database already
     refused: int = 0  # lines that cannot be stored
+    omitted: int = 0  # lines that are not meant to be stored: keys without hashes
     reasons: list[str] = field(default_factory=list)  # sentences about the first refused lines
 
     def refuse(self, name: str, reason: str) -> None:
@@ -108,7 +109,10 @@ def restore_archive(
 def _describe(table: str, outcome: TableOutcome, *, dry_run: bool) -> str:
     """Return a sentence about the lines of a table."""
     verb = "to be added" if dry_run else "added"
-    return f"{table}: {outcome.added} {verb}, {outcome.present} there already, {outcome.refused} refused"
+    sentence = f"{table}: {outcome.added} {verb}, {outcome.present} there already, {outcome.refused} refused"
+    if outcome.omitted:
+        sentence += f", {outcome.omitted} without hashes: create new keys with `jointstiff keys create`"
+    return sentence
 
 
 def _open_target(url: str, opened: ExitStack) -> _Target:
@@ -144,10 +148,13 @@ def _build_rows(
     build = BUILDERS[table]
     for number, values in enumerate(archive.lines(table), 1):
         try:
-            built: Built = build(values)
+            built = build(values)
         except (ValueError, DamagedError) as error:
             name = str(values.get("id", f"line {number}"))[:64]
             outcome.refuse(name, _explain(error))
+            continue
+        if built is None:
+            outcome.omitted += 1
             continue
         dropped.update(set(built.dropped))
         yield built.values

@@ -226,11 +226,11 @@ def _build_job(values: Mapping[str, Any]) -> Built:
     return Built(row | {"document": text, "deleted_at": line.deleted_at}, dropped)
 
 
-def _build_key(values: Mapping[str, Any]) -> Built:
-    """Return the row of an access key."""
+def _build_key(values: Mapping[str, Any]) -> Built | None:
+    """Return the row of an access key; None for a key without its hash, which could open nothing."""
     line = _KeyLine.model_validate(values)
     if line.key_hash is None:
-        raise ValueError("the archive has no hash of this key: create a new key")
+        return None
     fields = line.model_dump(exclude={"schema_version"})
     return Built(asdict(AccessKey(**fields)))
 
@@ -246,7 +246,7 @@ def _build_audit_entry(values: Mapping[str, Any]) -> Built:
     return Built(asdict(AuditEntry(**line.model_dump(exclude={"schema_version"}))))
 
 
-BUILDERS: Final[Mapping[str, Callable[[Mapping[str, Any]], Built]]] = MappingProxyType(
+BUILDERS: Final[Mapping[str, Callable[[Mapping[str, Any]], Built | None]]] = MappingProxyType(
     {
         "robots": _build_robot,
         "measurement_sets": _build_set,
@@ -258,4 +258,7 @@ BUILDERS: Final[Mapping[str, Callable[[Mapping[str, Any]], Built]]] = MappingPro
         "audit": _build_audit_entry,
     }
 )
-"""Table → function that makes a row of a line; it raises ValueError for a line that cannot be used."""
+"""Table → function that makes a row of a line, or None for a line that is not meant to be restored.
+
+It raises ValueError for a line that cannot be used.
+"""

@@ -9,7 +9,7 @@ a step changes only what has the old shape. Three rules:
 * A field that an older version lacks is null, or has its default; it was *not recorded by version …*.
 """
 
-from jointstiff.service.history.raising import Raised, raise_document, recognize_kind, recorded_version
+from jointstiff.service.history.raising import Raised, raise_document, recognize_kind
 from jointstiff.service.history.steps import NEWEST, OLDEST, STEPS, Step
 
 __all__ = [
@@ -20,5 +20,4 @@ __all__ = [
     "Step",
     "raise_document",
     "recognize_kind",
-    "recorded_version",
 ]

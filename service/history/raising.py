@@ -74,19 +74,16 @@ def recognize_kind(document: Any) -> str | None:  # noqa: ANN401 - any JSON
     if "cases" in document and "model_error_postures" in document:
         return "prediction"
     request = document.get("request")
-    is_job = isinstance(request, dict) and "provenance" in document
-    return next((kind for mark, kind in _MARKS.items() if is_job and mark in request), None)
-
-
-def recorded_version(versions: dict[str, str]) -> int | None:
-    """Return the version of a job's document as the job was computed, of its versions; None if not stated."""
-    stated = versions.get(_RECORDED, "")
-    return int(stated) if stated.isdecimal() else None
+    if not isinstance(request, dict) or "provenance" not in document:
+        return None
+    return next((kind for mark, kind in _MARKS.items() if mark in request), None)
 
 
 def _note_version(job: dict[str, Any], version: int) -> None:
     """Write the version into a job that has ended, unless the job states it."""
     provenance = job.get("provenance")
-    has_ended = isinstance(provenance, dict) and provenance.get("ended_at") is not None
-    if has_ended and isinstance(versions := provenance.get("versions"), dict):
+    if not isinstance(provenance, dict) or provenance.get("ended_at") is None:
+        return
+    versions = provenance.get("versions")
+    if isinstance(versions, dict):
         versions.setdefault(_RECORDED, str(version))

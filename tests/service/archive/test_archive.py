@@ -282,7 +282,7 @@ class TestKeys:
             assert len(lines_of(path).get("access_keys", [])) == number
             restored = restore_archive(path, f"sqlite:///{tmp_path / f'{keys}.db'}")
             assert restored.tables["access_keys"].added == 0
-            assert restored.tables["access_keys"].refused == number
+            assert (restored.tables["access_keys"].omitted, restored.refused) == (number, 0)
 
     def test_every_table_is_archived_or_named_as_left_out(self) -> None:
         """A new table belongs to one of both lists."""
@@ -423,7 +423,8 @@ class TestHostile:
 
     def test_arrays_come_back_with_their_types(self, today: Path) -> None:
         for line in lines_of(today)["measurement_sets"]:
-            assert json.loads(json.dumps(describe_arrays(pack_arrays(line["arrays"])))) == line["arrays"]
+            again = describe_arrays(pack_arrays(line["arrays"]))
+            assert from_json(form.to_line(again)) == line["arrays"]
 
 
 def iterate_json(path: Path) -> Iterator[dict[str, Any]]:
@@ -443,7 +444,7 @@ class TestCommands:
         assert f"wrote {path}: layout {LAYOUT}" in done.output
         assert manifest_of(path) == manifest_of(today)
         assert path.stat().st_mode & 0o777 == 0o600
-        assert len(list(iterate_json(path))) > 20
+        assert len(list(iterate_json(path))) > 10
 
     def test_exit_status_1_names_what_was_not_restored(self, today: Path, tmp_path: Path) -> None:
         url, path = f"sqlite:///{tmp_path / 'new.db'}", tmp_path / "new.zip"
