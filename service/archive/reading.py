@@ -68,7 +68,7 @@ def read_archive(path: Path) -> Iterator[Archive]:
             for name, described in manifest.files.items():
                 _compare(file, name, described)
             yield Archive(file, manifest)
-    except (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError) as error:
+    except (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError) as error:  # RuntimeError: encrypted
         raise _refuse(f"{path} is damaged ({error})") from error
 
 
@@ -129,6 +129,8 @@ def _refuse_unknown_entry(entry: zipfile.ZipInfo, manifest: Manifest) -> None:
     """Refuse a file that the manifest does not name, or that expands more than JSON of readings does."""
     if entry.filename == form.MANIFEST:
         return
+    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise _refuse(f"{entry.filename[:100]!r} is compressed otherwise than by deflate")
     if entry.filename not in manifest.files:
         raise _refuse(f"{form.MANIFEST} does not name the file {entry.filename[:100]!r}")
     size = manifest.files[entry.filename].bytes

@@ -38,7 +38,7 @@ from jointstiff.service.store.tables import (
     robots,
 )
 
-_MOST_ROWS: Final = 200  # of a portion
+MOST_ROWS: Final = 200  # of a portion
 _MOST_CHARACTERS: Final = 4_000_000  # of the documents of a portion; a larger document is a portion by itself
 _MOST_NAMED: Final = 20  # rows that are named in the outcome of a table
 
@@ -95,7 +95,7 @@ def restore_archive(
         OSError: the file cannot be read.
     """
     with read_archive(path) as archive, ExitStack() as opened:
-        target = _DryTarget(_find_tables(url, opened)) if dry_run else _open_target(url, opened)
+        target = DryTarget(_find_tables(url, opened)) if dry_run else _open_target(url, opened)
         restored = Restored(archive.manifest.layout)
         for table in RESTORED:
             restored.tables[table] = _restore_table(archive, table, target, restored.dropped)
@@ -115,10 +115,10 @@ def _describe(table: str, outcome: TableOutcome, *, dry_run: bool) -> str:
     return sentence
 
 
-def _open_target(url: str, opened: ExitStack) -> _Target:
+def _open_target(url: str, opened: ExitStack) -> Target:
     """Open a database to store rows; create its tables if it has none."""
     Store.open(url).close()
-    return _Target(opened.enter_context(closing(open_existing(url))))
+    return Target(opened.enter_context(closing(open_existing(url))))
 
 
 def _find_tables(url: str, opened: ExitStack) -> Database | None:
@@ -133,7 +133,7 @@ def _find_tables(url: str, opened: ExitStack) -> Database | None:
         return database if has_tables(connection) else None
 
 
-def _restore_table(archive: Archive, table: str, target: _Target, dropped: Counter[str]) -> TableOutcome:
+def _restore_table(archive: Archive, table: str, target: Target, dropped: Counter[str]) -> TableOutcome:
     """Store the lines of the file of a table, portion by portion."""
     outcome = TableOutcome()
     for portion in _make_portions(_build_rows(archive, table, outcome, dropped), table):
@@ -173,7 +173,7 @@ def _make_portions(rows: Iterator[dict[str, Any]], table: str) -> Iterator[list[
     portion, characters = list[dict[str, Any]](), 0
     for row in rows:
         characters += len(row.get("document", "")) + len(row.get("arrays", b""))
-        is_full = len(portion) >= _MOST_ROWS or characters > _MOST_CHARACTERS
+        is_full = len(portion) >= MOST_ROWS or characters > _MOST_CHARACTERS
         is_same_moment = table == audit.name and bool(portion) and portion[-1]["at"] == row["at"]
         if portion and is_full and not is_same_moment:
             yield portion
@@ -183,7 +183,7 @@ def _make_portions(rows: Iterator[dict[str, Any]], table: str) -> Iterator[list[
         yield portion
 
 
-class _Target:
+class Target:
     """A database into which rows are restored."""
 
     def __init__(self, database: Database) -> None:
@@ -200,7 +200,7 @@ class _Target:
             outcome.added += len(complete)
 
 
-class _DryTarget(_Target):
+class DryTarget(Target):
     """A database that remains as it is; None for one without tables."""
 
     def __init__(self, database: Database | None) -> None:

@@ -17,7 +17,8 @@ from jointstiff.schemas.measurement import ResolvedFrame, SetMetadata, StoredMea
 from jointstiff.schemas.robot import Robot
 from jointstiff.service.archive.arrays import pack_arrays
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.history import NEWEST, raise_document
+from jointstiff.service.history.raising import raise_document
+from jointstiff.service.history.steps import NEWEST
 from jointstiff.service.jobs import make_record
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.live.campaign import Entry

@@ -17,7 +17,7 @@ from pydantic_core import from_json
 from jointstiff.service.archive import form
 from jointstiff.service.archive.arrays import describe_arrays
 from jointstiff.service.archive.form import FileEntry, Manifest, file_of, to_line
-from jointstiff.service.history import OLDEST
+from jointstiff.service.history.steps import OLDEST
 from jointstiff.service.problems import DamagedError, StoreError
 from jointstiff.service.process import jointstiff_version
 from jointstiff.service.store.compression import decompress

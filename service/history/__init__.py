@@ -8,16 +8,3 @@ a step changes only what has the old shape. Three rules:
 * A field that a later version has no place for is named in `Step.dropped`.
 * A field that an older version lacks is null, or has its default; it was *not recorded by version …*.
 """
-
-from jointstiff.service.history.raising import Raised, raise_document, recognize_kind
-from jointstiff.service.history.steps import NEWEST, OLDEST, STEPS, Step
-
-__all__ = [
-    "NEWEST",
-    "OLDEST",
-    "STEPS",
-    "Raised",
-    "Step",
-    "raise_document",
-    "recognize_kind",
-]

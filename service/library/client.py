@@ -26,7 +26,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSe
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
 from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.history import raise_document
+from jointstiff.service.history.raising import raise_document
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS, import_kind

@@ -23,7 +23,8 @@ from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.run import Campaign as CampaignMessage
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
-from jointstiff.service.history import NEWEST, raise_document, recognize_kind
+from jointstiff.service.history.raising import raise_document, recognize_kind
+from jointstiff.service.history.steps import NEWEST
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, extract_run_options

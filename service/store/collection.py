@@ -215,7 +215,7 @@ class Collection(Generic[Record, Entry]):
         error = problems.DeletedError if was_deleted else problems.NotFoundError
         raise error(self.resource, identifier)
 
-    def _make_record(self, values: Mapping[str, Any]) -> Record:
+    def _make_record(self, values: Mapping[Any, Any]) -> Record:
         """Return the record of a row; a document of an earlier version is raised to today's shape."""
         record = self._record(**values)
         if record.schema < SCHEMA:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import sqlalchemy as sa
 from pydantic_core import from_json, to_json
 
-from jointstiff.service.history import raise_document
+from jointstiff.service.history.raising import raise_document
 from jointstiff.service.store.compression import compress, decode, decompress
 from jointstiff.service.store.packing import is_packed, unpack_text
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from jointstiff.service.history import NEWEST, OLDEST
+from jointstiff.service.history.steps import NEWEST, OLDEST
 from jointstiff.service.problems import StoreError
 
 LAYOUT: Final = "0019_expand_readable"

@@ -28,7 +28,7 @@ class Snapshot:
         self.tables = tables  # name → table, of those that the database has
         self._connection = connection
 
-    def rows(self, table: str) -> Iterator[Mapping[str, Any]]:
+    def rows(self, table: str) -> Iterator[Mapping[Any, Any]]:
         """Yield the rows of a table in the order of their creation, or of their primary key."""
         reflected = self.tables[table]
         query = sa.select(*(column for column in reflected.c if column.name != "sequence"))

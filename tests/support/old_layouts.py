@@ -29,6 +29,7 @@ def make_database(number: str, path: Path) -> str:
         dump = gzip.decompress((FOLDER / f"{number}.sqlite.sql.gz").read_bytes()).decode()
         with closing(sqlite3.connect(path)) as connection:
             connection.executescript(dump)
+            connection.execute("PRAGMA journal_mode=WAL")  # as its program left it
     return f"sqlite:///{path}"
 
 

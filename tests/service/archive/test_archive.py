@@ -23,7 +23,7 @@ from jointstiff.service.archive.form import ARCHIVED, LEFT_OUT, RESTORED, file_o
 from jointstiff.service.archive.reading import ArchiveError
 from jointstiff.service.archive.restoring import Restored, restore_archive
 from jointstiff.service.archive.writing import write_archive
-from jointstiff.service.history import STEPS
+from jointstiff.service.history.steps import STEPS
 from jointstiff.service.problems import StoreError
 from jointstiff.service.store.checking import check_database
 from jointstiff.service.store.layouts import LAYOUT
@@ -130,6 +130,7 @@ class TestLayouts:
 
     def test_the_remedy_for_an_old_database_works(self, tmp_path: Path) -> None:
         old, path = old_layouts.make_database("0014", tmp_path / "old.db"), tmp_path / "FILE.zip"
+        before = (tmp_path / "old.db").read_bytes()
         with pytest.raises(StoreError, match="0014") as caught:
             Store.open(old)
         urls = {"NEW_URL": f"sqlite:///{tmp_path / 'new.db'}", "URL": old, "FILE.zip": str(path)}
@@ -138,6 +139,7 @@ class TestLayouts:
             assert terminal(*words).exit_code == 0, words
         with Store.open(urls["NEW_URL"]) as store:
             assert len(store.robots.page(limit=50).records) > 3
+        assert (tmp_path / "old.db").read_bytes() == before
 
 
 def compare_rows(table: str, before: list[dict[str, Any]], now: list[dict[str, Any]]) -> None:
@@ -211,7 +213,7 @@ class TestEqual:
             for _ in range(5):
                 connection.execute(f"INSERT INTO audit ({columns}) VALUES ({row})")  # noqa: S608 - ours
         path, url = archived(source, tmp_path / "a.zip"), empty()
-        monkeypatch.setattr(restoring, "_MOST_ROWS", 2)
+        monkeypatch.setattr(restoring, "MOST_ROWS", 2)
         assert restore_archive(path, url).tables["audit"].added == 5
         assert restore_archive(path, url).tables["audit"].present == 5
 
@@ -226,7 +228,7 @@ class TestCut:
         tmp_path: Path,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        url, store_portion, left = empty(), restoring._Target.store, [portions]
+        url, store_portion, left = empty(), restoring.Target.store, [portions]
 
         def end_early(target: Any, *arguments: Any) -> None:
             if left[0] == 0:
@@ -234,9 +236,9 @@ class TestCut:
             left[0] -= 1
             store_portion(target, *arguments)
 
-        monkeypatch.setattr(restoring, "_MOST_ROWS", 4)
+        monkeypatch.setattr(restoring, "MOST_ROWS", 4)
         with monkeypatch.context() as cut:
-            cut.setattr(restoring._Target, "store", end_early)
+            cut.setattr(restoring.Target, "store", end_early)
             with pytest.raises(KeyboardInterrupt):
                 restore_archive(today, url)
         restored = restore_archive(today, url)

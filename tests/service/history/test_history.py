@@ -20,9 +20,9 @@ from jointstiff.schemas.robot import LastCampaign, Robot
 from jointstiff.service.archive.form import RESTORED
 from jointstiff.service.archive.reading import read_archive
 from jointstiff.service.archive.writing import write_archive
-from jointstiff.service.history import NEWEST, OLDEST, STEPS, raise_document, recognize_kind
 from jointstiff.service.history.paths import find_values, remove
-from jointstiff.service.history.steps import JOBS, KINDS
+from jointstiff.service.history.raising import raise_document, recognize_kind
+from jointstiff.service.history.steps import JOBS, KINDS, NEWEST, OLDEST, STEPS
 from jointstiff.service.kinds.registry import KINDS as KINDS_OF_WORK
 from jointstiff.service.library.client import parse_resource
 from jointstiff.service.live.campaign import Entry

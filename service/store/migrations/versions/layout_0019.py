@@ -15,7 +15,7 @@ from alembic import op
 from pydantic_core import to_json
 from sqlalchemy.dialects.postgresql import JSONB
 
-from jointstiff.service.history import raise_document
+from jointstiff.service.history.raising import raise_document
 from jointstiff.service.store.packing import unpack_text
 
 revision = "0019_expand_readable"
