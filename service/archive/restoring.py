@@ -45,7 +45,7 @@ _MOST_NAMED: Final = 20  # rows that are named in the outcome of a table
 
 @dataclass
 class TableOutcome:
-    """What became of the lines of a table."""
+    """Numbers of the lines of a table that were stored, were there, or cannot be stored."""
 
     added: int = 0  # rows that were stored; with `dry_run`, that would be stored
     present: int = 0  # rows that were in the database already

@@ -35,7 +35,7 @@ _DOCUMENTS: Final = frozenset({"document", "resolved", "warnings", "campaign", "
 
 @dataclass
 class Archived:
-    """What was archived."""
+    """Outcome of an archive."""
 
     manifest: Manifest
     damaged: list[str] = field(default_factory=list)  # rows that could not be read, a sentence each
