@@ -11,6 +11,7 @@ from jointstiff.service.settings import DatabaseUrl
 
 if TYPE_CHECKING:
     from jointstiff.service.archive.restoring import Restored
+    from jointstiff.service.archive.writing import Keys
 
 ArchivePath = Annotated[Path, typer.Argument(metavar="FILE.zip", help="The archive.")]
 
@@ -38,7 +39,9 @@ def archive(
 
     if with_key_hashes and without_keys:
         raise typer.BadParameter("give --with-key-hashes or --without-keys, not both")
-    keys = "hashes" if with_key_hashes else "none" if without_keys else "names"
+    keys: Keys = "hashes" if with_key_hashes else "names"
+    if without_keys:
+        keys = "none"
     archived = write_archive(database, file, keys, typer.echo)
     for sentence in archived.damaged:
         typer.echo(sentence, err=True)

@@ -3,6 +3,8 @@
 import json
 import re
 import sqlite3
+import subprocess
+import sys
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -252,6 +254,41 @@ class TestCut:
         (tmp_path / "a.zip").write_text("mine")
         with pytest.raises(StoreError, match="exists already"):
             write_archive(f"sqlite:///{tmp_path / 'none.db'}", tmp_path / "a.zip")
+
+
+KILLED = """
+import os, random, signal, sys, time
+from pathlib import Path
+from jointstiff.service.archive import restoring
+
+path, url, kills, seed = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
+restoring.MOST_ROWS, draw, killed = 1, random.Random(seed), 0
+for _ in range(kills):
+    child = os.fork()
+    if not child:
+        restoring.restore_archive(path, url)
+        os._exit(0)
+    time.sleep(draw.uniform(0.0, 0.6))
+    os.kill(child, signal.SIGKILL)
+    killed += os.waitpid(child, 0)[1] == signal.SIGKILL
+print(killed)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.process
+@pytest.mark.parametrize("seed", range(3))
+def test_a_restore_that_is_killed_at_any_moment_is_continued(
+    seed: int, today: Path, empty: Callable[[], str], tmp_path: Path
+) -> None:
+    """`python -m benchmarks archive` does so with 10,000 runs."""
+    url = empty()
+    Store.open(url).close()
+    command = [sys.executable, "-W", "error", "-c", KILLED, str(today), url, "12", str(seed)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert int(done.stdout) > 3
+    restore_archive(today, url)
+    assert manifest_of(archived(url, tmp_path / "again.zip")) == manifest_of(today)
 
 
 class TestDryRun:
