@@ -164,11 +164,20 @@ def _convert_row(row: Mapping[str, Any], version: int, secret: str | None) -> di
         ValueError: a document is no JSON, or the readings are damaged.
     """
     values: dict[str, Any] = {"schema": version}  # rows of layouts before 0019 do not state it
-    for name, value in row.items():
+    for name, value in sorted(row.items(), key=_place_of_column):
         is_archived = value is not None and name not in form.DERIVED and name != secret
         if is_archived:
             values[name] = _convert_value(name, value)
     return values
+
+
+def _place_of_column(item: tuple[str, Any]) -> tuple[bool, bool, str]:
+    """Return the place of a column in a line: the id first, documents last, the others by their names.
+
+    Databases that were upgraded have their columns in another order than new ones.
+    """
+    name, _ = item
+    return name in ("document", "arrays"), name != "id", name
 
 
 def _convert_value(name: str, value: Any) -> Any:  # noqa: ANN401 - any type of the drivers

@@ -32,15 +32,15 @@ class Snapshot:
         """Yield the rows of a table in the order of their creation, or of their primary key."""
         reflected = self.tables[table]
         query = sa.select(*(column for column in reflected.c if column.name != "sequence"))
-        query = query.order_by(*reflected.primary_key.columns)
+        query = query.order_by(*map(self._in_order_of_characters, reflected.primary_key.columns))
         result = self._connection.execution_options(yield_per=_ROWS_AT_A_TIME).execute(query)
         for row in result:
             yield row._mapping
 
-    def count(self, table: str) -> int:
-        """Return the number of rows of a table."""
-        query = sa.select(sa.func.count()).select_from(self.tables[table])
-        return int(self._connection.execute(query).scalar_one())
+    def _in_order_of_characters(self, column: sa.Column[Any]) -> sa.ColumnElement[Any]:
+        """Return a column to sort by, in the same order on both databases."""
+        is_text = isinstance(column.type, sa.String) and self._connection.dialect.name == "postgresql"
+        return column.collate("C") if is_text else column
 
 
 @contextmanager

@@ -169,6 +169,20 @@ class TestEqual:
             path = archived(url, tmp_path / f"{name}.zip")
             assert manifest_of(path) == first
 
+    def test_both_databases_of_equal_rows_have_the_same_manifest(
+        self, new_postgresql_database: Callable[[], str], tmp_path: Path
+    ) -> None:
+        """Of layout 0018, whose dumps have the same rows, and after its upgrade in place."""
+        urls = (new_postgresql_database(), f"sqlite:///{tmp_path / 'old.db'}")
+        for name, url in zip("ab", urls, strict=True):
+            kept.restore("0018", url)
+            archived(url, tmp_path / f"{name}.zip")
+            with Store.open(url, upgrade=lambda _: None) as store:
+                store.old_documents.rewrite(600.0)
+            archived(url, tmp_path / f"{name}2.zip")
+        assert manifest_of(tmp_path / "a.zip") == manifest_of(tmp_path / "b.zip")
+        assert manifest_of(tmp_path / "a2.zip") == manifest_of(tmp_path / "b2.zip")
+
     def test_restored_answers_are_equal(self, empty: Callable[[], str], tmp_path: Path) -> None:
         old = f"sqlite:///{tmp_path / 'old.db'}"
         kept.restore("0018", old)
