@@ -9,8 +9,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import sqlalchemy as sa
 from pydantic import ValidationError
@@ -29,6 +30,7 @@ from jointstiff.service.store.collection import (
 from jointstiff.service.store.database import Database, insert_unless_present, open_existing
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import (
+    OPEN_STATES,
     audit,
     has_tables,
     jobs,
@@ -37,6 +39,9 @@ from jointstiff.service.store.tables import (
     metadata,
     robots,
 )
+
+if TYPE_CHECKING:
+    from jointstiff.service.workers.engine import Queue
 
 MOST_ROWS: Final = 200  # of a portion
 _MOST_CHARACTERS: Final = 4_000_000  # of the documents of a portion; a larger document is a portion by itself
@@ -117,8 +122,15 @@ def _describe(table: str, outcome: TableOutcome, *, dry_run: bool) -> str:
 
 def _open_target(url: str, opened: ExitStack) -> Target:
     """Open a database to store rows; create its tables if it has none."""
-    Store.open(url).close()
-    return Target(opened.enter_context(closing(open_existing(url))))
+    store = opened.enter_context(Store.open(url))
+
+    def open_queue() -> Queue:
+        # Imported here, as few archives have jobs that have not ended
+        from jointstiff.service.workers.engine import Queue
+
+        return opened.enter_context(closing(Queue(store, url)))
+
+    return Target(opened.enter_context(closing(open_existing(url))), open_queue)
 
 
 def _find_tables(url: str, opened: ExitStack) -> Database | None:
@@ -186,16 +198,25 @@ def _make_portions(rows: Iterator[dict[str, Any]], table: str) -> Iterator[list[
 class Target:
     """A database into which rows are restored."""
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, open_queue: Callable[[], Queue]) -> None:
         self._database = database
+        self._open_queue = cache(open_queue)  # opens the queue of workers once
 
     def store(self, table: str, rows: Sequence[dict[str, Any]], outcome: TableOutcome) -> None:
-        """Store the rows of a portion that the database lacks, in one transaction."""
+        """Store the rows of a portion that the database lacks, in one transaction.
+
+        Jobs that have not ended are put into the queue of workers, which begin them anew.
+        """
+        open_ids = {row["id"] for row in rows if row.get("state") in OPEN_STATES}
+        queue = self._open_queue() if open_ids else None  # first, as it may create tables
         with self._database.writing() as connection:
             lacking = list(_find_lacking(connection, table, rows, outcome))
             complete = list(_add_name_columns(connection, table, lacking, outcome))
             if complete:
                 connection.execute(sa.insert(metadata.tables[table]), complete)
+                for row in complete:
+                    if queue is not None and row["id"] in open_ids:
+                        queue.enqueue(connection, row["id"])
                 _mark_campaigns(connection, table, complete)
             outcome.added += len(complete)
 

@@ -31,6 +31,7 @@ from jointstiff.service.store.checking import check_database
 from jointstiff.service.store.layouts import LAYOUT
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import metadata
+from jointstiff.service.workers.engine import Queue
 
 Lines = dict[str, list[dict[str, Any]]]
 
@@ -213,10 +214,16 @@ class TestEqual:
         with Store.open(url) as store:
             assert store.robots.get(robot.id).name == "renamed since"
 
-    def test_open_jobs_begin_anew(self, today: Path) -> None:
+    def test_open_jobs_begin_anew(self, today: Path, empty: Callable[[], str]) -> None:
         states = [line["state"] for line in lines_of(today)["jobs"]]
         assert "queued" in states
         assert "running" not in states
+        url = empty()
+        restore_archive(today, url)
+        with Store.open(url) as store, closing(Queue(store, url)) as queue:
+            waiting = store.open_jobs(["run"])
+            assert len(waiting) == 1
+            assert queue.find_unknown_jobs(waiting) == set(), "else a worker lets the job fail"
 
     def test_equal_entries_of_the_audit_are_all_restored(
         self, empty: Callable[[], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
