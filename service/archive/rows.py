@@ -125,64 +125,80 @@ class Built:
     dropped: tuple[str, ...] = ()  # fields of the document that have no place in today's shape
 
 
-def _raise_text(
-    kind: str,
-    message: type[Message],
-    line: _DocumentLine,
-    exclude: frozenset[str] = frozenset(),
-) -> tuple[Any, str, tuple[str, ...]]:
-    """Return (validated message, its JSON text, fields that were dropped) of the document of a line."""
+@dataclass(frozen=True)
+class _Checked:
+    """The document of a line, raised to today's shape and validated."""
+
+    message: Any  # of the class of the document
+    text: str  # JSON
+    dropped: tuple[str, ...]
+
+
+def _check_document(
+    kind: str, message: type[Message], line: _DocumentLine, exclude: frozenset[str] = frozenset()
+) -> _Checked:
+    """Raise and validate the document of a line.
+
+    Args:
+        kind: kind of the document.
+        message: class of the document.
+        line: the line.
+        exclude: fields that are not stored in the document.
+
+    Raises:
+        ValueError: the document cannot be used.
+    """
     if line.document.get("id", line.id) != line.id:
         raise ValueError("its document has another id")
     raised = raise_document(kind, line.document, line.schema_version)
     text = to_json(raised.document)
     validated = message.model_validate_json(text)
     if line.schema_version < NEWEST:
-        return validated, validated.model_dump_json(exclude=set(exclude)), raised.dropped
-    return validated, text.decode(), raised.dropped
+        text = validated.model_dump_json(exclude=set(exclude)).encode()
+    return _Checked(validated, text.decode(), raised.dropped)
 
 
 def _build_robot(values: Mapping[str, Any]) -> Built:
     """Return the row of a robot."""
     line = _RobotLine.model_validate(values)
-    robot, text, dropped = _raise_text("robot", Robot, line, frozenset({"last_campaign"}))
+    checked = _check_document("robot", Robot, line, frozenset({"last_campaign"}))
     record = RobotRecord(
         id=line.id,
         name=line.name,
         created_at=line.created_at,
         content_hash=line.content_hash,
-        summary=robot.model_dump(mode="json", include={"joints", "nominal_arm"}),
-        document=text,
+        summary=checked.message.model_dump(mode="json", include={"joints", "nominal_arm"}),
+        document=checked.text,
     )
-    return Built(asdict(record) | {"deleted_at": line.deleted_at}, dropped)
+    return Built(asdict(record) | {"deleted_at": line.deleted_at}, checked.dropped)
 
 
 def _build_set(values: Mapping[str, Any]) -> Built:
     """Return the row of a measurement set."""
     line = _SetLine.model_validate(values)
     metadata = SetMetadata.model_validate({name: values[name] for name in _METADATA & values.keys()})
-    stored, text, dropped = _raise_text("measurement_set", StoredMeasurementSet, line, _METADATA)
+    checked = _check_document("measurement_set", StoredMeasurementSet, line, _METADATA)
     arrays = pack_arrays(line.arrays)
     record = MeasurementSetRecord(
         id=line.id,
         robot_id=line.robot_id,
         name=line.name,
-        encoders=stored.encoders,
+        encoders=checked.message.encoders,
         observation_count=len(ReadingArrays.unpack(arrays).labels),
-        warning_count=len(stored.warnings),
+        warning_count=len(checked.message.warnings),
         created_at=line.created_at,
         content_hash=line.content_hash,
-        document=text,
+        document=checked.text,
         arrays=arrays,
         **{name: getattr(metadata, name) for name in _METADATA},
     )
-    return Built(asdict(record) | {"deleted_at": line.deleted_at}, dropped)
+    return Built(asdict(record) | {"deleted_at": line.deleted_at}, checked.dropped)
 
 
 def _build_open_set(values: Mapping[str, Any]) -> Built:
     """Return the row of the declaration of a live campaign."""
     line = _OpenSetLine.model_validate(values)
-    _, text, dropped = _raise_text("open_set", live.MeasurementSetPost, line)
+    checked = _check_document("open_set", live.MeasurementSetPost, line)
     resolved = None
     if line.resolved is not None:
         resolved = ResolvedFrame.model_validate(line.resolved).model_dump_json()
@@ -193,11 +209,11 @@ def _build_open_set(values: Mapping[str, Any]) -> Built:
         robot_id=line.robot_id,
         name=line.name,
         created_at=line.created_at,
-        document=text,
+        document=checked.text,
         resolved=resolved,
         warnings=_FINDINGS.dump_json(warnings).decode(),
     )
-    return Built(asdict(record) | {"deleted_at": line.deleted_at}, dropped + findings.dropped)
+    return Built(asdict(record) | {"deleted_at": line.deleted_at}, checked.dropped + findings.dropped)
 
 
 def _build_live_entry(values: Mapping[str, Any]) -> Built:
@@ -222,9 +238,9 @@ def _build_job(values: Mapping[str, Any]) -> Built:
     if line.kind not in _KINDS:
         raise ValueError(f"this version has no kind of work '{line.kind}'")
     kind = _KINDS[line.kind]
-    job, text, dropped = _raise_text(line.kind, kind.message, line)
-    row = asdict(make_record(kind, job, line.robot_id))
-    return Built(row | {"document": text, "deleted_at": line.deleted_at}, dropped)
+    checked = _check_document(line.kind, kind.message, line)
+    row = asdict(make_record(kind, checked.message, line.robot_id))
+    return Built(row | {"document": checked.text, "deleted_at": line.deleted_at}, checked.dropped)
 
 
 def _build_key(values: Mapping[str, Any]) -> Built | None:

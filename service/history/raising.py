@@ -47,24 +47,24 @@ def raise_document(kind: str, document: dict[str, Any], version: int | None) -> 
     if version is not None and version >= NEWEST:
         return Raised(document, ())
     try:
-        raised, dropped = _take_steps(kind, deepcopy(document), version or 0)
+        raised = _take_steps(kind, deepcopy(document), version or 0)
     except (LookupError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"the document is no {kind} of version {version or OLDEST}") from error
     if kind in JOBS:
-        raised.setdefault("kind", kind)
+        raised.document.setdefault("kind", kind)
         if version is not None:
-            _note_version(raised, version)
-    return Raised(raised, dropped)
+            _note_version(raised.document, version)
+    return raised
 
 
-def _take_steps(kind: str, document: dict[str, Any], version: int) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Carry out the steps from a version on a document; return it, and the places that were dropped."""
+def _take_steps(kind: str, document: dict[str, Any], version: int) -> Raised:
+    """Carry out the steps from a version on a document, in place."""
     dropped = list[str]()
     for step in STEPS:
         if step.after > version and kind in step.kinds:
             step.change(document)
             dropped += [f"{kind}: {path}" for path in step.dropped if remove(document, path)]
-    return document, tuple(dropped)
+    return Raised(document, tuple(dropped))
 
 
 def recognize_kind(document: Any) -> str | None:  # noqa: ANN401 - any JSON
