@@ -9,6 +9,7 @@ import typer
 import typer.core
 from typer.main import get_command
 
+from jointstiff.service.cli.archives import archive, restore
 from jointstiff.service.cli.database import database
 from jointstiff.service.cli.demo import demo, examples, rehearse, simulate
 from jointstiff.service.cli.keys import keys
@@ -79,7 +80,7 @@ app.command()(examples)
 app.command()(rehearse)
 for _command, _summary in _LATE_COMMANDS.items():
     app.command(_command, help=_summary)(lambda: None)  # placeholder in the list of commands
-for _function in (robots, export, report, serve, worker, post, demo):
+for _function in (robots, export, report, serve, worker, post, demo, archive, restore):
     app.command()(_function)
 app.add_typer(keys, name="keys")
 app.add_typer(database, name="database")

@@ -26,6 +26,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSe
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
 from jointstiff.schemas.run import Run, RunRequest
+from jointstiff.service.history.raising import raise_document
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
@@ -661,9 +662,27 @@ def parse_resource(response: httpx2.Response, kind: type[Resource]) -> Resource:
         RefusedError: the answer is not such a message.
     """
     try:
-        return kind.model_validate(_replace_unprintable(json.loads(response.content)))
+        document = _replace_unprintable(json.loads(response.content))
+        return _validate_answer(document, kind)
     except (ValidationError, ValueError, RecursionError) as error:
         raise _foreign_answer_error(f"the answer is not a {kind.__name__}") from error
+
+
+def _validate_answer(document: Any, kind: type[Resource]) -> Resource:  # noqa: ANN401 - any JSON
+    """Return an answer as a message; an answer of an older service is raised to today's shape."""
+    try:
+        return kind.model_validate(document)
+    except ValidationError:
+        name = _KINDS_OF_ANSWERS.get(kind) or (kind.kind_name() if issubclass(kind, Job) else None)
+        if name is None or not isinstance(document, dict):
+            raise
+        return kind.model_validate(raise_document(name, document, None).document)
+
+
+_KINDS_OF_ANSWERS: Final[Mapping[type[Message], str]] = MappingProxyType(
+    {Robot: "robot", MeasurementSet: "measurement_set", Prediction: "prediction"}
+)
+"""Class of an answer that is no job → kind of its document."""
 
 
 def parse_problem(response: httpx2.Response) -> Problem:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Final, cast
@@ -22,6 +23,8 @@ from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.run import Campaign as CampaignMessage
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
+from jointstiff.service.history.raising import raise_document, recognize_kind
+from jointstiff.service.history.steps import NEWEST
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
@@ -40,6 +43,12 @@ def _decode(text: object) -> bytes:
 
 
 _Content = Annotated[bytes, BeforeValidator(_decode)]
+
+
+_VERSION: Final = "schema"
+"""Field of a file: version of its documents; files of earlier versions do not have the field."""
+_CAMPAIGNS: Final = frozenset({"campaign", "continues"})
+"""Parts of a saved job that are campaigns."""
 
 
 class _SavedTable(Message):
@@ -96,6 +105,9 @@ def load(path: str | PathLike[str]) -> Any:  # noqa: ANN401 - the class depends 
         document = json.loads(content)
     except (ValueError, RecursionError):
         document = None
+    kind = recognize_kind(document)
+    if kind is not None and "kind" not in document:
+        document = {"kind": kind} | document
     if not isinstance(document, dict) or "kind" not in document:
         return Campaign.read(path)  # the error for any other file names its kind, or its faults
     return restore(document, str(path))
@@ -109,11 +121,12 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
     """
     fields, classes = dict(document), _list_classes()
     kind = str(fields.get("kind"))
+    version = fields.pop(_VERSION, None)
+    version = version if isinstance(version, int) else None
+    fields = _raise_part(kind, fields, version)
     if kind in classes:
         message = cast("Any", classes[kind])
         del fields["kind"]
-        if kind == "trend":
-            _renew_trend(fields)
         robot = fields.pop("robot", None)
         result = parse_document(fields, message)
         return result if robot is None else result.with_robot(robot)
@@ -123,6 +136,8 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
             http_problem(422, f"{name} has the unknown kind '{kind}'", f"load a file of one of: {known}")
         )
     saved = {part: fields.pop(part) for part in _SavedParts.model_fields if part in fields}
+    for part in _CAMPAIGNS & saved.keys():
+        saved[part] = _raise_part("campaign", saved[part], version)
     parts = parse_document(saved, _SavedParts)
     if parts.campaign is not None and isinstance(fields.get("request"), dict):
         # The options are those of the campaign: there, options that nobody stated keep their defaults, which
@@ -138,15 +153,13 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
     return results.attach_origin(cast("Job", job), here)
 
 
-def _renew_trend(fields: dict[str, Any]) -> None:
-    """Change a trend that an earlier version saved: its campaigns have no verdict of their own."""
-    campaigns = fields.get("campaigns")
-    if not isinstance(campaigns, list):
-        return
-    fields.setdefault("campaign_count", len(campaigns))
-    for campaign in campaigns:
-        if isinstance(campaign, dict) and isinstance(campaign.get("assessment"), dict):
-            campaign.setdefault("verdict", campaign["assessment"].get("verdict"))
+def _raise_part(kind: str, part: Any, version: int | None) -> Any:  # noqa: ANN401 - any JSON
+    """Return a part of a file, raised to today's shape; unchanged if it cannot be raised."""
+    if not isinstance(part, dict):
+        return part
+    with suppress(ValueError):  # the checks of today's shape name what is wrong
+        return raise_document(kind, part, version).document
+    return part
 
 
 def to_document(result: Presented) -> dict[str, Any]:
@@ -160,7 +173,7 @@ def to_document(result: Presented) -> dict[str, Any]:
         (kind,) = (kind for kind, message in _list_classes().items() if isinstance(result, message))
         robot = getattr(result, "robot", None) if kind == "imported" else None
         extra = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
-        return {"kind": kind} | fields | extra
+        return {"kind": kind, _VERSION: NEWEST} | fields | extra
     if isinstance(result, TabledRun):
         campaign = None if result._origin is None else result._origin.read_campaign(result)
         if campaign is not None:
@@ -172,7 +185,7 @@ def to_document(result: Presented) -> dict[str, Any]:
         if (run := result._origin.find_run_for_tables(result)) is not None:
             fields["made_from"] = to_document(run)
         fields |= _describe_contents(*result._origin.read_contents(result))
-    return fields
+    return fields | {_VERSION: NEWEST}
 
 
 def _describe_contents(tables: Mapping[str, Sheet], files: Mapping[str, bytes]) -> dict[str, Any]:

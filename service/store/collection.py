@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
 from types import MappingProxyType
@@ -15,12 +15,15 @@ from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service import problems
 from jointstiff.service.store.database import Database, Quota
+from jointstiff.service.store.documents import raise_text
+from jointstiff.service.store.layouts import SCHEMA
 from jointstiff.service.store.listing import Order, is_indexable, make_search_text, read_page
 from jointstiff.service.store.tables import (
     DUE,
     AuditEntry,
     Entry,
     IdempotencyKey,
+    JobRecord,
     LiveEntry,
     MeasurementSetEntry,
     MeasurementSetRecord,
@@ -47,6 +50,10 @@ PARENTS: Final[Mapping[sa.Table, problems.Resource]] = MappingProxyType(
 )
 """Table to which other tables refer → its kind of resource, for messages."""
 
+_KINDS_OF_DOCUMENTS: Final[Mapping[sa.Table, str]] = MappingProxyType(
+    {robots: "robot", measurement_sets: "measurement_set", open_sets: "open_set"}
+)
+"""Table → kind of its documents; a job states its kind."""
 _NO_FILTERS: Final[Mapping[str, str]] = MappingProxyType({})
 _NO_SPANS: Final[Mapping[str, tuple[datetime | None, datetime | None]]] = MappingProxyType({})
 _INSERT_KEY: Final = sa.insert(idempotency_keys)
@@ -186,7 +193,8 @@ class Collection(Generic[Record, Entry]):
         (row,) = rows
         if row.body_hash != key.body_hash:
             raise problems.IdempotencyConflictError(self.resource, key.key)
-        return self._record(**{name: value for name, value in row._mapping.items() if name != "body_hash"})
+        values = {name: value for name, value in row._mapping.items() if name != "body_hash"}
+        return self._make_record(values)
 
     def get(self, identifier: str, *, include_deleted: bool = False) -> Record:
         """Return the record with an id.
@@ -202,10 +210,18 @@ class Collection(Generic[Record, Entry]):
         self._refuse_unindexable(identifier)
         by_id = self._by_id_with_deleted if include_deleted else self._by_id
         for row in self._database.rows(by_id, {"id": identifier}):
-            return self._record(**row._mapping)
+            return self._make_record(row._mapping)
         was_deleted = self._has_row(self._id_query, identifier)
         error = problems.DeletedError if was_deleted else problems.NotFoundError
         raise error(self.resource, identifier)
+
+    def _make_record(self, values: Mapping[Any, Any]) -> Record:
+        """Return the record of a row; a document of an earlier version is raised to today's shape."""
+        record = self._record(**values)
+        if record.schema < SCHEMA:
+            kind = record.kind if isinstance(record, JobRecord) else _KINDS_OF_DOCUMENTS[self._table]
+            record = replace(record, document=raise_text(kind, record.document, record.schema))
+        return record
 
     def change(
         self, identifier: str, values: Mapping[str, object], *, include_deleted: bool = False
@@ -383,7 +399,7 @@ class Collection(Generic[Record, Entry]):
             record: record that is about to be stored.
             parent_rows: column → row of the record to which the column refers.
         """
-        return _make_robot_name_columns(record.name or "")
+        return make_robot_name_columns(record.name or "")
 
     def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a record's name in other rows; subclasses with such copies override this."""
@@ -593,7 +609,7 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
     ) -> dict[str, str | None]:
         """Return column → text for a new set: the robot's name, and the text for searches."""
         robot = value_of_parent(parent_rows, "robot_id")
-        return _make_set_name_columns(
+        return make_set_name_columns(
             record.name, robot, record.serial_number, record.operator, record.instrument
         )
 
@@ -619,7 +635,7 @@ class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
         self, record: OpenSetRecord, parent_rows: Mapping[str, Any]
     ) -> dict[str, str | None]:
         """Return column → text for a new live campaign: the robot's name, and the text for searches."""
-        return _make_set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"))
+        return make_set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"))
 
     def _delete_related(self, connection: sa.Connection, removed_ids: Sequence[str]) -> None:
         """Delete the entries of removed live campaigns."""
@@ -645,12 +661,12 @@ def value_of_parent(parent_rows: Mapping[str, Any], column: str, name: str = "na
     return None if row is None else getattr(row, name)
 
 
-def _make_robot_name_columns(name: str) -> dict[str, str | None]:
+def make_robot_name_columns(name: str) -> dict[str, str | None]:
     """Return column → text for the columns of a robot's row that hold copies of its name."""
     return {"words": make_search_text(name)}
 
 
-def _make_set_name_columns(
+def make_set_name_columns(
     name: str,
     robot: str | None,
     serial_number: str | None = None,
@@ -697,12 +713,12 @@ SEARCHED: Final = ("serial_number", "operator", "instrument")
 _NAME_QUERIES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, str | None]]]]] = (
     MappingProxyType(
         {
-            robots: (sa.select(robots.c.sequence, robots.c.name), _make_robot_name_columns),
+            robots: (sa.select(robots.c.sequence, robots.c.name), make_robot_name_columns),
             measurement_sets: (
                 _make_set_names_query(measurement_sets, *(measurement_sets.c[name] for name in SEARCHED)),
-                _make_set_name_columns,
+                make_set_name_columns,
             ),
-            open_sets: (_make_set_names_query(open_sets), _make_set_name_columns),
+            open_sets: (_make_set_names_query(open_sets), make_set_name_columns),
             jobs: (
                 sa.select(
                     jobs.c.sequence,

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import sqlalchemy as sa
+from pydantic_core import from_json, to_json
 
+from jointstiff.service.history.raising import raise_document
 from jointstiff.service.store.compression import compress, decode, decompress
 from jointstiff.service.store.packing import is_packed, unpack_text
 
@@ -17,6 +19,22 @@ def read_text(content: bytes) -> str:
         DamagedError: the content is damaged, or too large.
     """
     return unpack_text(content) if is_packed(content) else decode(decompress(content))
+
+
+def raise_text(kind: str, text: str, version: int) -> str:
+    """Return the JSON text of a document of an earlier version, raised to today's shape.
+
+    Args:
+        kind: kind of the document.
+        text: JSON text; a text that is no JSON object is returned unchanged, as its reader will refuse it.
+        version: version of the document.
+    """
+    try:
+        document = from_json(text)
+        is_object = isinstance(document, dict)
+        return to_json(raise_document(kind, document, version).document).decode() if is_object else text
+    except ValueError:
+        return text
 
 
 class CompressedText(sa.TypeDecorator[str]):

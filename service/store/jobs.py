@@ -128,7 +128,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
                 with suppress(DamagedError):  # a damaged job ends, too, so that no worker tries it again
                     columns = dict(connection.execute(record_query).one()._mapping)
                     finished_units = int(columns.pop("done"))
-                    new_values = changes(JobRecord(**columns), finished_units)
+                    new_values = changes(self._make_record(columns), finished_units)
                     connection.execute(sa.update(jobs).where(*is_job).values(**new_values))
                 connection.execute(sa.delete(job_steps).where(job_steps.c.job_id == job_id))
                 self._mark_campaign_outdated(connection, job_id)

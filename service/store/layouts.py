@@ -10,16 +10,18 @@ from __future__ import annotations
 import re
 from typing import Final
 
+from jointstiff.service.history.steps import NEWEST, OLDEST
 from jointstiff.service.problems import StoreError
 
 LAYOUT: Final = "0019_expand_readable"
 """Layout of this program: of new databases, and the newest file in `migrations/versions/`."""
 BASELINE: Final = "0018_actions_name_targets"
 """Oldest layout that can be upgraded."""
-SCHEMA: Final = 19
-"""Version of new documents: number of the layout that last changed the form of documents."""
+SCHEMA: Final = NEWEST
+"""Version of new documents: number of the layout that last changed the form or the shape of documents."""
 
 _NAME: Final = re.compile(r"(\d{4})_(expand|contract)_\w+", re.ASCII)
+_NUMBERED: Final = re.compile(r"\d{4}_", re.ASCII)
 _SAVE_COMMANDS: Final = {
     "sqlite": "sqlite3 FILE '.backup SAVED'",
     "postgresql": "pg_dump --format=custom --file=SAVED DATABASE",
@@ -50,6 +52,12 @@ def can_upgrade(layout: str) -> bool:
     return layout == BASELINE or is_later
 
 
+def can_archive(layout: str) -> bool:
+    """Return whether this program can read a layout for an archive."""
+    number = int(layout[:4]) if _NUMBERED.match(layout) else 0
+    return OLDEST <= number <= number_of(LAYOUT)
+
+
 def refuse_unusable(layout: str, dialect: str) -> None:
     """Refuse a database of a layout that this program cannot use; `dialect` is that of the database.
 
@@ -72,6 +80,12 @@ def refuse_unusable(layout: str, dialect: str) -> None:
             reason,
             "install the newer version of Jointstiff that upgraded the database, or restore the copy that "
             "was made before the upgrade",
+        )
+    if can_archive(layout):
+        raise StoreError(
+            reason,
+            "bring its records over: `jointstiff archive FILE.zip --database URL`, then `jointstiff restore "
+            "FILE.zip --database NEW_URL`; the database is not changed",
         )
     raise StoreError(
         reason,

@@ -231,6 +231,8 @@ export const en = {
     noWorker: "No worker is running: the run waits for a worker (jointstiff worker, or serve with --workers 1).",
     away: "No connection to the service; trying again. Finished results are kept.",
     repeat: "Repeat",
+    recordedBefore: (version: string) =>
+      `Recorded by version ${version} of the documents: empty fields may not have been recorded. Repeat computes with today's methods, so its numbers may differ.`,
     share: "Copy link",
     shared: "Link copied",
     delete: "Delete",

@@ -60,7 +60,13 @@ function Repeat({ run }: { run: Run }) {
     const again = await api.runs.add(run.request, freshKey("run"));
     return link(["runs", again.id]);
   });
-  return <ActionButton action={repeat}>{text.run.repeat}</ActionButton>;
+  const recorded = run.provenance.versions.document;
+  return (
+    <>
+      <ActionButton action={repeat}>{text.run.repeat}</ActionButton>
+      {recorded && <small>{text.run.recordedBefore(recorded)}</small>}
+    </>
+  );
 }
 
 function Parts({ context, part, query }: { context: RunContext; part: string; query: URLSearchParams }) {

@@ -1,7 +1,6 @@
 """Databases that are opened, refused, and saved by their own tools."""
 
 import hashlib
-import json
 import sqlite3
 import subprocess
 import sys
@@ -12,7 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 from uuid import uuid4
 
 import psycopg
@@ -24,17 +22,13 @@ from sqlalchemy.schema import CreateIndex, CreateTable
 from support.claims import Claims
 from support.jobs import run_request, runs_of, stored_set
 
-from jointstiff.schemas.measurement import StoredMeasurementSet
-from jointstiff.schemas.robot import LastCampaign, Robot
-from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.kinds.work import pack_arrays
 from jointstiff.service.problems import StoreError, StoreUnavailableError
-from jointstiff.service.runs.trend import ReadRun
 from jointstiff.service.store import database as database_module
 from jointstiff.service.store import packing
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.layouts import LAYOUT, SCHEMA
+from jointstiff.service.store.layouts import LAYOUT
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import RobotRecord, indexes_of, metadata
 from jointstiff.service.workers.worker import Recovery
@@ -105,32 +99,6 @@ def test_other_tables_are_another_layout() -> None:
     ]
     digest = hashlib.sha256("".join([*made, packing._read_dictionary().decode()]).encode()).hexdigest()[:16]
     assert (LAYOUT, digest) == ("0019_expand_readable", "7346b03feac55b09")
-
-
-def shape(schema: Any) -> Any:
-    """A JSON schema without its words: what a stored document must look like to be read."""
-    if isinstance(schema, list):
-        return [shape(each) for each in schema]
-    if not isinstance(schema, dict):
-        return schema
-    words = {"title", "description", "examples", "unit"}
-    return {
-        name: {field: shape(each) for field, each in value.items()}  # names of fields are no words
-        if name in {"properties", "$defs"}
-        else sorted(value)
-        if name == "required" and isinstance(value, list)  # in any order
-        else shape(value)
-        for name, value in schema.items()
-        if name not in words
-    }
-
-
-def test_documents_of_another_shape_are_another_layout() -> None:
-    """As they would not be read: a new layout, whose number is `SCHEMA`, and the shapes' hash here."""
-    documents = [Robot, StoredMeasurementSet, ReadRun, LastCampaign, *(kind.message for kind in KINDS)]
-    shapes = [shape(each.model_json_schema(mode="serialization")) for each in documents]
-    digest = hashlib.sha256(json.dumps(shapes, sort_keys=True).encode()).hexdigest()[:16]
-    assert (SCHEMA, digest) == (19, "98168f80f3ec3f9e")
 
 
 def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:

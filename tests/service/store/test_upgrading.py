@@ -519,6 +519,16 @@ class TestDocuments:
             assert sum(row.numbers is not None for row in rows) > 5
             assert {row.key_name for row in rows} == {None, "tablet hall 3"}
 
+    def test_a_run_states_the_version_that_recorded_it(self, restored: Restore) -> None:
+        """Before and after its document is rewritten: to repeat the run computes with today's methods."""
+        with Store.open(restored(), upgrade=lambda _: None) as store, kept.client_of(store) as client:
+            runs = client.get("/v1/jobs?kind=run&state=succeeded").json()["items"]
+            for _ in range(2):
+                for run in runs:
+                    versions = client.get(f"/v1/jobs/{run['id']}").json()["provenance"]["versions"]
+                    assert versions["document"] == "18"
+                store.old_documents.rewrite(FOREVER)
+
     def test_the_leading_worker_rewrites_documents(self, restored: Restore) -> None:
         """And goes on to end what waits: a run without a part in the queue."""
         url = restored()

@@ -12,8 +12,10 @@ from typing import Any
 
 import sqlalchemy as sa
 from alembic import op
+from pydantic_core import to_json
 from sqlalchemy.dialects.postgresql import JSONB
 
+from jointstiff.service.history.raising import raise_document
 from jointstiff.service.store.packing import unpack_text
 
 revision = "0019_expand_readable"
@@ -74,6 +76,8 @@ def rewrite(row: Mapping[str, Any]) -> dict[str, Any]:
     values: dict[str, Any] = {"document": _compress(text)}
     if "trend" in row:  # a job
         job = json.loads(text)
+        job = raise_document(job["kind"], job, 18).document
+        values["document"] = _compress(to_json(job).decode())
         has_numbers = job["kind"] == "run" and job["result"] is not None
         values["trend"] = None if row["trend"] is None else _compress(unpack_text(row["trend"]))
         values["key_name"] = job["key_name"]

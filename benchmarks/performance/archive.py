@@ -1,0 +1,196 @@
+"""Archives: processor time and memory at 10,000 runs and 50,000 sets; restores that are killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import IO, Final
+
+from benchmarks.campaigns import small_campaign
+from benchmarks.report import Figure, Section
+from benchmarks.services import databases
+from jointstiff.schemas.run import Campaign, RunRequest
+from jointstiff.service.api.runs import _store_robot_once, _store_set_once
+from jointstiff.service.archive.form import MANIFEST, FileEntry, Manifest, to_line
+from jointstiff.service.archive.reading import read_archive
+from jointstiff.service.archive.writing import write_archive
+from jointstiff.service.jobs import Parts
+from jointstiff.service.store.store import Store
+from tests.support.copied_rows import make_id
+
+__all__ = ["run"]
+
+_LAUNCHER: Final = """
+import json, os, sys
+pid = os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ)
+_, status, used = os.wait4(pid, 0)
+print("USED", json.dumps([status, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]))
+"""
+"""A small process between: a child inherits the peak of a large parent (Linux books it at exec)."""
+
+
+@dataclass(frozen=True)
+class _Size:
+    """Numbers of records."""
+
+    robots: int
+    sets: int
+    runs: int
+    killed_runs: int  # runs of the archive whose restore is killed
+    kills: int
+
+
+def run(*, quick: bool) -> list[Section]:
+    """Measure both databases."""
+    size = _Size(20, 100, 50, 50, 5) if quick else _Size(1_000, 50_000, 10_000, 10_000, 50)
+    with tempfile.TemporaryDirectory(prefix="jointstiff-archive-") as temporary, databases() as kinds:
+        folder = Path(temporary)
+        large = _make_archive(folder, "large.zip", size.robots, size.sets, size.runs)
+        small = _make_archive(folder, "small.zip", size.robots, size.robots, size.killed_runs)
+        sections = []
+        for name, new in kinds.items():
+            sections.append(_measure(name, new(), large, folder, size))
+            sections.append(_kill(name, new, small, folder, size))
+        return sections
+
+
+def _measure(name: str, url: str, large: Path, folder: Path, size: _Size) -> Section:
+    """Restore an archive into a new database, and archive the database."""
+    again = folder / f"{name}.zip"
+    restored = _cost("restore", str(large), "--database", url)
+    archived = _cost("archive", str(again), "--database", url, "--with-key-hashes")
+    is_equal = _manifest_of(again) == _manifest_of(large)
+    megabytes = again.stat().st_size / 1e6
+    rows = (
+        ("restore", f"{restored[0]:.0f} s", f"{restored[1]:.0f} MB"),
+        ("archive", f"{archived[0]:.0f} s", f"{archived[1]:.0f} MB"),
+    )
+    figures = (
+        Figure(f"{name}: archive, processor time", archived[0], "at most", 120, " s"),
+        Figure(f"{name}: archive, peak memory", archived[1], "at most", 300, " MB"),
+        Figure(f"{name}: restore, processor time", restored[0], "at most", 240, " s"),
+        Figure(f"{name}: restore, peak memory", restored[1], "at most", 300, " MB"),
+        Figure.none(f"{name}: manifests that differ", int(not is_equal)),
+    )
+    title = f"{name}: archive of {size.runs:,} runs and {size.sets:,} sets, {megabytes:.0f} MB"
+    notes = ("processor time of the command alone, without the server of PostgreSQL",)
+    return Section(title, ("command", "processor", "peak memory"), rows, figures, notes)
+
+
+def _kill(name: str, new: Callable[[], str], small: Path, folder: Path, size: _Size) -> Section:
+    """Kill restores at random moments; each is continued by the next, and the last ends."""
+    draw, kills, ends, different = random.Random(1), 0, 0, 0  # noqa: S311 - of moments
+    command = [sys.executable, "-m", "jointstiff", "restore", str(small), "--database"]
+    began = time.perf_counter()
+    url = new()
+    subprocess.run([*command, url], check=True, stdout=subprocess.DEVNULL)
+    whole = time.perf_counter() - began
+    url = new()
+    while kills < size.kills:
+        process = subprocess.Popen([*command, url], stdout=subprocess.DEVNULL)
+        try:
+            process.wait(draw.uniform(0.0, 0.5 * whole))
+        except subprocess.TimeoutExpired:
+            os.kill(process.pid, signal.SIGKILL)
+            process.wait()
+            kills += 1
+            continue
+        ends += 1
+        different += _differs(url, small, folder / f"{name}-{ends}.zip")
+        url = new()
+    subprocess.run([*command, url], check=True, stdout=subprocess.DEVNULL)
+    different += _differs(url, small, folder / f"{name}-last.zip")
+    figures = (Figure.none(f"{name}: databases that differ after {kills} kills", different),)
+    rows = ((str(kills), str(ends + 1), str(different)),)
+    title = f"{name}: restores of {size.killed_runs:,} runs, killed at random moments"
+    return Section(title, ("kills", "databases", "that differ"), rows, figures)
+
+
+def _differs(url: str, original: Path, path: Path) -> bool:
+    """Return whether a restored database has another archive than the original."""
+    write_archive(url, path, "hashes")
+    return _manifest_of(path) != _manifest_of(original)
+
+
+def _cost(*arguments: str) -> tuple[float, float]:
+    """Return processor time [s] and peak memory [MB] of a command."""
+    command = [sys.executable, "-c", _LAUNCHER, sys.executable, "-m", "jointstiff", *arguments]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+    status, seconds, megabytes = json.loads(done.stdout.rpartition("USED ")[2])
+    if status != 0:
+        raise RuntimeError(f"{arguments} ended with status {status}")
+    return seconds, megabytes
+
+
+def _manifest_of(path: Path) -> Manifest:
+    with read_archive(path) as archive:
+        return archive.manifest
+
+
+@dataclass(frozen=True)
+class _Copies:
+    """Lines of a robot, its set and its run, and how many copies of each an archive has."""
+
+    lines: dict[str, bytes]  # table → line
+    robot_id: str
+    set_id: str
+    run_id: str
+    robots: int
+    sets: int
+    runs: int
+
+    def of(self, table: str) -> Iterator[bytes]:
+        """Yield the lines of the copies of a table, with ids of their own."""
+        counts = {"robots": self.robots, "measurement_sets": self.sets, "jobs": self.runs}
+        for number in range(counts.get(table, 0)):
+            of_set = number if table == "measurement_sets" else number % self.sets
+            of_robot = number if table == "robots" else of_set % self.robots
+            line = self.lines[table].replace(self.run_id.encode(), make_id(3, number).encode())
+            line = line.replace(self.set_id.encode(), make_id(2, of_set).encode())
+            yield line.replace(self.robot_id.encode(), make_id(1, of_robot).encode())
+
+
+def _make_archive(folder: Path, name: str, robots: int, sets: int, runs: int) -> Path:
+    """Write an archive of copies of a robot, its set and its run."""
+    source, url = folder / f"{name}.source.zip", f"sqlite:///{folder / name}.db"
+    with Store.open(url) as store:
+        parts = Parts(store)
+        campaign = Campaign.model_validate_json(json.dumps(small_campaign(seed=1).document))
+        robot_id = _store_robot_once(parts, campaign.robot)
+        set_id = _store_set_once(parts, campaign.measurement_set, robot_id)
+        run_id = parts.jobs["run"].create(RunRequest(measurement_set_id=set_id), None).id
+    write_archive(url, source, "hashes")
+    with read_archive(source) as archive:
+        manifest = archive.manifest
+        tables = ("robots", "measurement_sets", "jobs")
+        lines = {table: to_line(next(iter(archive.lines(table)))) for table in tables}
+    copies = _Copies(lines, robot_id, set_id, run_id, robots, sets, runs)
+    files = dict(manifest.files)
+    with zipfile.ZipFile(folder / name, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as target:
+        for file_name in files:
+            with target.open(file_name, "w", force_zip64=True) as file:
+                files[file_name] = _write_lines(file, copies.of(file_name.removesuffix(".jsonl")))
+        target.writestr(MANIFEST, manifest.model_copy(update={"files": files}).model_dump_json())
+    return folder / name
+
+
+def _write_lines(file: IO[bytes], lines: Iterator[bytes]) -> FileEntry:
+    """Write lines to a file of an archive; return its entry of the manifest."""
+    digest, count, size = sha256(), 0, 0
+    for line in lines:
+        file.write(line)
+        digest.update(line)
+        count += 1
+        size += len(line)
+    return FileEntry(lines=count, bytes=size, sha256=digest.hexdigest())

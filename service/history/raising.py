@@ -1,0 +1,89 @@
+"""Raising of documents, step by step, to the newest version."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final
+
+from jointstiff.service.history.paths import remove
+from jointstiff.service.history.steps import JOBS, NEWEST, OLDEST, STEPS
+
+_MARKS: Final = MappingProxyType(
+    {
+        "variant_of": "run",
+        "run_ids": "comparison",
+        "sweeps": "geometry",
+        "criterion": "plan",
+        "grid": "map",
+        "accuracy_option": "program",
+    }
+)
+"""Field of a request → kind of its job, in documents of version 9, which do not state their kind."""
+_RECORDED: Final = "document"
+"""Entry of the versions in a job's provenance: version of the document as the job was computed."""
+
+
+@dataclass(frozen=True)
+class Raised:
+    """A document of the newest version."""
+
+    document: dict[str, Any]
+    dropped: tuple[str, ...]  # places of values that have no place in the newest version
+
+
+def raise_document(kind: str, document: dict[str, Any], version: int | None) -> Raised:
+    """Return a document of a version as a document of the newest version; the given one is not changed.
+
+    Args:
+        kind: `robot`, `measurement_set`, `campaign`, `open_set`, `live_entry`, `findings`, or a kind of work.
+        document: the document.
+        version: version of the document; None for a document that does not state it.
+
+    Raises:
+        ValueError: the document is none of its version.
+    """
+    if version is not None and version >= NEWEST:
+        return Raised(document, ())
+    try:
+        raised = _take_steps(kind, deepcopy(document), version or 0)
+    except (LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(f"the document is no {kind} of version {version or OLDEST}") from error
+    if kind in JOBS:
+        raised.document.setdefault("kind", kind)
+        if version is not None:
+            _note_version(raised.document, version)
+    return raised
+
+
+def _take_steps(kind: str, document: dict[str, Any], version: int) -> Raised:
+    """Carry out the steps from a version on a document, in place."""
+    dropped = list[str]()
+    for step in STEPS:
+        if step.after > version and kind in step.kinds:
+            step.change(document)
+            dropped += [f"{kind}: {path}" for path in step.dropped if remove(document, path)]
+    return Raised(document, tuple(dropped))
+
+
+def recognize_kind(document: Any) -> str | None:  # noqa: ANN401 - any JSON
+    """Return the kind of a job or a prediction that does not state it, as of version 9; None for others."""
+    if not isinstance(document, dict):
+        return None
+    if "cases" in document and "model_error_postures" in document:
+        return "prediction"
+    request = document.get("request")
+    if not isinstance(request, dict) or "provenance" not in document:
+        return None
+    return next((kind for mark, kind in _MARKS.items() if mark in request), None)
+
+
+def _note_version(job: dict[str, Any], version: int) -> None:
+    """Write the version into a job that has ended, unless the job states it."""
+    provenance = job.get("provenance")
+    if not isinstance(provenance, dict) or provenance.get("ended_at") is None:
+        return
+    versions = provenance.get("versions")
+    if isinstance(versions, dict):
+        versions.setdefault(_RECORDED, str(version))
