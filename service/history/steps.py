@@ -264,6 +264,7 @@ _FROM_9: Final = (
     Step(9, 14, ("live_entry",), _raise_live_entry_9, ("innovation.label", "held_out.inside")),
 )
 
+
 def _state_verdicts_of_campaigns(trend: Document) -> None:
     """State the verdict of each campaign beside its assessment, which a long trend leaves out."""
     trend.setdefault("campaign_count", len(trend["campaigns"]))
