@@ -42,8 +42,8 @@ class Key(Message):
     """A key of the service."""
 
     id: KeyId
-    name: str = Field(description="Holder of the key: a person, a machine or a program.")
-    role: Role = Field(description=_ROLE)
+    name: str = Field(description="Holder of the key.")
+    role: Role
     source: Literal["database", "file"] = Field(
         description="Place where the key is stored; revoke a key of `--keys-file` in that file."
     )
@@ -108,23 +108,31 @@ class AuditQuery(PageQuery):
     )
 
 
+class StuckJob(Message):
+    """A job that does not move."""
+
+    job: str
+    still_s: float
+    why: str
+
+
+class PartsWaiting(Message):
+    """Parts of jobs that wait for a worker."""
+
+    waiting: int
+    oldest_s: float
+
+
 class Health(Message):
     """Answer of the health endpoint."""
 
     status: Literal["ok"]
     version: str = Field(description="Version of Jointstiff.")
     workers: int = Field(description="Number of workers; without a worker, long jobs wait.")
-    failing_workers: int = Field(
-        description="Number of workers that stop soon after each start; the log states why."
-    )
+    failing_workers: int = Field(description="Workers that stop soon after each start; see the log.")
     database: Literal["sqlite", "postgresql"]
-    stored_bytes: int = Field(
-        description="Size of the database in bytes, without free pages of a SQLite file."
-    )
-    quota_bytes: int | None = Field(
-        description="Quota (`--quota`): a larger database refuses new resources (507); null: no quota."
-    )
-    access: Access = Field(
-        description="Callers of the service. `loopback`: programs on its machine. `keys`: holders of a "
-        "key. `none`: everyone (`--no-access-control`); a proxy must authenticate."
-    )
+    stored_bytes: int = Field(description="Size of the database in bytes.")
+    quota_bytes: int | None = Field(description="Quota: a larger database refuses new resources (507).")
+    access: Access = Field(description="As in `Session`; `none`: a proxy must authenticate.")
+    stuck: list[StuckJob]
+    queue: PartsWaiting

@@ -144,7 +144,7 @@ class ResourceChange(Message):
     name: Name | None = Field(default=None, description="New name; null: unchanged.")
     deleted: StrictBool | None = Field(
         default=None,
-        description="True to delete, false to restore within 30 days; null: unchanged.",
+        description="True: delete; false: restore within 30 days.",
     )
 
 
@@ -156,7 +156,7 @@ class Page(Message, Generic[Item]):
     """One page of a listing."""
 
     items: list[Item]
-    next: str | None = Field(description="`cursor` of the next page; null: none.")
+    next: str | None = Field(description="`cursor` of the next page, if any.")
     total: int | None = Field(
         default=None,
         description=f"Number on all pages, {MOST_COUNTED + 1} if more; null after the first page.",

@@ -31,6 +31,12 @@ class Progress(Message):
     total: int
     unit: str = Field(description="Unit of `done` and `total`.", examples=["resamples"])
     activity: str = Field(description="Current step of the job.", examples=["resampling"])
+    # Never stored: older programs would not read it.
+    waits: str | None = Field(
+        default=None,
+        exclude_if=lambda waits: waits is None,
+        description="Why the job does not move.",
+    )
 
 
 class Result(Message):
@@ -51,7 +57,7 @@ class Result(Message):
 class FromRun(Result):
     """Result that is made from a run."""
 
-    assessment: Assessment = Field(description="Assessment of the result, with the reasons of the run.")
+    assessment: Assessment = Field(description="With the reasons of the run.")
 
 
 class Job(Message):
@@ -61,13 +67,13 @@ class Job(Message):
 
     id: Identifier
     kind: str
-    state: JobState = Field(description="While `queued` or `running`, poll its address or follow its events.")
-    progress: Progress | None = Field(default=None, description="Progress; null if computed at once.")
+    state: JobState = Field(description="Until its end, poll its address or follow its events.")
+    progress: Progress | None = Field(default=None, description="Null if computed at once.")
     request: Message
     result: Message | None = Field(description="Present if the job succeeded.")
-    error: Problem | None = Field(description="Problem; present if the job has failed.")
+    error: Problem | None = Field(description="Present if the job failed.")
     provenance: Provenance
-    key_id: str | None = Field(default=None, description="Id of the requester's key; null without a key.")
+    key_id: str | None = Field(default=None, description="Id of the requester's key.")
     key_name: str | None = None
 
     @classmethod
@@ -137,5 +143,5 @@ class JobChange(Message):
     )
     deleted: StrictBool | None = Field(
         default=None,
-        description="True to delete, false to restore within 30 days; null: unchanged.",
+        description="True: delete; false: restore within 30 days.",
     )

@@ -88,6 +88,7 @@ def create_app(
     app.state.access = policy.access
     app.state.laboratory = laboratory or LaboratorySettings()
     app.state.parts = Parts(store, enqueue)
+    app.state.parts.find_reason = watch.find_reason
     app.state.answer_elsewhere = None  # function that lets another process answer requests with large bodies
     app.state.is_closing = lambda: False
     app.state.failing_workers = lambda: 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from functools import lru_cache
 from types import MappingProxyType
@@ -46,7 +46,7 @@ from jointstiff.service.resources.stored import Resources
 from jointstiff.service.runs.numbers import extract_numbers
 from jointstiff.service.runs.trend import Trends, extract_trend_json
 from jointstiff.service.store.database import BUSY_SECONDS
-from jointstiff.service.store.jobs import JOB
+from jointstiff.service.store.jobs import JOB, JobStatus
 from jointstiff.service.store.layouts import SCHEMA
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, AccessKey, IdempotencyKey, JobEntry, JobRecord
@@ -102,6 +102,8 @@ class Part:
     job_id: str
     number: int  # number of the part within the job, from 0
     kept: int  # number of the part's steps that had a stored result when the part was put into the queue
+    # Number of times that a worker handed the part back, as a lock was not available
+    delays: int = field(default=0, compare=False)
 
 
 class PartQueue(Protocol):
@@ -301,8 +303,13 @@ class Jobs:
         status = self.records.status(record.id)
         if status is None or not status.is_active:  # the job has ended meanwhile, which removed its steps
             return self._read_job(self.records.get(record.id, include_deleted=True))
-        progress = job.progress.model_copy(update={"done": status.done})
-        return job.model_copy(update={"state": record.state, "progress": progress})
+        return self.update_progress(job, status)
+
+    def update_progress(self, job: Job, status: JobStatus) -> Job:
+        """Return a job with the state and the progress of a newer status, and why it does not move."""
+        waits = self._inputs.find_reason(job.id) if status.is_active else None
+        progress = job.progress and job.progress.model_copy(update={"done": status.done, "waits": waits})
+        return job.model_copy(update={"state": status.state, "progress": progress})
 
     def _read_job(self, record: JobRecord) -> Job:
         """Return the job that the JSON of its record describes."""

@@ -10,6 +10,7 @@ ServiceError                   an error whose cause is not in the request: see t
 ├── ExecutorError              the caller's executor failed: see the executor's error
 └── StoreError                 base of the errors of the store
     ├── StoreUnavailableError  the database does not answer: try again, or look at the server
+    │   └── LockedError        another program has the rows locked: try again, or end the other program
     ├── DamagedError           a document that cannot be read: delete it, or restore a copy
     ├── NotFoundError          no such record: check the id
     │   └── DeletedError       the record was deleted: restore it
@@ -216,6 +217,10 @@ class StoreUnavailableError(StoreError):
         super().__init__(reason, remedy)
         # the reason without names of hosts and users, for answers over the network
         self.public_reason = reason if public_reason is None else public_reason
+
+
+class LockedError(StoreUnavailableError):
+    """Another program has locked what a statement needs, for longer than the statement may wait."""
 
 
 class DamagedError(StoreError):

@@ -188,6 +188,7 @@ def _gauge_values(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
     }
     if state["database_up"]:
         state |= {"workers": last_check.workers, "stored_bytes": last_check.stored_bytes}
+        state |= app.state.watch.gauges()
         with suppress(StoreError):
             state["unfinished_jobs"] = sum(
                 len(jobs.records.open_jobs()) for jobs in app.state.parts.jobs.values()

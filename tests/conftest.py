@@ -27,6 +27,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 httpcore2.default_ssl_context = cache(httpcore2.default_ssl_context)
 
 REQUIRE_POSTGRESQL = "JOINTSTIFF_REQUIRE_POSTGRESQL"
+POSTGRESQL_PROGRAMS = "JOINTSTIFF_POSTGRESQL_PROGRAMS"
+"""Folder of the programs of another PostgreSQL server than the newest installed one."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -127,6 +129,8 @@ def _fresh_database(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 
 
 def _postgresql_binaries() -> Path:
+    if stated := os.environ.get(POSTGRESQL_PROGRAMS):
+        return Path(stated)
     installed = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[-3]))
     found = installed[-1] if installed else shutil.which("initdb")
     if found:

@@ -53,19 +53,26 @@ _WAITING: Final = 12
 _STOPS: Final = """
 import os, pathlib, signal, sys
 if "jointstiff.service.workers" in sys.orig_argv:
-    from jointstiff.service.store import jobs
-    mark, before = pathlib.Path({mark!r}), jobs.insert_unless_present
+    import sqlalchemy as sa
+    from jointstiff.service.store.jobs import Steps
+    from jointstiff.service.store.tables import jobs
+    mark, before = pathlib.Path({mark!r}), Steps.store_result
 
-    def insert_unless_present(connection, table):
+    def store_result(steps, job_id, span, result):
         try:
             mark.touch(exist_ok=False)
         except FileExistsError:
-            return before(connection, table)
+            return before(steps, job_id, span, result)
         mark.write_text(str(os.getpid()))
-        os.kill(os.getpid(), signal.SIGSTOP)
-        return before(connection, table)
+        lock = sa.update(jobs).where(jobs.c.id == job_id).values(name=jobs.c.name)
+        with steps._database.writing() as connection:
+            connection.execute(lock)
+            os.kill(os.getpid(), signal.SIGSTOP)
+            for _ in range(100):  # this thread may go on for a moment
+                connection.execute(lock)
+        return before(steps, job_id, span, result)
 
-    jobs.insert_unless_present = insert_unless_present
+    Steps.store_result = store_result
 """
 """Code by which the first worker that keeps a step is stopped inside its transaction."""
 

@@ -16,13 +16,14 @@ from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from jointstiff.schemas.access import Health
+from jointstiff.schemas.access import Health, PartsWaiting, StuckJob
 from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.process import jointstiff_version
 from jointstiff.service.security.access import PUBLIC, VIEWER, AccessRoute
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.store.jobs import SILENT
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.waiting import Waiting
 
 router = APIRouter(tags=["health"], route_class=AccessRoute)
 
@@ -34,6 +35,8 @@ WRITE_CHECK_SECONDS: Final = 2.0
 """Pause between two checks that the database can be written [s]."""
 STALE_WRITE_CHECK_SECONDS: Final = 30.0
 """Greatest age of the last write check [s]; if it is older, the database counts as not writable."""
+WAITS_SECONDS: Final = 5.0
+"""Pause between two checks of jobs that do not move [s]."""
 _JOIN_SECONDS: Final = 1.0
 """Greatest time to wait for a running check when the watch ends [s]."""
 Gauges = Callable[[], dict[str, float]]
@@ -41,12 +44,16 @@ Gauges = Callable[[], dict[str, float]]
 _DURATION_BUCKETS: Final = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0)
 _GAUGE_HELP: Final = {
     "database_up": "1 if the last check of the database succeeded.",
+    "database_writable": "1 if the last write to the database succeeded.",
     "workers": "Workers with a sign of life within 30 s.",
     "failing_workers": "Workers of this service that end soon after each start.",
     "stored_bytes": "Size of the database.",
     "quota_bytes": "Size that the database may have.",
     "connections": "Open connections.",
     "unfinished_jobs": "Jobs that are queued or running.",
+    "stuck_jobs": "Jobs that do not move, as /health states.",
+    "waiting_parts": "Parts of jobs that wait for a worker.",
+    "oldest_part_seconds": "Time for which the oldest of these parts has waited.",
 }
 
 _logger = logging.getLogger(__name__)
@@ -70,6 +77,10 @@ async def get_health(request: Request) -> Health:
         stored_bytes=last_check.stored_bytes,
         quota_bytes=watch.quota_bytes,
         access=request.app.state.access,
+        stuck=[
+            StuckJob(job=job.job_id, still_s=round(job.seconds), why=job.why) for job in watch.waiting.stuck
+        ],
+        queue=PartsWaiting(waiting=watch.waiting.parts, oldest_s=round(watch.waiting.oldest_seconds)),
     )
 
 
@@ -102,7 +113,7 @@ class DatabaseCheck(NamedTuple):
 
 
 class Watch:
-    """Regular checks of the database in two threads, so that requests for the health never wait.
+    """Regular checks of the database in three threads, so that requests for the health never wait.
 
     A watch is a context manager: the threads run until the block ends. Outside the block, each request makes
     a check of its own.
@@ -120,6 +131,7 @@ class Watch:
         self._keyring = keyring
         self.quota_bytes = store.quota.most  # size that the database may have [bytes]; None for no limit
         self.last_check: DatabaseCheck | None = None  # outcome of the last check
+        self.waiting = Waiting()  # jobs that do not move, and the queue, as of the last check
         self._unwritable: StoreError | None = None
         self._write_checked_at = 0.0
         self._is_ended = threading.Event()
@@ -133,6 +145,7 @@ class Watch:
             for pause_and_check in (
                 (CHECK_SECONDS, self._repeat_check),
                 (WRITE_CHECK_SECONDS, self._check_writable),
+                (WAITS_SECONDS, self._check_waits),
             )
         ]
         for thread in self._threads:
@@ -144,6 +157,16 @@ class Watch:
         for thread in self._threads:  # a running check must not use the store after it is closed
             thread.join(_JOIN_SECONDS)
         self.last_check = None
+
+    @property
+    def is_writable(self) -> bool:
+        """True if the last write to the database succeeded, a short while ago."""
+        age = time.monotonic() - self._write_checked_at
+        return self._unwritable is None and age <= STALE_WRITE_CHECK_SECONDS
+
+    def find_reason(self, job_id: str) -> str | None:
+        """Return why a job has not moved for a while; None if it moves, as of the last check."""
+        return next((job.describe() for job in self.waiting.still if job.job_id == job_id), None)
 
     async def require_recent_check(self) -> DatabaseCheck:
         """Return the outcome of the last check.
@@ -202,11 +225,30 @@ class Watch:
             self._unwritable = None
         self._write_checked_at = time.monotonic()
 
+    def _check_waits(self) -> None:
+        """Read which jobs do not move, and what waits in the queue; a failure leaves the last state."""
+        unwritable = None if self.is_writable else "the database cannot be written; see /health"
+        try:
+            self.waiting = self._store.waits.read(unwritable)
+        except StoreError:
+            pass  # `last_check` has the error
+        except Exception:
+            _logger.exception("unexpected failure of a check of what waits")
+
     def _repeat_check(self) -> None:
         """Check the database and store the outcome in `last_check`, unless the watch has ended meanwhile."""
         last_check = self._check_database()
         if not self._is_ended.is_set():
             self.last_check = last_check
+
+    def gauges(self) -> dict[str, float]:
+        """Return name → value of the metrics of the last checks of writes, jobs and queue."""
+        return {
+            "database_writable": self.is_writable,
+            "stuck_jobs": len(self.waiting.stuck),
+            "waiting_parts": self.waiting.parts,
+            "oldest_part_seconds": self.waiting.oldest_seconds,
+        }
 
     def _check_database(self) -> DatabaseCheck:
         """Check the database and read the keys; return the outcome, with the error if one occurred."""

@@ -69,8 +69,8 @@ class _FollowedJob:
         if self.job is None:
             return None
         if status.is_active:
-            return _make_event("progress", _update_job(status, self.job))
-        return _make_event("end", self.job if is_read else _update_job(status, self.job))
+            return _make_event("progress", self.jobs.update_progress(self.job, status))
+        return _make_event("end", self.job if is_read else self.jobs.update_progress(self.job, status))
 
     def publish(self, event: ServerSentEvent | None) -> None:
         """Send an event to the streams of the job, unless it equals the last event; None ends the streams."""
@@ -196,12 +196,6 @@ def _read_events(followed: Mapping[str, _FollowedJob]) -> dict[str, ServerSentEv
         job_id: followed_job.make_event(job_id, statuses.get(job_id))
         for job_id, followed_job in followed.items()
     }
-
-
-def _update_job(status: JobStatus, job: Job) -> Job:
-    """Return a job with the state and the progress of a newer status."""
-    progress = job.progress and job.progress.model_copy(update={"done": status.done})
-    return job.model_copy(update={"state": status.state, "progress": progress})
 
 
 def _make_event(name: str, job: Job) -> ServerSentEvent:

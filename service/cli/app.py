@@ -15,7 +15,7 @@ from jointstiff.service.cli.demo import demo, examples, rehearse, simulate
 from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.models import export, report, robots
 from jointstiff.service.cli.options import print_known_error
-from jointstiff.service.cli.services import post, serve, worker
+from jointstiff.service.cli.services import post, serve, status, worker
 from jointstiff.service.kinds.rooms import ROOMS
 
 _LATE_COMMANDS = {room.command: room.summary for room in ROOMS.values()} | {
@@ -80,7 +80,7 @@ app.command()(examples)
 app.command()(rehearse)
 for _command, _summary in _LATE_COMMANDS.items():
     app.command(_command, help=_summary)(lambda: None)  # placeholder in the list of commands
-for _function in (robots, export, report, serve, worker, post, demo, archive, restore):
+for _function in (robots, export, report, serve, worker, status, post, demo, archive, restore):
     app.command()(_function)
 app.add_typer(keys, name="keys")
 app.add_typer(database, name="database")

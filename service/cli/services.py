@@ -46,6 +46,32 @@ def worker(
     run_worker(database, executor, upgrade=None if no_upgrade else cli.warn)
 
 
+def status(*, database: DatabaseUrl = "sqlite:///jointstiff.db") -> None:
+    """Print workers, queue, and why jobs do not move; exit with status 1 if a job is stuck."""
+    from jointstiff.service.problems import StoreUnavailableError
+    from jointstiff.service.store.database import open_existing
+    from jointstiff.service.store.jobs import SILENT
+    from jointstiff.service.store.store import Store
+
+    open_existing(database).close()
+    with Store.open(database) as store:
+        try:
+            store.heartbeats.check_writable()
+            unwritable = None
+        except StoreUnavailableError as error:
+            unwritable = f"the database cannot be written: {error.reason}"
+        workers = store.heartbeats.living(SILENT)
+        waiting = store.waits.read(unwritable)
+    typer.echo(f"workers: {', '.join(workers) or 'none'}")
+    typer.echo(f"queue: {waiting.parts} parts of jobs wait, the oldest for {waiting.oldest_seconds:.0f} s")
+    for job in waiting.still:
+        typer.echo(job.describe())
+    if unwritable is not None:
+        typer.echo(unwritable)
+    if waiting.stuck or unwritable is not None:
+        raise typer.Exit(1)
+
+
 def post(
     file: Annotated[
         Path,

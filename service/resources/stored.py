@@ -415,6 +415,8 @@ class Resources:
         self.store = store
         self.robots = Robots(store)
         self.sets = MeasurementSets(store, self.robots)
+        # Function: id of a job → why the job does not move; None if it moves, or is not watched
+        self.find_reason: Callable[[str], str | None] = lambda _: None
 
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
         """Return (stored robot, hash of its content).

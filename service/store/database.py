@@ -26,7 +26,7 @@ from sqlalchemy.exc import (
 )
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
-from jointstiff.service.problems import QuotaError, StoreError, StoreUnavailableError
+from jointstiff.service.problems import LockedError, QuotaError, StoreError, StoreUnavailableError
 
 Dialect = Literal["sqlite", "postgresql"]
 
@@ -42,15 +42,34 @@ BUSY_SECONDS = 20.0
 LOCKED_SECONDS = 1.0
 """Time that a transaction waits for the lock after an earlier transaction waited in vain [s]."""
 _CONNECTIONS = 16
-_SERVER_TIMEOUTS: Final = MappingProxyType(
+_KEEPALIVE_SETTINGS: Final = MappingProxyType(
     {
-        "lock_timeout": 3_000,
-        "statement_timeout": 5_000,
-        # Without this timeout a worker that is stopped inside a transaction would keep its locks for ever.
-        "idle_in_transaction_session_timeout": 15_000,
+        # The server ends the session of a machine that is lost, also in the middle of a message.
+        "tcp_keepalives_idle": 5,  # s
+        "tcp_keepalives_interval": 2,  # s
+        "tcp_keepalives_count": 3,
     }
 )
-"""Times after which the PostgreSQL server ends waits and statements [ms]; the URL can override them."""
+"""Settings with which the PostgreSQL server notices a lost machine; the URL can override them."""
+_SERVER_SETTINGS: Final = MappingProxyType(
+    {
+        "lock_timeout": 3_000,  # ms
+        "statement_timeout": 5_000,  # ms
+        # Without this timeout a worker that is stopped inside a transaction would keep its locks for ever.
+        # A client gives up a statement after 5.5 s, so a living client sends within this time.
+        "idle_in_transaction_session_timeout": 8_000,  # ms
+        **_KEEPALIVE_SETTINGS,
+    }
+)
+"""Settings of the PostgreSQL server for services and workers; the URL can override them."""
+_TRANSACTION_TIMEOUT: Final = "transaction_timeout"
+_TRANSACTION_MILLISECONDS: Final = 30_000
+"""Time after which PostgreSQL ends a transaction, from version 17 on."""
+_FIRST_WITH_TRANSACTION_TIMEOUT: Final = 170_000
+"""Oldest version of PostgreSQL, as a number of the driver, that has `transaction_timeout`."""
+PROGRAM: Final = "jointstiff"
+"""Beginning of the name of each connection to PostgreSQL."""
+_MOST_NAME_BYTES: Final = 63  # PostgreSQL cuts longer names of connections
 _CONNECTION_PARAMETERS: Final = MappingProxyType(
     {
         "connect_timeout": 3,  # s
@@ -67,14 +86,13 @@ _MIGRATION_SETTINGS: Final = MappingProxyType(
         "lock_timeout": _MIGRATION_LOCK_MILLISECONDS,
         # A program that is stopped during a step, or whose machine is lost, has locked the tables.
         "idle_in_transaction_session_timeout": 15_000,  # ms
-        "tcp_keepalives_idle": 5,  # s
-        "tcp_keepalives_interval": 2,  # s
-        "tcp_keepalives_count": 3,
+        **_KEEPALIVE_SETTINGS,
     }
 )
 """Settings of the PostgreSQL server while tables are changed; the URL can override them."""
 _AWAY_SECONDS: Final = 2.0  # pause before a server that gave no answer is tried again
 _CORRECTABLE_STATES: Final = frozenset({"42501", "3F000"})  # SQLSTATE: a privilege, or a schema, is missing
+_LOCK_NOT_AVAILABLE: Final = "55P03"  # SQLSTATE
 _NO_VALUES: Mapping[str, object] = MappingProxyType({})
 
 
@@ -155,32 +173,55 @@ class Database:
         Raises:
             StoreUnavailableError: the database does not answer, or other writers keep it locked.
         """
+        with (
+            self._translate_errors(),
+            self._writer_slot(at_most) as remaining_wait,
+            self._writer.connect().execution_options(busy_seconds=remaining_wait) as connection,
+        ):
+            try:
+                transaction = connection.begin()
+            except OperationalError as error:
+                was_locked = _sqlite_code(error) == sqlite3.SQLITE_BUSY
+                self._last_wait_failed = was_locked and (self._last_wait_failed or at_most >= BUSY_SECONDS)
+                raise
+            self._last_wait_failed = self._is_read_only = False
+            with transaction:
+                if self.dialect == "postgresql" and at_most < BUSY_SECONDS:
+                    connection.exec_driver_sql(f"SET LOCAL lock_timeout = {1000.0 * at_most:.0f}")
+                yield connection
+
+    @contextmanager
+    def writing_once(self, at_most: float = BUSY_SECONDS) -> Iterator[sa.Connection]:
+        """Yield a connection for one statement that changes rows.
+
+        On PostgreSQL the statement is a transaction by itself, so that no lock is kept while the server waits
+        for this program. On SQLite, where no other machine takes part, this is `writing`.
+
+        Args:
+            at_most: longest time to wait for locks of other transactions [s].
+
+        Raises:
+            StoreUnavailableError: the database does not answer, or other writers keep it locked.
+        """
+        if self.dialect == "sqlite" or at_most < BUSY_SECONDS:  # the limit needs a statement of its own
+            with self.writing(at_most) as connection:
+                yield connection
+            return
+        with self._translate_errors(), self._writer_slot(at_most), self._reader.connect() as connection:
+            yield connection
+
+    @contextmanager
+    def _writer_slot(self, at_most: float) -> Iterator[float]:
+        """Wait until this thread may write; yield the time that is left to wait for the database [s]."""
         longest_wait = min(at_most, LOCKED_SECONDS if self._last_wait_failed else BUSY_SECONDS)
         deadline = time.monotonic() + longest_wait
-        with self._translate_errors():
-            if not self._writer_slots.acquire(timeout=longest_wait):
-                self._last_wait_failed |= at_most >= BUSY_SECONDS
-                raise PoolTimeoutError(
-                    f"the database has been locked by other writers for {longest_wait:.0f} s"
-                )
-            try:
-                remaining_wait = max(0.0, deadline - time.monotonic())
-                with self._writer.connect().execution_options(busy_seconds=remaining_wait) as connection:
-                    try:
-                        transaction = connection.begin()
-                    except OperationalError as error:
-                        was_locked = _sqlite_code(error) == sqlite3.SQLITE_BUSY
-                        self._last_wait_failed = was_locked and (
-                            self._last_wait_failed or at_most >= BUSY_SECONDS
-                        )
-                        raise
-                    self._last_wait_failed = self._is_read_only = False
-                    with transaction:
-                        if self.dialect == "postgresql" and at_most < BUSY_SECONDS:
-                            connection.exec_driver_sql(f"SET LOCAL lock_timeout = {1000.0 * at_most:.0f}")
-                        yield connection
-            finally:
-                self._writer_slots.release()
+        if not self._writer_slots.acquire(timeout=longest_wait):
+            self._last_wait_failed |= at_most >= BUSY_SECONDS
+            raise PoolTimeoutError(f"the database has been locked by other writers for {longest_wait:.0f} s")
+        try:
+            yield max(0.0, deadline - time.monotonic())
+        finally:
+            self._writer_slots.release()
 
     def rows(self, query: sa.Executable, values: Mapping[str, object] = _NO_VALUES) -> Sequence[Any]:
         """Return the rows that a query finds."""
@@ -189,8 +230,17 @@ class Database:
 
     def change(self, *statements: sa.Executable) -> int:
         """Carry out statements in one transaction; return the number of rows that the last changed."""
-        with self.writing() as connection:
+        block = self.writing_once if len(statements) == 1 else self.writing
+        with block() as connection:
             return [connection.execute(statement).rowcount for statement in statements][-1]
+
+    def change_returning(self, statement: sa.Executable, at_most: float = BUSY_SECONDS) -> Sequence[Any]:
+        """Carry out a statement with RETURNING, a transaction by itself; return its rows.
+
+        `at_most` is the longest time to wait for locks of other transactions [s].
+        """
+        with self.writing_once(at_most) as connection:
+            return connection.execute(statement).all()
 
     def now(self, connection: sa.Connection) -> datetime:
         """Return the time of the clock that all programs which use this database share."""
@@ -199,9 +249,15 @@ class Database:
         now: datetime = connection.execute(sa.select(sa.func.now())).scalar_one()
         return now
 
+    def make_now(self) -> sa.ColumnElement[datetime]:
+        """Return the expression of the time of the shared clock, for a statement that runs at once."""
+        if self.dialect == "sqlite":
+            return sa.literal(datetime.now(UTC))
+        return sa.func.now()
+
     @contextmanager
     def _translate_errors(self) -> Iterator[None]:
-        """Turn errors of the driver into `StoreUnavailableError`.
+        """Turn errors of the driver into `StoreUnavailableError`, of locks into `LockedError`.
 
         Broken constraints and wrong statements of this program are raised unchanged.
         """
@@ -221,7 +277,8 @@ class Database:
                 self._away_until = time.monotonic() + _AWAY_SECONDS
             self._is_read_only |= _sqlite_code(error) == sqlite3.SQLITE_READONLY
             lines = str(cause).strip().splitlines() or [type(cause).__name__]
-            raise StoreUnavailableError(
+            unavailable = LockedError if _is_lock_refusal(error) else StoreUnavailableError
+            raise unavailable(
                 f"the {self.dialect} database failed ({lines[0][:200]})",
                 "check that the file is writable and its disk is not full"
                 if self.dialect == "sqlite"
@@ -231,10 +288,32 @@ class Database:
             ) from error
 
 
+def make_insert(dialect: str, table: sa.Table) -> Any:  # noqa: ANN401 - of either dialect
+    """Return a statement that inserts into a table, and can state what a row with the same key leads to."""
+    return sqlite.insert(table) if dialect == "sqlite" else postgresql.insert(table)
+
+
 def insert_unless_present(connection: sa.Connection, table: sa.Table) -> Any:  # noqa: ANN401 - of either dialect
     """Return a statement that inserts a row, and does nothing if a row with the same key exists."""
-    insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
-    return insert(table).on_conflict_do_nothing()
+    return make_insert(connection.dialect.name, table).on_conflict_do_nothing()
+
+
+def name_connections(url: str, name: str) -> str:
+    """Return the URL of a database with a name for connections, `jointstiff:NAME`; SQLite has no names.
+
+    The name of each connection is in the view `pg_stat_activity` of PostgreSQL.
+    """
+    parsed = _parse_url(url)
+    if _DIALECTS[parsed.drivername] == "sqlite":
+        return url
+    named = parsed.update_query_dict({"application_name": connection_name(name)})
+    return named.render_as_string(hide_password=False)
+
+
+def connection_name(name: str) -> str:
+    """Return the name of the connections of a program, as PostgreSQL shows it."""
+    printable = "".join(each if " " <= each <= "~" else "?" for each in f"{PROGRAM}:{name}")
+    return printable[:_MOST_NAME_BYTES]
 
 
 def make_engine(url: str, connections: int) -> sa.Engine:
@@ -435,6 +514,14 @@ def _is_wrong_statement(error: Exception) -> bool:
     return _sqlite_code(error) == sqlite3.SQLITE_ERROR
 
 
+def _is_lock_refusal(error: DBAPIError | PoolTimeoutError) -> bool:
+    """Return whether an operation failed because another transaction keeps a lock."""
+    if isinstance(error, PoolTimeoutError):
+        return True
+    is_refused = getattr(error.orig, "sqlstate", None) == _LOCK_NOT_AVAILABLE
+    return is_refused or _sqlite_code(error) == sqlite3.SQLITE_BUSY
+
+
 def _sqlite_code(error: Exception) -> int:
     """Return the primary result code of SQLite for an error; 0 for any other error."""
     code = getattr(getattr(error, "orig", None), "sqlite_errorcode", 0)
@@ -450,7 +537,7 @@ def _postgresql_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
 def _postgresql_engine(
     url: sa.URL,
     connections: int,
-    settings: Mapping[str, int] = _SERVER_TIMEOUTS,
+    settings: Mapping[str, int] = _SERVER_SETTINGS,
     *,
     answer_in_time: bool = True,
 ) -> sa.Engine:
@@ -462,11 +549,19 @@ def _postgresql_engine(
         settings: setting of the server → value in the unit of the setting; the URL can override them.
         answer_in_time: True to close a connection whose server does not answer in time.
     """
+    # Imported here, because a service with SQLite does not need the driver of PostgreSQL
+    from jointstiff.service.store.postgresql import SimpleCursor
+
     options = " ".join(f"-c {name}={value}" for name, value in settings.items())
+    own_parameters = _CONNECTION_PARAMETERS | {"application_name": PROGRAM}
     connect_args: dict[str, Any] = {
-        name: value for name, value in _CONNECTION_PARAMETERS.items() if name not in url.query
+        name: value for name, value in own_parameters.items() if name not in url.query
     }
-    connect_args |= {"client_encoding": "utf8", "options": f"{options} {_join_server_options(url)}"}
+    connect_args |= {
+        "client_encoding": "utf8",
+        "options": f"{options} {_join_server_options(url)}",
+        "cursor_factory": SimpleCursor,
+    }
     engine = sa.create_engine(
         url.set(drivername="postgresql+psycopg"),
         connect_args=connect_args,
@@ -477,7 +572,16 @@ def _postgresql_engine(
     )
     if answer_in_time:
         sa.event.listen(engine, "do_connect", _connect_with_deadlines)
+        if _TRANSACTION_TIMEOUT not in _join_server_options(url):
+            sa.event.listen(engine, "connect", _limit_transactions)
     return engine
+
+
+def _limit_transactions(connection: Any, _record: object) -> None:  # noqa: ANN401 - of psycopg
+    """Configure a new connection to end long transactions, if the server knows the setting."""
+    if connection.info.server_version >= _FIRST_WITH_TRANSACTION_TIMEOUT:
+        connection.execute(f"SET {_TRANSACTION_TIMEOUT} = {_TRANSACTION_MILLISECONDS}")
+        connection.commit()
 
 
 def _join_server_options(url: sa.URL) -> str:

@@ -15,10 +15,9 @@ from jointstiff.service.store.collection import (
     SEARCHED,
     Collection,
     job_name_columns,
-    mark_campaigns_outdated,
     value_of_parent,
 )
-from jointstiff.service.store.database import BUSY_SECONDS, Database, Quota, insert_unless_present
+from jointstiff.service.store.database import BUSY_SECONDS, Database, Quota, make_insert
 from jointstiff.service.store.tables import (
     OPEN_STATES,
     JobEntry,
@@ -27,7 +26,6 @@ from jointstiff.service.store.tables import (
     job_steps,
     jobs,
     last_campaigns,
-    select_fields_of,
 )
 
 JOB: Final = Resource("job", "jobs")
@@ -106,6 +104,9 @@ class JobRecords(Collection[JobRecord, JobEntry]):
     ) -> bool:
         """End a job and remove the results of its steps; do nothing if the job has ended.
 
+        Each statement is a transaction by itself, so that a lost connection leaves no lock. If this process
+        dies before the steps are removed, `Steps.remove_left` removes them.
+
         Args:
             job_id: id of the job.
             state: final state of the job.
@@ -120,19 +121,65 @@ class JobRecords(Collection[JobRecord, JobEntry]):
             StoreUnavailableError: the job is locked, or the database does not answer.
         """
         is_job = self._id_conditions(job_id)
-        record_query = select_fields_of(jobs, JobRecord).add_columns(_finished_units).where(*is_job)
-        with self._database.writing(lock_timeout) as connection:
-            set_state = sa.update(jobs).where(*is_job, is_open).values(state=state)
-            was_ended_now = connection.execute(set_state).rowcount == 1
-            if was_ended_now:  # the update has locked the row, so that no other transaction changes it
-                with suppress(DamagedError):  # a damaged job ends, too, so that no worker tries it again
-                    columns = dict(connection.execute(record_query).one()._mapping)
-                    finished_units = int(columns.pop("done"))
-                    new_values = changes(self._make_record(columns), finished_units)
-                    connection.execute(sa.update(jobs).where(*is_job).values(**new_values))
-                connection.execute(sa.delete(job_steps).where(job_steps.c.job_id == job_id))
-                self._mark_campaign_outdated(connection, job_id)
-        return was_ended_now
+        while True:
+            seen = self.status(job_id)
+            if seen is None or not seen.is_active:
+                return False
+            new_values: dict[str, Any] = {"state": state}
+            with suppress(DamagedError):  # a damaged job ends, too, so that no worker tries it again
+                new_values |= changes(self.get(job_id, include_deleted=True), seen.done)
+            # A job that has begun since it was read is read again, as its record has the time of its start.
+            ending = sa.update(jobs).where(*is_job, jobs.c.state == seen.state).values(**new_values)
+            if self._end_and_mark_campaign(ending, new_values, lock_timeout):
+                break
+        # In a statement that also ended the job, the removal would miss steps that are stored meanwhile.
+        self._database.change(sa.delete(job_steps).where(job_steps.c.job_id == job_id))
+        return True
+
+    def _end_and_mark_campaign(
+        self, ending: sa.Update, new_values: Mapping[str, Any], lock_timeout: float
+    ) -> bool:
+        """Carry out the update that ends a job, and mark the last campaign of its robot as outdated.
+
+        Args:
+            ending: the update.
+            new_values: values of the update; only runs with results have a `trend`.
+            lock_timeout: time to wait for other transactions [s].
+
+        Returns:
+            True if the update changed the job.
+        """
+        has_trend = new_values.get("trend") is not None
+        if not has_trend:
+            return bool(self._database.change_returning(ending.returning(jobs.c.id), at_most=lock_timeout))
+        robot_of_run = ending.returning(jobs.c.robot_id)
+        if self._database.dialect == "sqlite":  # without statements inside others that change rows
+            with self._database.writing(lock_timeout) as connection:
+                ended = connection.execute(robot_of_run).all()
+                for row in ended:
+                    connection.execute(self._count_change(sa.literal(row.robot_id)))
+            return bool(ended)
+        ended_rows = robot_of_run.cte("ended")
+        marking = self._count_change(ended_rows.c.robot_id, ended_rows).cte("marked")
+        both = sa.select(ended_rows.c.robot_id).add_cte(marking)
+        return bool(self._database.change_returning(both, at_most=lock_timeout))
+
+    def _count_change(self, robot_id: sa.ColumnElement[Any], rows: sa.FromClause | None = None) -> Any:  # noqa: ANN401 - of either dialect
+        """Return the statement that counts a change of a robot's runs.
+
+        Args:
+            robot_id: id of the robot, or the column of `rows` that has it.
+            rows: rows of the ended jobs; None if `robot_id` is a value.
+        """
+        new_row = sa.select(robot_id, sa.literal(1)).where(sa.true())
+        if rows is not None:
+            new_row = new_row.select_from(rows)
+        insert = make_insert(self._database.dialect, last_campaigns).from_select(
+            ["robot_id", "changes"], new_row
+        )
+        return insert.on_conflict_do_update(
+            index_elements=["robot_id"], set_={"changes": last_campaigns.c.changes + 1}
+        )
 
     def _collect_name_copies(
         self, record: JobRecord, parent_rows: Mapping[str, Any]
@@ -151,14 +198,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
             *self._id_conditions(identifier), jobs.c.trend.is_not(None)
         )
         for (robot_id,) in connection.execute(robot_of_run):
-            is_robot = last_campaigns.c.robot_id == robot_id
-            if not mark_campaigns_outdated(connection, is_robot):
-                new_row = insert_unless_present(connection, last_campaigns).values(
-                    robot_id=robot_id, changes=1
-                )
-                # Another process may have inserted the row meanwhile.
-                if connection.execute(new_row).rowcount == 0:
-                    mark_campaigns_outdated(connection, is_robot)
+            connection.execute(self._count_change(sa.literal(robot_id)))
 
 
 class Steps:
@@ -182,14 +222,33 @@ class Steps:
         Returns:
             False if the job has ended, else True.
         """
-        # The lock keeps the job from ending before the row is stored; the end then removes the row.
-        is_active = sa.select(jobs.c.id).where(jobs.c.id == job_id, is_open).with_for_update()
-        row = {"job_id": job_id, "start": span[0], "units": span[1] - span[0], "result": result}
-        with self._database.writing() as connection:
-            if connection.execute(is_active).first() is None:
-                return False
-            connection.execute(insert_unless_present(connection, job_steps).values(row))
-        return True
+        columns = job_steps.c
+        step = sa.select(
+            jobs.c.id,
+            sa.literal(span[0]),
+            sa.literal(span[1] - span[0]),
+            sa.literal(result, columns.result.type),
+            self._database.make_now(),
+        )
+        # The lock of the job's row keeps the job from ending before the step is stored; the end then removes
+        # the step.
+        of_open_job = step.where(jobs.c.id == job_id, is_open).with_for_update(read=True)
+        insert = make_insert(self._database.dialect, job_steps).from_select(
+            ["job_id", "start", "units", "result", "stored_at"], of_open_job
+        )
+        # A result that was stored before is kept. The row is written all the same, as only rows that a
+        # statement writes are returned.
+        kept = insert.on_conflict_do_update(
+            index_elements=["job_id", "start"], set_={"units": insert.excluded.units}
+        )
+        return bool(self._database.change_returning(kept.returning(columns.start)))
+
+    def remove_left(self) -> int:
+        """Remove steps of jobs that have ended, which a process left that died; return their number."""
+        is_left = ~sa.exists().where(jobs.c.id == job_steps.c.job_id, is_open)
+        if not self._database.rows(sa.select(job_steps.c.job_id).where(is_left).limit(1)):
+            return 0  # usually: no writer has to wait
+        return self._database.change(sa.delete(job_steps).where(is_left))
 
     def done_starts(self, job_id: str) -> set[int]:
         """Return the first unit, which identifies the step, of each step of a job with a stored result."""
@@ -222,20 +281,28 @@ class Heartbeats:
     def __init__(self, database: Database, clock: Callable[[sa.Connection], datetime] | None = None) -> None:
         """Keep heartbeats in a database; `clock` returns the time, by default that of the database."""
         self._database = database
+        self._clock = clock
         self._now = clock or database.now
 
     def beat(self, executor: str) -> list[str]:
         """Store a heartbeat of an executor (a worker process); return the names of all living executors."""
-        is_executor = heartbeats.c.executor == executor
-        with self._database.writing() as connection:
-            now = self._now(connection)
-            if connection.execute(sa.update(heartbeats).where(is_executor).values(beat_at=now)).rowcount == 0:
-                connection.execute(sa.insert(heartbeats).values(executor=executor, beat_at=now))
-            living = self._living(connection, now, SILENT)
-            connection.execute(
-                sa.delete(heartbeats).where(heartbeats.c.beat_at < now - _REMOVE_AFTER * SILENT)
-            )
-        return living
+        insert = make_insert(self._database.dialect, heartbeats)
+        beat = insert.on_conflict_do_update(
+            index_elements=["executor"], set_={"beat_at": insert.excluded.beat_at}
+        ).returning(heartbeats.c.beat_at)
+        with self._database.writing_once() as connection:
+            now = self._clock(connection) if self._clock else self._database.make_now()
+            beat_at: datetime = connection.execute(beat.values(executor=executor, beat_at=now)).scalar_one()
+        with self._database.reading() as connection:
+            return self._living(connection, beat_at, SILENT)
+
+    def remove_old(self) -> None:
+        """Remove the heartbeats of executors that have been silent for long."""
+        with self._database.reading() as connection:
+            is_old = heartbeats.c.beat_at < self._now(connection) - _REMOVE_AFTER * SILENT
+            has_old = connection.execute(sa.select(heartbeats.c.executor).where(is_old).limit(1)).first()
+        if has_old is not None:
+            self._database.change(sa.delete(heartbeats).where(is_old))
 
     def living(self, silence: timedelta) -> list[str]:
         """Return the sorted names of the executors whose last heartbeat is at most `silence` ago."""

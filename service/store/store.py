@@ -44,6 +44,7 @@ from jointstiff.service.store.tables import (
     robots,
     select_fields_of,
 )
+from jointstiff.service.store.waiting import Waits
 
 SESSION_IDLE: Final = timedelta(hours=8)
 """Time without use after which a session has ended."""
@@ -77,6 +78,7 @@ class Store:
         )
         self.steps = Steps(database)  # results of the steps of jobs, until the jobs end
         self.heartbeats = Heartbeats(database)  # signs of life of the workers
+        self.waits = Waits(database)  # what does not move, and why
         self.keys = AccessKeys(database)
         # sessions of browsers that signed in with a key
         self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)

@@ -550,6 +550,7 @@ job_steps = sa.Table(
     sa.Column("start", sa.Integer, primary_key=True, autoincrement=False),  # first unit of the step
     sa.Column("units", sa.Integer, nullable=False),
     sa.Column("result", sa.LargeBinary, nullable=False),
+    sa.Column("stored_at", UtcDateTime, nullable=True),  # null: stored by a program of layout 0018
 )
 
 heartbeats = sa.Table(

@@ -26,12 +26,15 @@ from jointstiff.service.jobs import PARTS_AT_ONCE, Part
 from jointstiff.service.problems import StoreError
 from jointstiff.service.store.database import dispose, make_engine
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.waiting import DELAYS_SIGN, read_delays
 from jointstiff.service.workers.queue_tables import move_tables, name_schema
 
 ATTEMPTS: Final = 5
 """Number of workers that die over one part of a job, without a finished step, before the job is given up."""
 LATER_SECONDS: Final = 60.0
 """Time [s] after which a part is offered again that only another version of the program can carry out."""
+_FIRST_DELAY_SECONDS: Final = 10.0
+"""Time [s] after which a part is offered again whose rows were locked; doubles to `LATER_SECONDS`."""
 _APPLICATION: Final = "jointstiff"
 _QUEUE: Final = "jointstiff-jobs"
 _VERSION: Final = "1"  # the same for all workers, because DBOS hands parts only to workers of one version
@@ -119,8 +122,13 @@ class Queue:
 
     def offer_later(self, part: Part) -> None:
         """Offer a part to all workers again after `LATER_SECONDS`."""
-        with self._store.transaction() as connection:
-            self._add_part(connection, part, priority=_compute_priority_now(), delay_seconds=LATER_SECONDS)
+        new_id = f"{_make_part_id(part)}-{time.time_ns()}"
+        self._add_later(part, new_id, LATER_SECONDS)
+
+    def hand_back(self, part: Part) -> None:
+        """Offer a part whose rows are locked to all workers again; the time until then doubles each time."""
+        new_id = f"{_make_part_id(part)}-{time.time_ns()}{DELAYS_SIGN}{part.delays + 1}"
+        self._add_later(part, new_id, min(_FIRST_DELAY_SECONDS * 2.0**part.delays, LATER_SECONDS))
 
     def others_wait(self, job_id: str) -> bool:
         """Return whether parts of jobs other than `job_id` are queued; True if the database fails."""
@@ -177,8 +185,21 @@ class Queue:
             ]:
                 self._client.delete_workflows(removable_part_ids)
 
+    def _add_later(self, part: Part, part_id: str, seconds: float) -> None:
+        """Add a part under an id, to be offered after a time [s]."""
+        with self._store.transaction() as connection:
+            self._add_part(
+                connection, part, priority=_compute_priority_now(), part_id=part_id, delay_seconds=seconds
+            )
+
     def _add_part(
-        self, connection: Connection, part: Part, *, priority: int, delay_seconds: float | None = None
+        self,
+        connection: Connection,
+        part: Part,
+        *,
+        priority: int,
+        part_id: str | None = None,
+        delay_seconds: float | None = None,
     ) -> None:
         """Add a part to the queue.
 
@@ -186,20 +207,18 @@ class Queue:
             connection: connection of a transaction of the store.
             part: part to add; DBOS ignores a part whose id is already in the queue.
             priority: the part with the least number comes first; of equal numbers, the part added first.
-            delay_seconds: time until the part is offered [s], under a new id; None to offer it at once.
+            part_id: id in the queue; None for that of the part.
+            delay_seconds: time until the part is offered [s]; None to offer it at once.
         """
         options: EnqueueOptions = {
             "queue_name": _QUEUE,
             "workflow_name": "carry_out",
-            "workflow_id": _make_part_id(part),
+            "workflow_id": part_id or _make_part_id(part),
             "app_version": _VERSION,
             "priority": priority,
         }
         if delay_seconds is not None:
-            options |= {
-                "workflow_id": f"{_make_part_id(part)}-{time.time_ns()}",
-                "delay_seconds": delay_seconds,
-            }
+            options["delay_seconds"] = delay_seconds
         self._client.enqueue_in_transaction(connection, options, part.job_id, part.number, part.kept)
 
     def _list_pages(self, **filters: Any) -> Iterator[list[Any]]:  # noqa: ANN401 - what DBOS takes
@@ -253,7 +272,8 @@ class Engine(Queue):
         @DBOS.workflow(name="carry_out", max_recovery_attempts=ATTEMPTS - 1)
         def carry_out_part(job_id: str, number: int, kept: int) -> None:
             """Carry out a part that DBOS has claimed for this process."""
-            name, part = str(DBOS.workflow_id), Part(job_id, number, kept)
+            name = str(DBOS.workflow_id)
+            part = Part(job_id, number, kept, read_delays(name))
             if self._is_stopping.is_set():
                 # `stop` offers this part to others. DBOS claims no further part while this thread waits.
                 self._is_closed.wait()

@@ -19,10 +19,10 @@ from typing import Final
 
 from jointstiff.service.jobs import Jobs, Part, Parts
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.problems import StoreError, StoreUnavailableError, WorkerLostError
+from jointstiff.service.problems import LockedError, StoreError, StoreUnavailableError, WorkerLostError
 from jointstiff.service.runs.trend import Trends
 from jointstiff.service.store.collection import KEEP_DELETED
-from jointstiff.service.store.database import refuse_in_memory, refuse_missing
+from jointstiff.service.store.database import name_connections, refuse_in_memory, refuse_missing
 from jointstiff.service.store.jobs import SILENT, Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
@@ -41,8 +41,53 @@ _MAX_STALLED_CHECKS: Final = 4
 """Successive checks without processor time of a part after which its thread is regarded as frozen."""
 
 
+_MOST_REFUSALS: Final = 3
+"""Number of times that a lock is not available to a part, after which the worker hands the part back."""
+
+
 class FrozenError(Exception):
     """Error: the thread that carries out a part of a job neither computes nor ends."""
+
+
+class Retries:
+    """Retries of the part that a worker carries out. One thread retries, another one looks."""
+
+    def __init__(self) -> None:
+        self._waits_since: float | None = None  # monotonic time of the first failure [s]
+
+    def waits_since(self, moment: float) -> bool:
+        """Return whether the part has only waited for the database since a monotonic time [s]."""
+        since = self._waits_since
+        return since is not None and since <= moment
+
+    def retry(self, act: Callable[[], object], hand_back: Callable[[], object] | None = None) -> None:
+        """Call a function again and again until the database answers, as an outage must not fail a job.
+
+        A process that lacks memory kills itself, as the system would: another worker continues its part, and
+        DBOS counts a failed attempt.
+
+        Args:
+            act: the function.
+            hand_back: function that is called instead, once a lock was not available for `_MOST_REFUSALS`
+                times, so that this worker can carry out other parts; None to wait without end.
+        """
+        pause, refusals = _FIRST_PAUSE, 0
+        while True:
+            try:
+                if hand_back is not None and refusals >= _MOST_REFUSALS:
+                    hand_back()
+                else:
+                    act()
+                break
+            except MemoryError:  # must not fail the job: another worker may have more memory
+                os.kill(os.getpid(), signal.SIGKILL)
+            except StoreUnavailableError as error:
+                refusals += isinstance(error, LockedError)
+                if self._waits_since is None:
+                    self._waits_since = time.monotonic()
+                time.sleep(pause)
+                pause = min(2 * pause, _LONGEST_PAUSE)
+        self._waits_since = None
 
 
 class Recovery:
@@ -56,6 +101,7 @@ class Recovery:
         executor: str,
         *,
         heartbeats: Heartbeats | None = None,
+        retries: Retries | None = None,
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
         """Prepare the recovery of the jobs of a store.
@@ -66,10 +112,12 @@ class Recovery:
             engine: engine of this worker.
             executor: name of this worker.
             heartbeats: heartbeats of the workers; default: those of the store.
+            retries: retries of the part that this worker carries out; default: there are none.
             now: function that returns the time, with a time zone; old deleted jobs are removed by this clock.
         """
         self._store, self._jobs, self._engine, self._executor = store, jobs, engine, executor
         self._heartbeats = heartbeats or store.heartbeats
+        self._retries = retries or Retries()
         self._now = now
         self._trends = Trends(store)
         # State at the last check: silent worker → time of its last heartbeat; id of a part that runs in this
@@ -87,15 +135,25 @@ class Recovery:
     def check_and_recover(self) -> None:
         """Store a heartbeat if the running part makes progress, and recover the jobs of lost workers.
 
-        A worker without a recent heartbeat is silent. A worker that is silent at two checks is lost.
+        A worker without a recent heartbeat is silent. A worker that is silent at two checks is lost. Retries
+        are no progress: a worker that has only waited for the database since the last check is silent.
 
         Raises:
             FrozenError: the running part has made no progress for `_MAX_STALLED_CHECKS` checks.
             StoreUnavailableError: the database does not answer; check again later.
         """
-        self._checked_at = time.monotonic()
-        if not self._is_stalled():
+        last_check, self._checked_at = self._checked_at, time.monotonic()
+        self._end_lost_sessions()
+        if not self._is_stalled() and not self._retries.waits_since(last_check):
             self._beat_and_recover()
+
+    def _end_lost_sessions(self) -> None:
+        """End lost sessions of PostgreSQL. Each worker does so, as the first one may wait for their locks."""
+        try:
+            for name in self._store.waits.end_lost_sessions():
+                _logger.warning("ended a lost session of %s, which waited for the rest of a message", name)
+        except Exception:
+            _logger.warning("cannot end lost sessions of PostgreSQL; trying again", exc_info=True)
 
     def _beat_and_recover(self) -> None:
         """Store a heartbeat; the first active worker also recovers jobs and removes what is not needed."""
@@ -113,6 +171,8 @@ class Recovery:
             lambda: self._engine.recover(set(worker_by_part.values()) - workers_to_keep),
             self._fail_given_up_jobs,
             lambda: self._engine.remove_ended_parts(self._store.find_unfinished_jobs),
+            self._store.steps.remove_left,
+            self._heartbeats.remove_old,
             lambda: purge(self._store, self._now() - KEEP_DELETED),
             lambda: self._trends.renew_outdated_summaries(_MAX_RENEWED),
             lambda: self._store.old_documents.rewrite(_REWRITE_SECONDS),
@@ -222,25 +282,6 @@ def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Queu
         jobs_of_kind.fail(part.job_id, failure)
 
 
-def retry_until_available(act: Callable[[], object]) -> None:
-    """Call a function again and again until the database answers, as an outage must not fail a job.
-
-    A process that lacks memory kills itself, as the system would: another worker continues its part, and
-    DBOS counts a failed attempt.
-    """
-    pause = _FIRST_PAUSE
-    while True:
-        try:
-            act()
-        except MemoryError:  # must not fail the job: another worker may have more memory
-            os.kill(os.getpid(), signal.SIGKILL)
-        except StoreUnavailableError:
-            time.sleep(pause)
-            pause = min(2 * pause, _LONGEST_PAUSE)
-        else:
-            return
-
-
 _BEAT_SECONDS: Final = 5.0  # between two signs of life of a worker
 # Time to offer parts to other workers, which take the parts of a silent worker after 30 s anyway
 _GOODBYE_SECONDS: Final = 8.0
@@ -288,6 +329,7 @@ def run_worker(
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
     signal.signal(signal.SIGINT, lambda *_: stop.set())
     refuse_in_memory(database)
+    database = name_connections(database, executor)
     store = _open_patiently(database, upgrade, stop)
     parts = Parts(store)
     gc.freeze()  # libraries stay to the end: the garbage collector need not search them
@@ -295,13 +337,16 @@ def run_worker(
         # If a thread fails to begin for lack of memory, `Thread.start()` never returns.
         faulthandler.dump_traceback_later(_BEGIN_SECONDS, exit=True)
         store.heartbeats.beat(executor)  # before it claims any work
+        retries = Retries()
         engine = Engine(
             store,
             database,
             executor,
-            lambda part: retry_until_available(lambda: carry_out(store, parts.jobs_of, part, engine)),
+            lambda part: retries.retry(
+                lambda: carry_out(store, parts.jobs_of, part, engine), lambda: engine.hand_back(part)
+            ),
         )
-        recovery = Recovery(store, parts.jobs_of, engine, executor)
+        recovery = Recovery(store, parts.jobs_of, engine, executor, retries=retries)
         recovery_thread = threading.Thread(target=_run_recovery, args=(recovery, stop), daemon=True)
         recovery_thread.start()
         faulthandler.cancel_dump_traceback_later()

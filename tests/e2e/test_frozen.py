@@ -37,16 +37,22 @@ def is_first():
 
 if {word!r} in sys.orig_argv:
     from jointstiff.service.kinds.run.work import RunWork
-    from jointstiff.service.store import jobs
-    before, compute = jobs.insert_unless_present, RunWork.compute
+    import sqlalchemy as sa
+    from jointstiff.service.store.jobs import Steps
+    from jointstiff.service.store.tables import jobs
+    store_result, compute = Steps.store_result, RunWork.compute
 """
 STOPPED_INSIDE_A_TRANSACTION = """
-    def insert_unless_present(connection, table):
+    def stop_inside(steps, job_id, span, result):
         if is_first():
-            os.kill(os.getpid(), signal.SIGSTOP)
-            time.sleep(0.5)  # this thread goes on until the signal has reached it: nothing is sent meanwhile
-        return before(connection, table)
-    jobs.insert_unless_present = insert_unless_present
+            lock = sa.update(jobs).where(jobs.c.id == job_id).values(name=jobs.c.name)
+            with steps._database.writing() as connection:
+                connection.execute(lock)
+                os.kill(os.getpid(), signal.SIGSTOP)
+                for _ in range(100):  # this thread may go on for a moment: it is stopped inside any of these
+                    connection.execute(lock)
+        return store_result(steps, job_id, span, result)
+    Steps.store_result = stop_inside
 """
 HANGS = """
     def hang(work, span):

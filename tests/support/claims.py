@@ -6,7 +6,7 @@ import sqlalchemy as sa
 
 from jointstiff.service.jobs import Part
 from jointstiff.service.workers.engine import _QUEUE, ATTEMPTS, Queue
-from jointstiff.service.workers.worker import carry_out, retry_until_available
+from jointstiff.service.workers.worker import Retries, carry_out
 
 _NEXT = (
     "SELECT workflow_uuid, recovery_attempts FROM {} WHERE status = 'ENQUEUED' "
@@ -53,7 +53,7 @@ class Claims(Queue):
         part = self.claim(executor)
         if part is None:
             return False
-        retry_until_available(lambda: carry_out(self._store, jobs, part, self))
+        Retries().retry(lambda: carry_out(self._store, jobs, part, self))
         self.end(part)
         return True
 

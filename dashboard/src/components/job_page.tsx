@@ -41,7 +41,8 @@ export function Going({ job, ended }: { job: Standing; ended: () => void }) {
   const [away, setAway] = useState(false);
   useEffect(() => follow(job.id, (now, end) => (end ? ended() : set(now)), setAway), [job.id]);
   const alone = useNoWorker(standing.progress?.done ?? 0);
-  const stuck = away ? text.run.away : alone ? text.run.noWorker : null;
+  const waits = standing.progress?.waits;
+  const stuck = away ? text.run.away : alone ? text.run.noWorker : waits ? sentence(waits) : null;
   const stop = useAction(() => api.jobs.cancel(job.id));
   return (
     <section class="card going" aria-live="polite">

@@ -169,6 +169,8 @@ def test_an_open_service_needs_no_sign_in_and_issues_no_keys(store):
         "database": "sqlite",
         "quota_bytes": None,
         "access": "loopback",
+        "stuck": [],
+        "queue": {"waiting": 0, "oldest_s": 0},
     }
 
 

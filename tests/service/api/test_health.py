@@ -17,7 +17,7 @@ import anyio
 import httpx2
 import psycopg
 import pytest
-from sqlalchemy import event
+from sqlalchemy import event, text
 from support.in_process import Client, composed, served
 from support.jobs import run_request, runs_of, stored_set
 from support.processes import Service, until
@@ -30,6 +30,7 @@ from jointstiff.service.problems import StoreUnavailableError, problem_from_erro
 from jointstiff.service.process import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
 from jointstiff.service.server import _gauge_values
 from jointstiff.service.store.store import Store
+from jointstiff.service.workers.engine import Queue
 
 ROBOT = EXAMPLES["robots"]["modified DH"]
 
@@ -201,6 +202,31 @@ def test_the_gauges_are_of_the_last_look_and_of_what_waits():
         with app.state.watch:
             assert state(app)["database_up"] is False
             assert not {"workers", "unfinished_jobs", "quota_bytes"} & state(app).keys()
+
+
+def test_a_job_that_does_not_move_is_told_by_health_metrics_and_the_job(tmp_path):
+    """Without a worker, as of the last look; the answer is 200, as posts work."""
+    url = f"sqlite:///{tmp_path / 'jointstiff.db'}"
+    connected = SimpleNamespace(server_state=SimpleNamespace(connections=set()))
+    with Store.open(url) as store, closing(Queue(store, url)) as queue:
+        run = runs_of(store, queue.enqueue).create(run_request(stored_set(store)), None)
+        store._database.change(text("UPDATE jobs SET created_at = '2026-01-01 00:00:00.000000'"))
+        client = Client(store)
+        app, watch = client._app, client._app.state.watch
+        with watch:
+            watch._check_waits()
+            health = Health.model_validate_json(client.get("/health").content)
+            (stuck,) = health.stuck
+            assert (stuck.job, health.queue.waiting) == (run.id, 1)
+            assert "no worker is running" in stuck.why
+            values = _gauge_values(app, connected)
+            assert (values["stuck_jobs"], values["waiting_parts"], values["database_writable"]) == (
+                1,
+                1,
+                True,
+            )
+            waits = client.get(f"/v1/jobs/{run.id}").json()["progress"]["waits"]
+            assert waits == f"run {run.id} has not moved for {stuck.still_s:.0f} s: {stuck.why}"
 
 
 def test_logs_as_json_have_exceptions_and_warnings(monkeypatch, capsys):

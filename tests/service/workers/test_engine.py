@@ -203,6 +203,24 @@ def test_a_part_of_an_unknown_kind_is_offered_again_later(store, queue, working,
         assert engine.find_given_up_jobs() == {}
 
 
+def test_a_part_whose_rows_are_locked_is_offered_again_and_later_each_time(
+    store, queue, working, monkeypatch
+):
+    monkeypatch.setattr(module, "_FIRST_DELAY_SECONDS", 0.2)
+    enqueued(store, queue, "a")
+    begun = []
+
+    def carry_out_part(part):
+        begun.append(part)
+        if len(begun) < 3:
+            queue.hand_back(part)
+
+    with working(carry_out_part) as engine:
+        until(lambda: len(begun) == 3)
+        assert [part.delays for part in begun] == [0, 1, 2]
+        assert engine.find_given_up_jobs() == {}
+
+
 def test_a_worker_that_stops_hands_over_what_it_carries_out_and_begins_nothing_more(store, queue, working):
     enqueued(store, queue, "a")
     begun, go_on = [], threading.Event()

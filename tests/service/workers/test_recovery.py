@@ -25,7 +25,7 @@ from support.processes import Service, ready, until, workers_of, working
 from jointstiff.service.jobs import PARTS_AT_ONCE, STEPS_OF_A_PART, Part, Parts
 from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.library.client import Client
-from jointstiff.service.problems import StoreError, StoreUnavailableError
+from jointstiff.service.problems import LockedError, StoreError, StoreUnavailableError
 from jointstiff.service.store.compression import compress
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.jobs import Heartbeats
@@ -35,7 +35,7 @@ from jointstiff.service.workers import supervisor as supervisor_module
 from jointstiff.service.workers import worker as worker_module
 from jointstiff.service.workers.engine import ATTEMPTS
 from jointstiff.service.workers.supervisor import Supervisor, pause_after
-from jointstiff.service.workers.worker import FrozenError, Recovery, carry_out, retry_until_available
+from jointstiff.service.workers.worker import FrozenError, Recovery, Retries, carry_out
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import SolverError
 
@@ -497,8 +497,65 @@ def test_a_part_waits_for_the_database(monkeypatch):
             raise failure
         ended.append(True)
 
-    retry_until_available(part)
+    Retries().retry(part)
     assert ended == [True]
+
+
+def test_a_part_whose_lock_is_not_available_three_times_is_handed_back(monkeypatch):
+    """The worker goes on with other parts; other failures are waited for."""
+    monkeypatch.setattr("jointstiff.service.workers.worker.time.sleep", lambda _: None)
+    away, locked = StoreUnavailableError("away", "wait"), LockedError("locked", "wait")
+    failures, tried, handed_back = iter([away, locked, away, locked, away, locked]), [], []
+
+    def part():
+        tried.append(True)
+        raise next(failures)
+
+    def hand_back():
+        handed_back.append(len(tried))
+        if len(handed_back) == 1:
+            raise locked  # the queue is locked, too
+
+    Retries().retry(part, hand_back)
+    assert handed_back == [6, 6]
+
+
+def test_a_worker_that_only_waits_for_the_database_shows_no_sign_of_life(store, runs, claims, post):
+    """Its part goes on elsewhere; the sessions that are lost are ended all the same."""
+    post()
+    retries, waits, go_on = Retries(), threading.Event(), threading.Event()
+    recovery = Recovery(store, lambda _: runs, claims, "alive", retries=retries)
+    ended = []
+    store.waits.end_lost_sessions = lambda: ended.append(True) or []
+
+    def part():
+        if not go_on.is_set():
+            waits.set()
+            raise StoreUnavailableError("away", "wait")
+
+    thread = threading.Thread(target=retries.retry, args=(part,))
+    thread.start()
+    until(waits.is_set)
+    recovery.check_and_recover()
+    assert store.heartbeats.living(SILENCE) == ["alive"], "it has just begun to wait"
+    store.heartbeats.forget("alive")
+    recovery.check_and_recover()
+    assert store.heartbeats.living(SILENCE) == []
+    go_on.set()
+    thread.join()
+    recovery.check_and_recover()
+    assert store.heartbeats.living(SILENCE) == ["alive"]
+    assert len(ended) == 3
+
+
+def test_steps_that_a_dead_process_left_behind_an_ended_job_are_removed(store, runs, claims, post):
+    ended, is_active = post(), post()
+    for run in (ended, is_active):
+        store.steps.store_result(run.id, (0, 1), b"computed")
+    store._database.change(sa.update(jobs).where(jobs.c.id == ended.id).values(state="cancelled"))
+    recovery_of(store, runs, claims).check_and_recover()
+    assert store.steps.results(ended.id) == []
+    assert store.steps.results(is_active.id) == [b"computed"]
 
 
 @pytest.mark.parametrize("step", ["compute", "conclude"])
