@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -41,7 +42,7 @@ from jointstiff.service.problems import (
     WorkerLostError,
     problem_from_error,
 )
-from jointstiff.service.process import versions
+from jointstiff.service.process import jointstiff_version, versions
 from jointstiff.service.resources.stored import Resources
 from jointstiff.service.runs.numbers import extract_numbers
 from jointstiff.service.runs.trend import Trends, extract_trend_json
@@ -85,6 +86,8 @@ PART_SECONDS: Final = 1.25
 """Time after which a worker leaves the other steps of a part, if other jobs wait for a worker [s]."""
 PARTS_AT_ONCE: Final = 8
 """Number of parts of a job in the queue at a time; a part that ends puts a further part into the queue."""
+OTHER_VERSION_SECONDS: Final = 2.0
+"""Time after which a part is offered again that a newer version of the program has to carry out [s]."""
 CANCEL_SECONDS: Final = 2.0
 """Time that a request to cancel a job waits for a worker that has locked the job; the worker may hang [s]."""
 _NO_CHANGES: Final[Mapping[str, object]] = MappingProxyType({})
@@ -111,6 +114,9 @@ class PartQueue(Protocol):
 
     def add_following_parts(self, job_id: str, parts: Iterable[Part]) -> object:
         """Add parts of a running job to the queue, except parts that are in the queue already."""
+
+    def offer_again(self, parts: Iterable[Part], delay_seconds: float = 0.0) -> object:
+        """Offer parts to all workers after a time, even parts that were carried out before."""
 
     def others_wait(self, job_id: str) -> bool:
         """Return whether parts of jobs other than this job wait for a worker."""
@@ -235,6 +241,8 @@ class Jobs:
                 job_id,
                 [Part(job_id, part_number, 0) for part_number in range(1, min(PARTS_AT_ONCE, part_count))],
             )
+        if not self._settle_version(part, part_count, queue):
+            return
         # A step is a span (first unit, one past the last); its first unit identifies the stored result.
         stored_starts = stored_steps.done_starts(job_id)
         steps_of_part = steps_of_parts[number] if steps_of_parts else ()
@@ -250,13 +258,39 @@ class Jobs:
             if stored_count > part.kept and (span is remaining[0] or must_yield):
                 queue.add_following_parts(job_id, [Part(job_id, number, stored_count)])
                 return
-            if not stored_steps.store_result(job_id, span, pack_arrays(self.work(job_id).compute(span))):
-                return  # the job has ended
+            result = pack_arrays(self.work(job_id).compute(span))
+            if not stored_steps.store_result(job_id, span, result):
+                self._leave_to_one_version(part, queue)
+                return
             stored_count += 1
         next_number = number + PARTS_AT_ONCE
         if next_number < part_count:
             queue.add_following_parts(job_id, [Part(job_id, next_number, 0)])
         self._conclude_if_complete(job_id, len(steps))
+
+    def _settle_version(self, part: Part, part_count: int, queue: PartQueue) -> bool:
+        """Let one version compute all steps of a job: the newest of those that work on the job.
+
+        The newer version removes the results of an older version, and offers all parts again.
+
+        Returns:
+            False if a newer version works on the job: the part is offered again, for its workers to take.
+        """
+        steps, version = self._inputs.store.steps, jointstiff_version()
+        others = steps.list_versions(part.job_id) - {version}
+        if any(_order_version(other) > _order_version(version) for other in others):
+            queue.offer_again([part], OTHER_VERSION_SECONDS)
+            return False
+        if others:
+            steps.keep_version(part.job_id, version)
+            numbers = [number for number in range(part_count) if number != part.number]
+            queue.offer_again([Part(part.job_id, number, 0) for number in numbers])
+        return True
+
+    def _leave_to_one_version(self, part: Part, queue: PartQueue) -> None:
+        """Offer a part again whose step was not stored; do nothing if the job has ended."""
+        if self.records.is_active(part.job_id):  # another version has stored steps meanwhile
+            queue.offer_again([part])
 
     def _conclude_if_complete(self, job_id: str, step_count: int) -> None:
         """End a job if all its steps have stored results."""
@@ -362,6 +396,11 @@ class Jobs:
             return self._changing_columns(ended_job, before.robot_id)
 
         self.records.end(job_id, state, final_columns, lock_timeout)
+
+
+def _order_version(version: str | None) -> tuple[int, ...]:
+    """Return the numbers of a version, by which versions are older and newer; None is the oldest version."""
+    return tuple(int(number) for number in re.findall(r"[0-9]+", version or ""))
 
 
 def make_record(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:

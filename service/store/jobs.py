@@ -11,6 +11,7 @@ from typing import Any, Final
 import sqlalchemy as sa
 
 from jointstiff.service.problems import DamagedError, Resource
+from jointstiff.service.process import jointstiff_version
 from jointstiff.service.store.collection import (
     SEARCHED,
     Collection,
@@ -205,43 +206,64 @@ class Steps:
     """Results of the steps of jobs that have not ended. Safe to use from several threads and processes.
 
     Two workers may carry out the same step, for instance if one of them sent no heartbeats for a while: their
-    results are equal, and the first is kept. All results of a job are removed when the job ends.
+    results are equal, and the first is kept. The results of a job are of one version of the program. All
+    results of a job are removed when the job ends.
     """
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def store_result(self, job_id: str, span: tuple[int, int], result: bytes) -> bool:
+    def store_result(
+        self, job_id: str, span: tuple[int, int], result: bytes, version: str | None = None
+    ) -> bool:
         """Store the result of a step, unless the step has a result already or the job has ended.
 
         Args:
             job_id: id of the job.
             span: the step as (first unit of work, one past the last unit).
             result: packed result of the step.
+            version: version of the program that computed the result; None for this program.
 
         Returns:
-            False if the job has ended, else True.
+            False if the job has ended or has results of another version, else True.
         """
-        columns = job_steps.c
+        columns, version = job_steps.c, version or jointstiff_version()
         step = sa.select(
             jobs.c.id,
             sa.literal(span[0]),
             sa.literal(span[1] - span[0]),
             sa.literal(result, columns.result.type),
             self._database.make_now(),
+            sa.literal(version),
         )
+        others = sa.alias(job_steps)
+        has_others = sa.exists().where(others.c.job_id == job_id, others.c.version.is_distinct_from(version))
         # The lock of the job's row keeps the job from ending before the step is stored; the end then removes
         # the step.
-        of_open_job = step.where(jobs.c.id == job_id, is_open).with_for_update(read=True)
+        of_open_job = step.where(jobs.c.id == job_id, is_open, ~has_others).with_for_update(
+            read=True, of=jobs
+        )
         insert = make_insert(self._database.dialect, job_steps).from_select(
-            ["job_id", "start", "units", "result", "stored_at"], of_open_job
+            ["job_id", "start", "units", "result", "stored_at", "version"], of_open_job
         )
         # A result that was stored before is kept. The row is written all the same, as only rows that a
         # statement writes are returned.
         kept = insert.on_conflict_do_update(
-            index_elements=["job_id", "start"], set_={"units": insert.excluded.units}
+            index_elements=["job_id", "start"],
+            set_={"units": insert.excluded.units},
+            where=columns.version == version,
         )
         return bool(self._database.change_returning(kept.returning(columns.start)))
+
+    def list_versions(self, job_id: str) -> set[str | None]:
+        """Return the versions that computed a job's stored results; None for a program of layout 0018."""
+        query = sa.select(job_steps.c.version).where(job_steps.c.job_id == job_id).distinct()
+        return {row.version for row in self._database.rows(query)}
+
+    def keep_version(self, job_id: str, version: str) -> None:
+        """Remove the results of a job that other versions computed."""
+        is_other = job_steps.c.version.is_distinct_from(version)
+        self._database.change(sa.delete(job_steps).where(job_steps.c.job_id == job_id, is_other))
 
     def remove_left(self) -> int:
         """Remove steps of jobs that have ended, which a process left that died; return their number."""

@@ -551,6 +551,7 @@ job_steps = sa.Table(
     sa.Column("units", sa.Integer, nullable=False),
     sa.Column("result", sa.LargeBinary, nullable=False),
     sa.Column("stored_at", UtcDateTime, nullable=True),  # null: stored by a program of layout 0018
+    sa.Column("version", sa.String, nullable=True),  # of the program that computed the step; null: as above
 )
 
 heartbeats = sa.Table(

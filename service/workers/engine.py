@@ -24,6 +24,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from jointstiff.service.jobs import PARTS_AT_ONCE, Part
 from jointstiff.service.problems import StoreError
+from jointstiff.service.process import jointstiff_version
 from jointstiff.service.store.database import dispose, make_engine
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.waiting import DELAYS_SIGN, read_delays
@@ -118,12 +119,17 @@ class Queue:
         )
         with self._store.transaction() as connection:
             for part in parts:
-                self._add_part(connection, part, priority=priority)
+                self._add_part(
+                    connection,
+                    part,
+                    priority=priority,
+                    part_id=f"{_make_part_id(part)}-{jointstiff_version()}",
+                )
 
-    def offer_later(self, part: Part) -> None:
-        """Offer a part to all workers again after `LATER_SECONDS`."""
-        new_id = f"{_make_part_id(part)}-{time.time_ns()}"
-        self._add_later(part, new_id, LATER_SECONDS)
+    def offer_again(self, parts: Iterable[Part], delay_seconds: float = 0.0) -> None:
+        """Offer parts to all workers after a time [s], even parts that were carried out before."""
+        for part in parts:
+            self._add_later(part, f"{_make_part_id(part)}-{time.time_ns()}", delay_seconds)
 
     def hand_back(self, part: Part) -> None:
         """Offer a part whose rows are locked to all workers again; the time until then doubles each time."""
@@ -186,11 +192,10 @@ class Queue:
                 self._client.delete_workflows(removable_part_ids)
 
     def _add_later(self, part: Part, part_id: str, seconds: float) -> None:
-        """Add a part under an id, to be offered after a time [s]."""
+        """Add a part under an id, to be offered after a time [s]; at once if the time is 0."""
+        delay, priority = seconds or None, _compute_priority_now()
         with self._store.transaction() as connection:
-            self._add_part(
-                connection, part, priority=_compute_priority_now(), part_id=part_id, delay_seconds=seconds
-            )
+            self._add_part(connection, part, priority=priority, part_id=part_id, delay_seconds=delay)
 
     def _add_part(
         self,

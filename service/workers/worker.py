@@ -26,7 +26,7 @@ from jointstiff.service.store.database import name_connections, refuse_in_memory
 from jointstiff.service.store.jobs import SILENT, Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
-from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue
+from jointstiff.service.workers.engine import ATTEMPTS, LATER_SECONDS, Engine, Queue
 
 # Jobs of other kinds are left to workers of other versions.
 _KNOWN_KINDS: Final = [kind.name for kind in KINDS]
@@ -271,7 +271,7 @@ def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Queu
     if kind is None:  # the job was removed
         return
     if kind not in _KNOWN_KINDS:
-        queue.offer_later(part)
+        queue.offer_again([part], LATER_SECONDS)
         return
     jobs_of_kind = jobs(part.job_id)
     try:

@@ -187,15 +187,14 @@ def test_a_database_that_does_not_answer_fails_no_job_that_asks_whether_others_w
         assert away.others_wait("a"), "the part leaves its other steps, and loses nothing"
 
 
-def test_a_part_of_an_unknown_kind_is_offered_again_later(store, queue, working, monkeypatch):
-    monkeypatch.setattr(module, "LATER_SECONDS", 0.5)
+def test_a_part_that_is_offered_again_is_begun_again(store, queue, working):
     enqueued(store, queue, "a")
     begun = []
 
     def carry_out_part(part):
         begun.append(part)
         if len(begun) < 3:
-            queue.offer_later(part)
+            queue.offer_again([part], 0.5)
 
     with working(carry_out_part) as engine:
         until(lambda: len(begun) == 3)

@@ -1,6 +1,6 @@
 """Documents as JSON compressed by zlib, with a version; numbers of runs as JSON that SQL reads.
 
-Steps of jobs have the time at which they were stored.
+Steps of jobs have the time at which they were stored, and the version that computed them.
 
 Programs of layout 0018 read the new form of documents: their reader takes any stream of zlib.
 """
@@ -53,7 +53,7 @@ TABLES = [
 
 
 def upgrade() -> None:
-    """Expand: add the version of documents, an index of the rows to rewrite, columns for SQL, and a time."""
+    """Expand: add the version of documents, an index of the rows to rewrite, columns for SQL and steps."""
     is_old = sa.text("schema < 19")
     for table in TABLES:
         version = sa.Column("schema", sa.Integer(), nullable=False, server_default=sa.text("18"))
@@ -61,6 +61,7 @@ def upgrade() -> None:
     op.add_column("jobs", sa.Column("key_name", sa.String(), nullable=True))
     op.add_column("jobs", sa.Column("numbers", _NUMBERS, nullable=True))
     op.add_column("job_steps", sa.Column("stored_at", sa.DateTime(timezone=True), nullable=True))
+    op.add_column("job_steps", sa.Column("version", sa.String(), nullable=True))
     for table in TABLES:
         name = f"ix_{table.name}_old"
         op.create_index(name, table.name, ["sequence"], sqlite_where=is_old, postgresql_where=is_old)
