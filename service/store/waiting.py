@@ -112,28 +112,28 @@ class _OpenJob:
     seconds: float  # time since the job moved
 
 
-_parts: Final = sa.table(
-    "workflow_status",
-    *(
-        sa.column(name)
-        for name in (
-            "workflow_uuid",
-            "status",
-            "executor_id",
-            "priority",
-            "created_at",
-            "delay_until_epoch_ms",
-        )
-    ),
+_PARTS: Final = "workflow_status"  # table of DBOS
+_PART_COLUMNS: Final = (
+    *("workflow_uuid", "status", "executor_id", "priority"),
+    *("created_at", "delay_until_epoch_ms"),
 )
-_PARTS_QUERY: Final = (
-    sa.select(_parts)
-    .where(
-        _parts.c.status.in_([sa.literal_column(f"'{state}'") for state in ("ENQUEUED", "PENDING", "DELAYED")])
-    )
-    .order_by(_parts.c.created_at)
-    .limit(20 * _MOST_JOBS)
-)
+
+
+def name_queue_schema(store_schema: str) -> str:
+    """Return the name of the schema of the queue's tables, given the schema of the store's tables."""
+    return "jointstiff_queue" if store_schema == "public" else f"{store_schema}_queue"
+
+
+def _select_parts(schema: str | None) -> sa.Select[Any]:
+    """Return the query of the parts that have not ended, the oldest first, from a schema's table."""
+    parts = sa.table(_PARTS, *map(sa.column, _PART_COLUMNS), schema=schema)
+    states: list[sa.ColumnElement[str]] = [
+        sa.literal_column(f"'{state}'") for state in ("ENQUEUED", "PENDING", "DELAYED")
+    ]
+    of_open_parts = sa.select(parts).where(parts.c.status.in_(states))
+    return of_open_parts.order_by(parts.c.created_at).limit(20 * _MOST_JOBS)
+
+
 _last_step: Final = (
     sa.select(sa.func.max(job_steps.c.stored_at)).where(job_steps.c.job_id == jobs.c.id).scalar_subquery()
 )
@@ -167,7 +167,7 @@ class Waits:
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._has_queue = False  # True once the table of DBOS was seen
+        self._parts_query: sa.Select[Any] | None = None  # once the table of DBOS was seen
         # job's id → (last wait for a lock of a worker with a part of the job, monotonic time of the wait)
         self._last_locks: dict[str, tuple[LockWait, float]] = {}
 
@@ -242,11 +242,11 @@ class Waits:
     def _read_parts(self, now: datetime) -> list[_PartRow]:
         """Return the parts that wait, are claimed, or are offered later; none without a queue."""
         with self._database.reading() as connection:
-            if not self._has_queue:
-                self._has_queue = sa.inspect(connection).has_table(_parts.name)
-            if not self._has_queue:
+            if self._parts_query is None:
+                self._parts_query = self._find_parts_query(connection)
+            if self._parts_query is None:
                 return []
-            rows = connection.execute(_PARTS_QUERY).all()
+            rows = connection.execute(self._parts_query).all()
         milliseconds = 1000.0 * now.timestamp()
         return [
             _PartRow(
@@ -260,6 +260,13 @@ class Waits:
             )
             for row in rows
         ]
+
+    def _find_parts_query(self, connection: sa.Connection) -> sa.Select[Any] | None:
+        """Return the query of the parts; None as long as there is no table of them."""
+        schema = None
+        if self._database.dialect != "sqlite":
+            schema = name_queue_schema(str(connection.execute(sa.select(sa.func.current_schema())).scalar()))
+        return _select_parts(schema) if sa.inspect(connection).has_table(_PARTS, schema=schema) else None
 
     def _read_beats(self, now: datetime) -> dict[str, float]:
         """Return worker → time since its last heartbeat [s]."""

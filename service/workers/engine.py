@@ -27,8 +27,8 @@ from jointstiff.service.problems import StoreError
 from jointstiff.service.process import jointstiff_version
 from jointstiff.service.store.database import dispose, make_engine
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.waiting import DELAYS_SIGN, read_delays
-from jointstiff.service.workers.queue_tables import move_tables, name_schema
+from jointstiff.service.store.waiting import DELAYS_SIGN, name_queue_schema, read_delays
+from jointstiff.service.workers.queue_tables import move_tables
 
 ATTEMPTS: Final = 5
 """Number of workers that die over one part of a job, without a finished step, before the job is given up."""
@@ -77,7 +77,7 @@ class Queue:
         self._store = store
         store_schema = store.schema()
         # SQLite has no schemas: DBOS ignores the name.
-        self._schema = "dbos" if store_schema is None else name_schema(store_schema)
+        self._schema = "dbos" if store_schema is None else name_queue_schema(store_schema)
         self._engine = make_engine(database, _CONNECTIONS)
         try:
             DBOS.migrate(self._engine.url.render_as_string(hide_password=False), schema=self._schema)

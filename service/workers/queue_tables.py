@@ -27,11 +27,6 @@ _FUNCTIONS: Final = sa.text(
 )
 
 
-def name_schema(store_schema: str) -> str:
-    """Return the name of the schema of the queue's tables, given the schema of the store's tables."""
-    return "jointstiff_queue" if store_schema == "public" else f"{store_schema}_queue"
-
-
 def move_tables(store: Store, source: str, target: str) -> None:
     """Move the rows of the queue to its own schema; do nothing if they are there already.
 

@@ -512,7 +512,8 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
   return (
     <fieldset class="live-readings">
       <legend>
-        <b>{phone ? words.readingsShort : words.readings}</b> <small class="soft">{words.readingsHint}</small> <SignButton />
+        <b>{phone ? words.readingsShort : words.readings}</b> <small class="soft">{words.readingsHint}</small>{" "}
+        <SignButton />
         {!unloadedOnly && !again && (
           <Button look="quiet" aria-label={words.readAgainAfter} onClick={readAgain}>
             {phone ? words.afterShort : words.readAgainAfter}

@@ -18,7 +18,7 @@ from jointstiff.service.jobs import Part
 from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.store.database import name_connections
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.waiting import Waiting, connection_name
+from jointstiff.service.store.waiting import Waiting, connection_name, name_queue_schema
 
 
 @pytest.fixture
@@ -54,7 +54,9 @@ def let_pass(store: Store, seconds: float) -> None:
             else f"{column} - interval '{seconds} s'"
         )
         store._database.change(sa.text(f"UPDATE {table} SET {column} = {earlier}"))  # noqa: S608
-    of_parts = sa.text("UPDATE workflow_status SET created_at = created_at - :n")
+    schema = store.schema()
+    table = "workflow_status" if schema is None else f"{name_queue_schema(schema)}.workflow_status"
+    of_parts = sa.text(f"UPDATE {table} SET created_at = created_at - :n")  # noqa: S608
     store._database.change(of_parts.bindparams(n=int(1000 * seconds)))
 
 

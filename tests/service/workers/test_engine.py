@@ -15,9 +15,9 @@ from support.processes import until
 from jointstiff.service.jobs import Part
 from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.waiting import name_queue_schema
 from jointstiff.service.workers import engine as module
 from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue
-from jointstiff.service.workers.queue_tables import name_schema
 from jointstiff.service.workers.worker import Recovery, carry_out
 
 
@@ -56,7 +56,7 @@ def changed(store, sql, **values):
     schema = store.schema()
     with store.transaction() as connection:
         if schema is not None:
-            connection.exec_driver_sql(f"SET LOCAL search_path TO {name_schema(schema)}, {schema}")
+            connection.exec_driver_sql(f"SET LOCAL search_path TO {name_queue_schema(schema)}, {schema}")
         connection.execute(sa.text(sql), values)
 
 
@@ -274,7 +274,7 @@ def test_parts_of_earlier_versions_move_to_the_schema_of_the_queue(new_postgresq
         functions = sa.text("SELECT proname FROM pg_proc WHERE pronamespace = to_regnamespace('public')")
         own = set(store._database.rows(tables))
         with monkeypatch.context() as earlier:
-            earlier.setattr(module, "name_schema", lambda schema: schema)
+            earlier.setattr(module, "name_queue_schema", lambda schema: schema)
             earlier.setattr(module, "move_tables", lambda *_: None)
             with closing(Queue(store, url)) as old:
                 enqueued(store, old, "a", "b")

@@ -352,7 +352,7 @@ def test_deaths_are_counted_anew_once_a_step_is_kept(store, runs, claims, post, 
             recovery.check_and_recover()
         store.steps.store_result(run.id, (kept - 1, kept), b"by one that died then")
         claims.work(lambda _: runs)
-        assert claims.waiting() == [f"{run.id}-000000-{kept}"]
+        assert [name.rpartition("-")[0] for name in claims.waiting()] == [f"{run.id}-000000-{kept}"]
     assert runs.current(run.id).state == "running"
 
 
