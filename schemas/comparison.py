@@ -143,7 +143,7 @@ class ComparedRun(Message):
     assessment: Assessment | None = Field(description="Assessment of the run; null if the run has failed.")
     compensation: Dimensionless[float | None] = Field(
         description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; "
-        "null if nothing moved, or without degrees of freedom."
+        "null without motion or degrees of freedom."
     )
     rms_residual: Metres[float | None] = Field(
         description="Root mean square of the residual vectors' lengths."

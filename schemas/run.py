@@ -496,7 +496,7 @@ class RunResult(Result):
     joints: list[JointResult]
     compensation: float | None = Field(
         description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; "
-        "null if nothing moved, or without degrees of freedom."
+        "null without motion or degrees of freedom."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
     sigma: Metres[float | None] = Field(
