@@ -159,7 +159,7 @@ class Page(Message, Generic[Item]):
     next: str | None = Field(description="`cursor` of the next page, if any.")
     total: int | None = Field(
         default=None,
-        description=f"Number on all pages ({MOST_COUNTED + 1}: more); null after the first.",
+        description=f"Number on all pages ({MOST_COUNTED + 1}: more); null from page 2 on.",
     )
 
 

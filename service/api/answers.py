@@ -101,7 +101,7 @@ def describe_post_responses(message: type[BaseModel]) -> dict[int | str, dict[st
 
     `message` is the class of the job in the answer.
     """
-    answer = {"description": "Stored; at 202, poll its address.", "headers": _ADDRESS}
+    answer = {"description": "Stored; at 202, poll it.", "headers": _ADDRESS}
     return {201: answer, 202: answer | {"model": message}}
 
 
