@@ -133,6 +133,6 @@ class Health(Message):
     database: Literal["sqlite", "postgresql"]
     stored_bytes: int = Field(description="Size of the database in bytes.")
     quota_bytes: int | None = Field(description="Quota: a larger database refuses new resources (507).")
-    access: Access = Field(description="As in `Session`; `none`: a proxy must authenticate.")
+    access: Access = Field(description="Access as in `Session`; `none`: a proxy authenticates.")
     stuck: list[StuckJob]
     queue: PartsWaiting

@@ -35,7 +35,7 @@ class Progress(Message):
     waits: str | None = Field(
         default=None,
         exclude_if=lambda waits: waits is None,
-        description="Why the job does not move.",
+        description="Reason why it does not move.",
     )
 
 
@@ -57,7 +57,7 @@ class Result(Message):
 class FromRun(Result):
     """Result that is made from a run."""
 
-    assessment: Assessment = Field(description="With the reasons of the run.")
+    assessment: Assessment = Field(description="Assessment, with reasons of the run.")
 
 
 class Job(Message):

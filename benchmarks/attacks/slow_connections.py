@@ -41,7 +41,7 @@ class _Counts:
 
 @dataclass
 class _Found:
-    """What clients found."""
+    """Answers and times that clients found."""
 
     closed_after: list[float] = field(default_factory=list)  # of attacking connections [s]
     answers: Counter[str] = field(default_factory=Counter)  # of attacking connections, by status

@@ -137,7 +137,7 @@ def count_by_address(proxies: str | None) -> Callable[[str], bool]:
 
 
 class _Awaited(Enum):
-    """What a connection awaits of its client."""
+    """Part of a request that a connection awaits."""
 
     NOTHING = auto()  # the service works on an answer, or the client may rest between two requests
     HEADER = auto()  # the rest of a header

@@ -266,7 +266,7 @@ _FROM_9: Final = (
 
 
 def _state_verdicts_of_campaigns(trend: Document) -> None:
-    """State the verdict of each campaign beside its assessment, which a long trend leaves out."""
+    """State the verdict of each campaign also outside the assessment, which a long trend leaves out."""
     trend.setdefault("campaign_count", len(trend["campaigns"]))
     for campaign in trend["campaigns"]:
         if campaign["assessment"] is not None:

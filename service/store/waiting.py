@@ -1,4 +1,4 @@
-"""What waits in a database: jobs that do not move and why, parts in the queue, lost sessions of PostgreSQL.
+"""Waits in a database: jobs that do not move and why, parts in the queue, lost sessions of PostgreSQL.
 
 The parts of jobs are read from the table `workflow_status` of DBOS, which `workers/engine.py` fills.
 """
@@ -57,7 +57,7 @@ class StillJob:
     kind: str
     seconds: float  # time since its last step was stored, or since the job was posted
     why: str  # reason, as the end of a sentence
-    is_stuck: bool = True  # False if the job only waits for its turn in the queue
+    is_stuck: bool = True  # False if the job waits until jobs before it in the queue have ended
 
     def describe(self) -> str:
         """Return a sentence with the job and the reason."""
@@ -66,7 +66,7 @@ class StillJob:
 
 @dataclass(frozen=True, slots=True)
 class Waiting:
-    """What waits in a database at a time."""
+    """Waits in a database at a time."""
 
     still: tuple[StillJob, ...] = ()
     parts: int = 0  # number of parts that wait for a worker

@@ -34,7 +34,7 @@ ATTEMPTS: Final = 5
 """Number of workers that die over one part of a job, without a finished step, before the job is given up."""
 LATER_SECONDS: Final = 60.0
 """Time [s] after which a part is offered again that only another version of the program can carry out."""
-_FIRST_DELAY_SECONDS: Final = 10.0
+FIRST_DELAY_SECONDS: Final = 10.0
 """Time [s] after which a part is offered again whose rows were locked; doubles to `LATER_SECONDS`."""
 _APPLICATION: Final = "jointstiff"
 _QUEUE: Final = "jointstiff-jobs"
@@ -134,7 +134,7 @@ class Queue:
     def hand_back(self, part: Part) -> None:
         """Offer a part whose rows are locked to all workers again; the time until then doubles each time."""
         new_id = f"{_make_part_id(part)}-{time.time_ns()}{DELAYS_SIGN}{part.delays + 1}"
-        self._add_later(part, new_id, min(_FIRST_DELAY_SECONDS * 2.0**part.delays, LATER_SECONDS))
+        self._add_later(part, new_id, min(FIRST_DELAY_SECONDS * 2.0**part.delays, LATER_SECONDS))
 
     def others_wait(self, job_id: str) -> bool:
         """Return whether parts of jobs other than `job_id` are queued; True if the database fails."""

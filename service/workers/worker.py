@@ -293,8 +293,10 @@ _MISSING_REMEDY: Final = (
     "the service makes the file: start `jointstiff serve`, and give --database the URL that the service has, "
     "with an absolute path: sqlite:////path/to/file.db"
 )
-_DATABASE_SECONDS: Final = 60.0  # time for a database that comes up
-_DATABASE_PAUSE: Final = 1.0  # between two attempts to open the database [s]
+DATABASE_SECONDS: Final = 60.0
+"""Time for which a worker waits for a database that comes up [s]."""
+DATABASE_PAUSE: Final = 1.0
+"""Time between two attempts to open the database [s]."""
 _BEGIN_SECONDS: Final = 60.0  # time for the worker's threads to begin
 # Longest check of the recovery thread [s]; a locked database takes half of this time.
 _LONGEST_CHECK_SECONDS: Final = 60.0
@@ -372,10 +374,10 @@ def _open_patiently(database: str, upgrade: Callable[[str], object] | None, stop
     The process ends if `stop` is set meanwhile.
 
     Raises:
-        StoreError: the database cannot be used, or its file does not exist after `_DATABASE_SECONDS`.
-        StoreUnavailableError: the server does not answer within `_DATABASE_SECONDS`.
+        StoreError: the database cannot be used, or its file does not exist after `DATABASE_SECONDS`.
+        StoreUnavailableError: the server does not answer within `DATABASE_SECONDS`.
     """
-    deadline = time.monotonic() + _DATABASE_SECONDS
+    deadline = time.monotonic() + DATABASE_SECONDS
     has_warned = False
     while True:
         opened = _open_or_explain(database, upgrade)
@@ -384,10 +386,10 @@ def _open_patiently(database: str, upgrade: Callable[[str], object] | None, stop
         if time.monotonic() > deadline:
             raise opened
         if not has_warned:
-            words = f"{opened}; waiting up to {_DATABASE_SECONDS:.0f} s"
+            words = f"{opened}; waiting up to {DATABASE_SECONDS:.0f} s"
             console(stderr=True).print(words, markup=False, soft_wrap=True)
         has_warned = True
-        if stop.wait(_DATABASE_PAUSE):
+        if stop.wait(DATABASE_PAUSE):
             sys.exit(0)
 
 

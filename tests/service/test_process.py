@@ -82,7 +82,7 @@ def test_the_image_awaits_a_key_and_the_proxy_insists_on_tls():
     assert "header Strict-Transport-Security max-age=" in (docker / "Caddyfile").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("guide", ["docker/README.md", "docs/operations.md"])
+@pytest.mark.parametrize("guide", ["docker/README.md", "docs/upgrade.md"])
 def test_what_brings_data_back_is_no_part_of_what_saves_them(guide):
     """Who pastes a block to save replaces nothing; what uses the database is stopped first."""
     blocks = re.findall(r"```sh\n(.*?)```", (ROOT / guide).read_text(encoding="utf-8"), re.DOTALL)

@@ -104,6 +104,10 @@ class ScriptedJobs:
             raise StoreUnavailableError("away", "wait")
         return JobStatus("running", done)
 
+    def update_progress(self, job, status):
+        progress = job.progress.model_copy(update={"done": status.done})
+        return job.model_copy(update={"state": status.state, "progress": progress})
+
     def current(self, job_id):
         self.documents += 1
         ended = not self.script

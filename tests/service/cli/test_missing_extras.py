@@ -38,6 +38,9 @@ WITHOUT = {
     "serve": "service",
     "worker --database sqlite:///worked.db": "service",
     "demo --once": "service",
+    "archive everything.zip --database sqlite:///worked.db": "service",
+    "restore everything.zip --database sqlite:///worked.db": "service",
+    "status": "service",
     "keys list": "service",
 }
 """Commands in their order, and the extra that each one needs; empty for none."""

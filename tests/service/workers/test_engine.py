@@ -205,7 +205,7 @@ def test_a_part_that_is_offered_again_is_begun_again(store, queue, working):
 def test_a_part_whose_rows_are_locked_is_offered_again_and_later_each_time(
     store, queue, working, monkeypatch
 ):
-    monkeypatch.setattr(module, "_FIRST_DELAY_SECONDS", 0.2)
+    monkeypatch.setattr(module, "FIRST_DELAY_SECONDS", 0.2)
     enqueued(store, queue, "a")
     begun = []
 

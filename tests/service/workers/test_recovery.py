@@ -675,8 +675,8 @@ def test_a_worker_that_cannot_start_is_said_and_is_not_living(tmp_path, monkeypa
 
 @pytest.mark.parametrize("comes_up", [True, False])
 def test_a_worker_waits_for_a_server_that_comes_up(comes_up, store, monkeypatch, capsys):
-    monkeypatch.setattr(worker_module, "_DATABASE_SECONDS", 1.0)
-    monkeypatch.setattr(worker_module, "_DATABASE_PAUSE", 0.02)
+    monkeypatch.setattr(worker_module, "DATABASE_SECONDS", 1.0)
+    monkeypatch.setattr(worker_module, "DATABASE_PAUSE", 0.02)
     attempts = []
 
     def connect(url, upgrade):
@@ -709,7 +709,7 @@ def test_a_worker_that_is_stopped_while_it_waits_ends(monkeypatch):
 
 
 def test_a_worker_waits_for_the_file_of_a_service_that_starts(tmp_path, monkeypatch):
-    monkeypatch.setattr(worker_module, "_DATABASE_PAUSE", 0.02)
+    monkeypatch.setattr(worker_module, "DATABASE_PAUSE", 0.02)
     url = f"sqlite:///{tmp_path / 'jointstiff.db'}"
     service = threading.Timer(0.2, lambda: Store.open(url).close())
     service.start()
@@ -720,8 +720,8 @@ def test_a_worker_waits_for_the_file_of_a_service_that_starts(tmp_path, monkeypa
 def test_a_worker_makes_no_database(tmp_path, monkeypatch):
     """A mistyped path is an error with a remedy, not an empty database."""
     monkeypatch.setattr(threading, "excepthook", threading.excepthook)  # which a worker changes
-    monkeypatch.setattr(worker_module, "_DATABASE_SECONDS", 0.1)
-    monkeypatch.setattr(worker_module, "_DATABASE_PAUSE", 0.02)
+    monkeypatch.setattr(worker_module, "DATABASE_SECONDS", 0.1)
+    monkeypatch.setattr(worker_module, "DATABASE_PAUSE", 0.02)
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         with pytest.raises(StoreError, match=r"mistyped\.db does not exist") as refused:
