@@ -41,6 +41,7 @@ _STATUSES_OF_BODIES: Final = frozenset({404})
 _EVENTS: Final = "text/event-stream"
 _FORM: Final = "multipart/form-data"
 _PAGE: Final = f"{Page.__name__}_"  # Pydantic's names of pages, such as `Page_JobSummary_`
+_ABSENT: Final = frozenset({("Progress", "waits")})  # fields of answers that may be absent
 _VALUE_KEYWORDS: Final = frozenset({"enum", "const"})  # they list all values, and would exclude null
 
 
@@ -200,11 +201,13 @@ def _drop_unused_schemas(document: Node) -> None:
 
 
 def _require_all_answer_fields(document: Node) -> None:
-    """Mark every field of schemas that only answers use as required: the service always sends all fields."""
+    """Mark the fields of schemas that only answers use as required: the service sends all but `_ABSENT`."""
     schemas = document["components"]["schemas"]
     for name in find_answer_schemas(document):
         if "properties" in schemas[name]:
-            schemas[name]["required"] = list(schemas[name]["properties"])
+            schemas[name]["required"] = [
+                field for field in schemas[name]["properties"] if (name, field) not in _ABSENT
+            ]
 
 
 def _share_components(document: Node) -> None:
