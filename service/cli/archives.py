@@ -45,8 +45,8 @@ def archive(
     archived = write_archive(database, file, keys, typer.echo)
     for sentence in archived.damaged:
         typer.echo(sentence, err=True)
-    megabytes = file.stat().st_size / 1e6
-    typer.echo(f"wrote {file}: layout {archived.manifest.layout}, {megabytes:.1f} MB")
+    kilobytes = file.stat().st_size / 1e3
+    typer.echo(f"wrote {file}: layout {archived.manifest.layout}, {kilobytes:,.0f} kB")
     if archived.damaged:
         raise typer.Exit(1)
 
@@ -65,7 +65,10 @@ def restore(
     early, run it again. Exit status 1: some records cannot be restored, and are named.
     """
     from jointstiff.service.archive.restoring import restore_archive
+    from jointstiff.service.problems import StoreError
 
+    if not file.is_file():
+        raise StoreError(f"there is no file {file}", "give a file that `jointstiff archive` wrote")
     restored = restore_archive(file, database, dry_run=dry_run, notify=typer.echo)
     _print_outcome(restored)
     if restored.refused:

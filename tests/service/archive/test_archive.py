@@ -517,3 +517,11 @@ class TestCommands:
         done = terminal("restore", str(path), "--database", f"sqlite:///{tmp_path / 'other.db'}")
         assert done.exit_code == 1
         assert "refers to" in done.output
+
+
+def test_an_archive_that_does_not_exist_is_not_restored(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    refused = terminal("restore", "nothing.zip", "--database", "sqlite:///new.db")
+    assert refused.exit_code == 2
+    assert "there is no file nothing.zip" in refused.stderr
+    assert list(tmp_path.iterdir()) == []
