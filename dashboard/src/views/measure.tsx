@@ -9,7 +9,7 @@ import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey, type Fields, unreadIn } from "../lib/json";
 import * as live from "../lib/live";
 import { useAction, go, link } from "../state/action";
-import { RobotSelect } from "../components/choosers";
+import { isKnown, RobotSelect } from "../components/choosers";
 import { ROBOTS } from "../state/choices";
 import { useQuery } from "../state/query";
 import { useTypedValue } from "../state/session";
@@ -20,7 +20,7 @@ import { NOISE } from "./flow";
 import { EQUIPMENT, Equipment, START, useEquipped } from "./plans";
 import { NoRobots } from "./robots";
 
-import { OpenCampaigns, TrySimulated } from "./open_campaigns";
+import { OPEN, OpenCampaigns, TrySimulated } from "./open_campaigns";
 
 const words = later.measure;
 
@@ -28,19 +28,27 @@ export function MeasureView({ query }: { query: URLSearchParams }) {
   const robots = useQuery(queries.robots(ROBOTS));
   const planId = query.get("plan") ?? "";
   const plan = useQuery({ ...queries.plan(planId), enabled: planId !== "" });
+  // The form lies below the open campaigns: it comes after them, so that nothing moves.
+  const open = useQuery(queries.sets(OPEN));
   return (
     <>
       <Head plain={words.title} first={<TrySimulated />} />
       <OpenCampaigns as="h2" />
-      <Show of={robots} instead={({ items }) => items.length === 0 && <NoRobots />}>
-        {({ items }) => (
-          <Show of={planId ? plan : { ...plan, data: null }}>
-            {(of) => (
-              <Declaration only={items.length === 1 ? items[0]?.id : undefined} robot={query.get("robot")} plan={of} />
-            )}
-          </Show>
-        )}
-      </Show>
+      {isKnown(open) && (
+        <Show of={robots} instead={({ items }) => items.length === 0 && <NoRobots />}>
+          {({ items }) => (
+            <Show of={planId ? plan : { ...plan, data: null }}>
+              {(of) => (
+                <Declaration
+                  only={items.length === 1 ? items[0]?.id : undefined}
+                  robot={query.get("robot")}
+                  plan={of}
+                />
+              )}
+            </Show>
+          )}
+        </Show>
+      )}
     </>
   );
 }

@@ -14,9 +14,12 @@ import { send, useQuery } from "../state/query";
 
 const words = later.measure;
 
+/** Campaigns that are still measured. */
+export const OPEN = { open: true, limit: 20 } as const;
+
 /** Campaigns that are still measured, on this device or another. */
 export function OpenCampaigns({ as: Heading }: { as: "h2" | "h3" }) {
-  const listed = useQuery(queries.sets({ open: true, limit: 20 }));
+  const listed = useQuery(queries.sets(OPEN));
   if (!isKnown(listed)) return <Busy />;
   const { data: open } = listed;
   if (!open || open.items.length === 0) return null;
