@@ -398,9 +398,13 @@ class Jobs:
         self.records.end(job_id, state, final_columns, lock_timeout)
 
 
-def _order_version(version: str | None) -> tuple[int, ...]:
-    """Return the numbers of a version, by which versions are older and newer; None is the oldest version."""
-    return tuple(int(number) for number in re.findall(r"[0-9]+", version or ""))
+def _order_version(version: str | None) -> tuple[tuple[int, ...], str]:
+    """Return the key that orders versions from the oldest to the newest; None is the oldest version.
+
+    Two different versions never have equal keys: each would begin a job again that the other began.
+    """
+    text = version or ""
+    return tuple(int(number) for number in re.findall(r"[0-9]+", text)), text
 
 
 def make_record(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:

@@ -126,6 +126,7 @@ def working_as(monkeypatch):
 def test_one_version_computes_all_steps_of_a_job_whichever_versions_take_its_parts(
     store, claims, runs, post, working_as, monkeypatch, seed
 ):
+    versions = ["0.9.2", "0.10.0", "0.10.0+local"]
     draw, run, computed_by, conclude = np.random.default_rng(seed), post(), [], runs.conclude
 
     def note(job_id, results):
@@ -134,7 +135,7 @@ def test_one_version_computes_all_steps_of_a_job_whichever_versions_take_its_par
 
     monkeypatch.setattr(runs, "conclude", note)
     for _ in range(200):
-        working_as(draw.choice(["0.9.2", "0.10.0"]))
+        working_as(draw.choice(versions))
         if not claims.work(lambda _: runs):
             break
     ended = runs.current(run.id)
