@@ -2,6 +2,8 @@
 
 uvicorn itself ends connections that are idle between two requests. `LimitedConnection` extends uvicorn's
 protocol by times for headers, bodies and unread answers, and by a number of connections for each address.
+uvicorn has no such limits, and takes a class of protocol by its option `http`. The class that is extended is
+not public: `pyproject.toml` caps uvicorn's minor version.
 """
 
 from __future__ import annotations

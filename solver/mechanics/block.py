@@ -332,7 +332,7 @@ class RegressorBlock:
     def _scatter_roots(self) -> tuple[FloatArray, FloatArray]:
         """Directions U (B, 3 T, r) of the shared errors, and their reduction (B, r) by whitening."""
         scatter = self.measurements.scatter
-        return compute_scatter_roots(self.shared_motion, scatter.joints, scatter.station)[:2]
+        return compute_scatter_roots(self.shared_motion, scatter.joints, scatter.station)
 
     def whiten(self, rows: FloatArray) -> FloatArray:
         """Whiten rows (B, T, 3, k) of the targets, so that the noise of each row has variance sigma².
@@ -358,7 +358,7 @@ class RegressorBlock:
 
 def compute_scatter_roots(
     shared_motion: tuple[FloatArray, FloatArray], joints: float, station: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:
     """Decompose the covariance ``I + G Gᵀ`` of whitened readings with errors that a posture's targets share.
 
     Args:
@@ -367,14 +367,13 @@ def compute_scatter_roots(
         station: standard deviation of the common shift along each axis, in units of sigma.
 
     Returns:
-        Directions U (B, 3 T, r), the left singular vectors of G; factors w (B, r) with ``I − U diag(w) Uᵀ``
-        the symmetric root of the inverse covariance; and the variances (B, r) in these directions.
+        Directions U (B, 3 T, r), the left singular vectors of G; and factors w (B, r) with
+        ``I − U diag(w) Uᵀ`` the symmetric root of the inverse covariance.
     """
     motion_by_joints, motion_by_station = shared_motion
     G = np.concatenate([joints * motion_by_joints, station * motion_by_station], axis=-1)
     U, singular_values, _ = np.linalg.svd(G, full_matrices=False)
-    variance = 1.0 + np.square(singular_values)
-    return U, 1.0 - 1.0 / np.sqrt(variance), variance
+    return U, 1.0 - 1.0 / np.sqrt(1.0 + np.square(singular_values))
 
 
 def regressor_blocks(
