@@ -1,6 +1,7 @@
 """Waits in a database: jobs that do not move and why, parts in the queue, lost sessions of PostgreSQL.
 
-The parts of jobs are read from the table `workflow_status` of DBOS, which `workers/engine.py` fills.
+The parts of jobs are read from the table `workflow_status` of DBOS, which `workers/engine.py` fills. Services
+and `jointstiff status` read the table without an engine, which would make tables and connections of its own.
 """
 
 from __future__ import annotations
