@@ -214,6 +214,8 @@ FindingCode = Literal[
     "payload_not_stated",
     "prior_dominates",
     "complementary_stiffness_matters",
+    "statement_dropped",
+    "solver_disagrees",
     "links_bend_with_joints",
     "base_bends",
     "links_or_base",

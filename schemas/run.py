@@ -346,6 +346,9 @@ class Certificate(Message):
     solved_by: list[SupportFinder] = Field(
         description="Algorithms of the robust loss, if any, then of each stage."
     )
+    solver_distance: float | None = Field(
+        default=None, description="Distance of Clarabel's own answer, relative to the readings."
+    )
 
 
 class Goodness(Message):

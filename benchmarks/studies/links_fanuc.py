@@ -69,7 +69,7 @@ def _fanuc(robot: Robot, measurements: Measurements, *, quick: bool, part: Part)
     for seed in part.of(2 if quick else SPLITS):
         drawn = np.random.default_rng(seed).permutation(len(measurements))
         parts = measurements[np.sort(drawn[:FITTED])], measurements[np.sort(drawn[FITTED:])]
-        folds = Folds(robot, parts[0], COLUMNS, VISIBLE, CrossValidation(seed=seed))
+        folds = Folds(robot, parts[0], COLUMNS, VISIBLE, CrossValidation(seed=seed), None)
         for name, (model, losses) in candidates.items():
             compliances, elastic = _best_loss(folds, model, losses)
             found[name].append(_compensation(robot, parts[1], compliances))
@@ -116,7 +116,7 @@ def _share_of_ball(
 
 def _cross_validated(robot: Robot, measurements: Measurements) -> float:
     """Compensation [%] of the whole set by cross-validation, joints and links, loss and penalty chosen."""
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation())
+    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(), None)
     models = [ElasticModel("joints_and_links", COLUMNS, loss) for loss in LOSSES]
     selection = select_model(folds, {model.key: fit_folds(folds, model, WEIGHTS) for model in models})
     return 100 * selection.find_held_out("joints_and_links").compensation
@@ -158,6 +158,6 @@ def held_out_compensation(
     robot: Robot, fitted: Measurements, held_out: Measurements, name: ModelName, *, seed: int
 ) -> float:
     """Compensation of readings that took part neither in the fit nor in the choice of the weight."""
-    folds = Folds(robot, fitted, COLUMNS, VISIBLE, CrossValidation(seed=seed))
+    folds = Folds(robot, fitted, COLUMNS, VISIBLE, CrossValidation(seed=seed), None)
     compliances, _ = _best_loss(folds, name, ("squared",))
     return _compensation(robot, held_out, compliances)

@@ -180,6 +180,7 @@ def assess(
             # Findings of one code become one reason; but of several robots that fit, the user chooses one.
             is_choice = group[0].code == "another_robot_fits"
             reasons += group if is_choice else [_summarise_findings(group, group[0].action)]
+        reasons += _report_solver(estimate)
         return replace(derive_assessment(estimate.joints, reasons), notes=notes)
     better = joints.find_gross_mistake(estimate)
     if better is not None:
@@ -711,7 +712,36 @@ def find_fit_problems(
             yield report_unexplained_motion(pure_error)
         yield from _report_unexplained(measurements, estimate, prediction)
     yield from report_implausible_results(estimate)
+    yield from _report_dropped_statements(estimate)
+    yield from _report_solver(estimate)
     yield from _report_links(prediction, screening)
+
+
+def _report_dropped_statements(estimate: Estimate) -> Iterator[Finding]:
+    """Yield a finding if stated errors could not be fitted together with the joints."""
+    if estimate.statements_dropped is not None:
+        yield Finding(
+            code="statement_dropped",
+            weight="use_with_care",
+            message="the readings contradict what is stated of load or places, so the statements were left "
+            f"out of the fit: {estimate.statements_dropped}",
+            remedy="check the stated load point and the units of force and length",
+        )
+
+
+def _report_solver(estimate: Estimate) -> Iterator[Finding]:
+    """Yield a finding if Clarabel's own answer is not the certified optimum to its tolerance."""
+    witnesses = [each.witness for each in estimate.certificates if each.witness is not None]
+    for witness in [each for each in witnesses if not each.agrees][:1]:
+        how_far = "gave no answer"
+        if np.isfinite(witness.distance):
+            how_far = f"differs by {witness.distance:.1g} of the readings, more than {witness.limit:.0e}"
+        yield Finding(
+            code="solver_disagrees",
+            weight="use",
+            message=f"Clarabel's own answer {how_far}; the numbers stand, as the certificate proves them",
+            remedy="reinstall the package clarabel, and report this problem with the data",
+        )
 
 
 def report_no_identified_joint(

@@ -26,7 +26,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.cones import Block, Cone, to_matrix, to_vector
-from jointstiff.solver.estimation.solution import Certificate
+from jointstiff.solver.estimation.solution import Certificate, Witness
 from jointstiff.solver.estimation.triangle import compute_triangular_factor
 
 if TYPE_CHECKING:
@@ -40,6 +40,9 @@ _NORMS_TOLERANCES: Final = (1e-7, 1e-8, 1e-9, 1e-10)
 """Tolerances of Clarabel for robust losses, tried in this order."""
 _MASS_TOLERANCES: Final = (1e-10, 1e-9, 1e-8)
 """Tolerances of Clarabel for cones of masses and moments, tried in this order."""
+_CONE_WITNESS: Final = 4e-5
+"""Greatest distance of Clarabel's own answer from the optimum that its tolerances explain, with ‖z‖ = 1: the
+gap of an answer, 1e-8 at first, is a square of this distance."""
 _END_TOLERANCES: Final = (1e-8, 1e-7, 1e-6)
 """Tolerances of Clarabel for ends of intervals; an end needs no more digits than the last tolerance gives."""
 _ORIGIN_RCOND: Final = 1e-6
@@ -140,23 +143,29 @@ class SemidefiniteProgram:
 
 @dataclass(frozen=True, eq=False)
 class NormSum:
-    """Sum of the targets' losses Σ ρ(‖A_i x − d_i‖), shared by programs with different penalties."""
+    """Sum of the losses Σ ρ(‖A_i x + B_i v − d_i‖) of targets, shared by programs with different penalties.
+
+    Errors v that are stated as zero, in units of their standard uncertainties, add ``‖s v‖²/(2h)``: the loss
+    of q more rows below the threshold h.
+    """
 
     A: FloatArray  #: (K, 3, p) regressor of K targets
     d: FloatArray  #: (K, 3) deflections, scaled to ``Σ ‖d_i‖ = 1``
     cone: Cone  #: cone of the parameters
+    B: FloatArray  #: (K, 3, q) columns of the stated errors
+    statement: float = 1.0  #: s, the standard uncertainty of a reading, in the unit of d
 
     @cached_property
     def program(self) -> Program:
         """Compiled program, whose parameters are penalty and threshold."""
         from jointstiff.solver.estimation import convex  # takes a second to import
 
-        return convex.state_sum_of_norms(self.A, self.d, self.cone)
+        return convex.state_sum_of_norms(self.A, self.d, self.cone, self.B / self.statement)
 
 
 @dataclass(frozen=True, eq=False)
 class RobustProgram:
-    """Program with a robust loss: minimise Σ ρ(‖A_i x − d_i‖) + pᵀx for x in a cone."""
+    """Program with a robust loss: minimise Σ ρ(‖A_i x + B_i v − d_i‖) + ‖s v‖²/(2h) + pᵀx, x in a cone."""
 
     loss: NormSum  #: loss of the targets
     weight: float  #: λ > 0 of the penalty
@@ -169,6 +178,13 @@ class ConeSolution:
 
     x: FloatArray  #: (p,) the optimum
     certificate: Certificate  #: evidence of optimality at x
+
+
+@dataclass(frozen=True, eq=False)
+class RobustSolution(ConeSolution):
+    """Optimum of a program with a robust loss."""
+
+    errors: FloatArray  #: (q,) stated errors v, in units of their standard uncertainties
 
 
 _Solution = TypeVar("_Solution", bound=ConeSolution)
@@ -193,16 +209,18 @@ def solve_cone(
 
         At each tolerance the program is solved in units of the readings, and then in units of the residual.
         """
+        first: FloatArray | None = None  # Clarabel's own first answer, the witness of the optimum
         T, z = program.fit.compressed
         residual_size = max(float(np.linalg.norm(z - T @ program.fit.origin)), _LEAST_UNIT)
         for tolerance in _CONE_TOLERANCES:
             for unit in (1.0, residual_size):
                 proposed = program.find_interior_point(tolerance, unit)
+                first = proposed if first is None else first
                 for _ in range(1 + _NEWTON_STEPS):
                     if proposed is None:
                         break
                     x = program.cone.project(proposed)
-                    yield ConeSolution(x, certify_cone(program, x))
+                    yield ConeSolution(x, certify_cone(program, x, first))
                     proposed = Face(program, x).step()
 
     return _select_certified(propose_solutions(), wanted_gap, accepted_gap)
@@ -210,7 +228,7 @@ def solve_cone(
 
 def solve_robust(
     program: RobustProgram, *, wanted_gap: float, accepted_gap: float | None = None
-) -> ConeSolution:
+) -> RobustSolution:
     """Solve a program with a robust loss by Clarabel, and certify the optimum.
 
     Args:
@@ -223,17 +241,18 @@ def solve_robust(
         SolverError: no answer has an excess that is accepted.
     """
 
-    def propose_solutions() -> Iterator[ConeSolution]:
+    def propose_solutions() -> Iterator[RobustSolution]:
         """Yield points with their certificates, with Clarabel's tolerance made tighter and tighter."""
-        penalty, root = program.loss.cone.penalty(program.weight), np.sqrt(program.threshold)
-        data = {"p": penalty, "root": np.array([root])}
+        loss, root = program.loss, np.sqrt(program.threshold)
+        data = {"p": loss.cone.penalty(program.weight), "root": np.array([root])}
         for tolerance in _NORMS_TOLERANCES:
-            solution = program.loss.program.solve_with_duals(data, tolerance)
+            solution = loss.program.solve_with_duals(data, tolerance)
             if solution is not None:
-                x = program.loss.cone.project(solution[0])
+                x, statement_loss = np.split(solution[0], [loss.cone.dimension])
+                x, errors = loss.cone.project(x), root / loss.statement * statement_loss
                 # Each cone has four multipliers; the last three are −ν
                 dual = -solution[1].reshape(-1, 4)[:, 1:]
-                yield ConeSolution(x, certify_robust(program, x, dual))
+                yield RobustSolution(x, certify_robust(program, x, errors, dual), errors)
 
     return _select_certified(propose_solutions(), wanted_gap, accepted_gap)
 
@@ -267,39 +286,51 @@ def _select_certified(
     raise SolverError(f"the optimum over cones could not be certified: {reason}")
 
 
-def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
+def certify_cone(program: SemidefiniteProgram, x: FloatArray, own: FloatArray | None = None) -> Certificate:
     """Return the certificate of a point x (p,): its duality gap proves how near x is to the optimum.
 
     For any ν with slack ``s = p + Rᵀν`` in the dual cone, ``−‖ν‖²/4 − νᵀz`` is a lower bound of the optimum.
     The objective at x exceeds this bound by ``‖ν/2 − r‖² + sᵀx`` with r = R x − z, a sum of terms that are
     not negative. Here ν = 2 r, changed so that the slack is in the dual cone.
+
+    Args:
+        program: program with squared residuals.
+        x: (p,) point in the cone.
+        own: (p,) Clarabel's own answer, a witness of the optimum; None without a witness.
     """
     fit = program.fit
     residual = fit.R @ x - fit.z
     nu, violation, slack = _make_dual_feasible(program.cone, program.weight, fit.R, 2.0 * residual)
     excess = _compute_complementarity(slack, x, program.cone, _SLACK_ROUNDING)
     gap = float(np.sqrt(np.square(0.5 * nu - residual).sum() + excess))
-    return Certificate(max(0.0, -program.cone.least_value(x)), violation, gap, nu, "clarabel")
+    witness = None
+    if own is not None:
+        witness = Witness(float(np.linalg.norm(fit.R @ (own - x))), _CONE_WITNESS)
+    return Certificate(max(0.0, -program.cone.least_value(x)), violation, gap, nu, "clarabel", witness)
 
 
-def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> Certificate:
-    """Bound how far the objective at a point x is above its optimum, and return this gap as a certificate.
+def certify_robust(
+    program: RobustProgram, x: FloatArray, errors: FloatArray, dual: FloatArray
+) -> Certificate:
+    """Bound how far the objective at a point (x, v) is above its optimum; return this gap as a certificate.
 
-    ρ is Huber's loss with threshold h, r_i = A_i x − d_i (3,) the residual of target i, p the gradient of the
-    linear penalty. For any ν with ‖ν_i‖ ≤ 1 and the slack ``s = p + Aᵀν`` in the dual cone,
-    ``−Σ (ν_iᵀd_i + h‖ν_i‖²/2)`` is a lower bound of the optimum. The objective at x exceeds this bound by
-    ``Σ [ρ(r_i) + h‖ν_i‖²/2 − ν_iᵀr_i] + sᵀx``, a sum of terms that are not negative.
+    ρ is Huber's loss with threshold h, r_i = A_i x + B_i v − d_i (3,) the residual of target i, p the
+    gradient of the linear penalty, s the standard uncertainty of a reading. For any ν with ‖ν_i‖ ≤ 1 and the
+    slack ``p + Aᵀν`` in the dual cone, ``−Σ (ν_iᵀd_i + h‖ν_i‖²/2) − h‖Bᵀν‖²/(2s²)`` is a lower bound of the
+    optimum. The objective exceeds this bound by ``Σ [ρ(r_i) + h‖ν_i‖²/2 − ν_iᵀr_i] + (p + Aᵀν)ᵀx +
+    ‖s v/√h + √h Bᵀν/s‖²/2``, a sum of terms that are not negative.
 
     Args:
         program: program with a robust loss.
         x: (p,) point in the cone.
+        errors: (q,) stated errors v; zero if the threshold is zero.
         dual: (K, 3) nearly feasible multipliers ν of the residuals.
     """
     loss, threshold = program.loss, program.threshold
     rows = loss.A.reshape(-1, len(x))
     multipliers, violation, slack = _make_dual_feasible(loss.cone, program.weight, rows, dual)
     # ρ(r) + h‖ν‖²/2 − νᵀr as squares and products that are not negative
-    residual = loss.A @ x - loss.d
+    residual = loss.A @ x + loss.B @ errors - loss.d
     residual_norm = np.linalg.norm(residual, axis=1)
     is_beyond = residual_norm > threshold
     direction = residual / np.where(is_beyond, residual_norm, 1.0)[:, None]
@@ -314,6 +345,11 @@ def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> C
         else np.zeros(len(residual))
     )
     excess = _compute_complementarity(slack, x, loss.cone, _NORMS_SLACK_ROUNDING)
+    if threshold > 0.0:
+        root = np.sqrt(threshold)
+        pull = np.einsum("kiq,ki->q", loss.B, multipliers)  # Bᵀν
+        unbalanced = loss.statement / root * errors + root / loss.statement * pull
+        excess += 0.5 * float(unbalanced @ unbalanced)
     gap = float(np.where(is_beyond, gap_beyond_threshold, gap_within_threshold).sum() + excess)
     return Certificate(max(0.0, -loss.cone.least_value(x)), violation, gap, multipliers, "clarabel")
 

@@ -3,7 +3,7 @@
     solve_least_squares  minimise ‖A x − b‖²                            identification (§5)
     solve_huber          minimise Σ_i ρ(‖d_i − A_i x‖) + ½ ‖S x − t‖²   identification with Huber's loss (§5)
     state_semidefinite   minimise ‖T y − z‖² + pᵀy                      elastic links (§7)
-    state_sum_of_norms   minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx            elastic links, robust losses (§7)
+    state_sum_of_norms   minimise Σ_i ρ(‖A_i x + B_i v − d_i‖) + ‖v‖²/(2h) + pᵀx    links, robust losses (§7)
     state_penalised_end  minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J   effective compliance's interval (§7)
     state_mass_cones     minimise ‖A x − b‖²                            stiffness without a load (§14)
     state_mass_cone_end  minimise aᵀx subject to ‖A x − b‖ ≤ 1          interval without a load (§14)
@@ -234,28 +234,34 @@ def state_semidefinite(rows: int, cone: Cone) -> Program:
         return Program(cp.Minimize(cp.sum_squares(r) + p @ y), constraints, y)
 
 
-def state_sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone) -> Program:
-    """State ``minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx subject to x_j ≥ 0, Mat(x_b) ⪰ 0``.
+def state_sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone, B: FloatArray) -> Program:
+    """State ``minimise Σ_i ρ(‖A_i x + B_i v − d_i‖) + ‖v‖²/(2h) + pᵀx, x_j ≥ 0, Mat(x_b) ⪰ 0``.
 
     ρ(u) is u²/(2h) up to h and u − h/2 beyond (Huber's), as ``min_s ‖s‖²/(2h) + ‖A_i x − d_i − s‖``: one
-    second-order cone a target. With h = 0 it is u, the sum of the norms.
+    second-order cone a target. With h = 0 it is u, the sum of the norms, and v is zero.
 
     Args:
         A: (K, 3, m) regressor of K targets.
         d: (K, 3) deflections of the targets.
         cone: cone in which x lies.
+        B: (K, 3, q) columns of the errors v, which are stated as zero within one unit.
 
     Returns:
-        The compiled program; its parameters are p (m,) and root (1,), the square root of h.
+        The compiled program of (x, v/√h); its parameters are p (m,) and root (1,), the square root of h.
     """
     with COMPILING:
         K, _, m = A.shape
-        x, t, s = cp.Variable(m), cp.Variable(K), cp.Variable(3 * K)
+        unknowns, t, s = cp.Variable(m + B.shape[-1]), cp.Variable(K), cp.Variable(3 * K)
         p, root = cp.Parameter(m, name="p"), cp.Parameter(1, name="root")
-        residual = A.reshape(-1, m) @ x - d.ravel() - root[0] * s
-        norms = cp.SOC(t, cp.reshape(residual, (K, 3), order="C"), axis=1)
+        x, errors = unknowns[:m], unknowns[m:]
+        explained, beyond_threshold = A.reshape(-1, m) @ x, root[0] * s
         loss = cp.sum(t) + 0.5 * cp.sum_squares(s)
-        return Program(cp.Minimize(loss + p @ x), [norms, *_state_cone(x, cone)], x)
+        if B.shape[-1]:
+            beyond_threshold -= root[0] * (B.reshape(3 * K, -1) @ errors)
+            loss += 0.5 * cp.sum_squares(errors)
+        residual = explained - d.ravel() - beyond_threshold
+        norms = cp.SOC(t, cp.reshape(residual, (K, 3), order="C"), axis=1)
+        return Program(cp.Minimize(loss + p @ x), [norms, *_state_cone(x, cone)], unknowns)
 
 
 def state_penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: float, cone: Cone) -> Program:

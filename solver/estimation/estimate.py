@@ -460,6 +460,8 @@ class Estimate:
     likelihood: Likelihood | None = None
     #: effect of errors that all observations share, part of `covariance`; None without them
     common: CommonErrors | None = None
+    #: why stated errors were propagated after the fit, although they could have been fitted; None otherwise
+    statements_dropped: str | None = None
 
     @property
     def statements(self) -> FittedStatements | None:

@@ -35,28 +35,22 @@ from jointstiff.solver.estimation.method import (
     refuse_missing_poses,
 )
 from jointstiff.solver.estimation.observability import Excitation, Observability
+from jointstiff.solver.estimation.rest import find_rest
 from jointstiff.solver.estimation.solution import solve, solve_step
-from jointstiff.solver.estimation.statements import Statements, list_stated_terms
+from jointstiff.solver.estimation.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
 from jointstiff.solver.mechanics.block import Term, fitted_errors, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS, complementary_stiffness
 from jointstiff.solver.mechanics.terms import TERMS
 
-MAX_ITERATIONS: Final = 20
-"""Maximum number of fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness,
-typically 1/1000."""
+MAX_ITERATIONS: Final = 60
+"""Maximum number of fits: with K_c alone two or three suffice, with statements five to fifteen."""
 _CHANGE_TOLERANCE: Final = 1e-10
-"""Largest expected relative change of the compliances by further fits at which the iteration ends."""
-_CHANGE_IN_UNCERTAINTIES: Final = 1e-4
-"""Largest expected change of the compliances by further fits, in standard uncertainties, at which the
-iteration ends; for readings without noise the uncertainty is zero, and `_CHANGE_TOLERANCE` decides."""
-_SHRINKAGE_BY_STATEMENTS: Final = 0.05
-"""Factor by which a fit with statements is assumed to shrink the change: a centimetre of half a metre."""
-_LEAST_STATED_SIGMA: Final = 1e-8
-"""Least sigma [m] by which statements are weighted: exact readings would make their rows vanish."""
-_LEAST_SHRINKAGE: Final = 1e-3
-"""Least factor by which a fit is assumed to shrink the change: the ratio of K_c to the joint stiffness."""
+"""Largest relative change of the compliances by a further fit at rest."""
+_CHANGE_IN_UNCERTAINTIES: Final = 1e-6
+"""Largest change of the compliances by a further fit at rest, in standard uncertainties; for readings without
+noise the uncertainty is zero, and `_CHANGE_TOLERANCE` decides."""
 SHIFT_OBSERVATIONS: Final = 4096
 """Maximum number of observations from which the effect of neglecting K_c is estimated."""
 _LEAST_SIGMA: Final = 1e-15
@@ -89,14 +83,14 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     method = Method(robot, settings, length)
     stated_terms = _list_fitted_statements(measurements, settings, method)
     first_fit = last_fit = _fit_once(robot, measurements, settings, method)
-    iterations = 0
+    iterations, statements_dropped = 0, None
     if stated_terms:
         try:
             last_fit, iterations = _iterate_to_convergence(
                 robot, measurements, settings, first_fit, stated_terms
             )
-        except SolverError:  # readings that contradict a statement by far: its error is propagated instead
-            stated_terms = ()
+        except SolverError as error:  # the readings contradict a statement: its error is propagated instead
+            stated_terms, statements_dropped = (), error.reason
     if settings.complementary_stiffness and not stated_terms:
         last_fit, iterations = _iterate_to_convergence(robot, measurements, settings, first_fit, stated_terms)
     estimate = replace(_build_estimate(robot, measurements, settings, last_fit), characteristic_length=length)
@@ -113,7 +107,7 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         largest_shift=_find_largest_standardised_shift(shift, estimate),
         shift=shift,
     )
-    return replace(estimate, complementary_stiffness=effect)
+    return replace(estimate, complementary_stiffness=effect, statements_dropped=statements_dropped)
 
 
 def _list_fitted_statements(
@@ -267,7 +261,7 @@ def _fit_once(
             terms=tuple(stated_terms),
             common=measurements.common_uncertainty,
             compliance=np.maximum(previous.fit.compliance, 0.0),
-            sigma=max(measurements.sigma or previous.estimate_noise(), _LEAST_STATED_SIGMA),
+            sigma=max(measurements.sigma or previous.estimate_noise(), LEAST_STATED_SIGMA),
         )
         triangles = triangles.fit_with_statements(
             regressor_blocks(robot, measurements, compliance), statements
@@ -353,37 +347,33 @@ def _iterate_to_convergence(
         The last fit, and the number of fits after the first.
 
     Raises:
-        SolverError: the iteration does not converge in `MAX_ITERATIONS` fits.
+        SolverError: the compliances do not come to rest in `MAX_ITERATIONS` fits.
     """
-    shift = np.zeros(robot.n)
+    start = first_fit.fit.compliance
     if settings.complementary_stiffness:
         sigma = measurements.sigma or first_fit.estimate_noise()
-        shift = _estimate_neglected_shift(robot, first_fit, settings.prior, sigma)
-    current_fit = replace(first_fit, fit=replace(first_fit.fit, compliance=first_fit.fit.compliance + shift))
+        start = start + _estimate_neglected_shift(robot, first_fit, settings.prior, sigma)
+    method, last_fit, rounds = first_fit.triangles.method, first_fit, 0
+
+    def fit_at(compliance: FloatArray) -> FloatArray:
+        """Return the fitted compliances (n,) where the robot was bent with other compliances (n,)."""
+        nonlocal last_fit, rounds
+        before = replace(last_fit, fit=replace(last_fit.fit, compliance=compliance))
+        last_fit, rounds = _fit_once(robot, measurements, settings, method, before, stated_terms), rounds + 1
+        return last_fit.fit.compliance
+
+    find_rest(fit_at, start, unit=_list_changes_at_rest(first_fit), most_steps=MAX_ITERATIONS)
+    return last_fit, rounds
+
+
+def _list_changes_at_rest(first_fit: _Pass) -> FloatArray:
+    """Return the greatest changes (n,) of the compliances by a further fit that count as rest [rad/(N·m)]."""
     # A joint that nothing moves has no compliance to compare with.
     reference = np.maximum(first_fit.observability.reference_compliance, np.finfo(np.float64).tiny)
-    # Each fit with K_c shrinks the change by about this factor, the relative effect of K_c.
-    shrinkage = float((np.abs(shift) / np.maximum(np.abs(first_fit.fit.compliance), reference)).max())
-    shrinkage = max(shrinkage, _SHRINKAGE_BY_STATEMENTS if stated_terms else _LEAST_SHRINKAGE)
-    for rounds in range(1, MAX_ITERATIONS + 1):
-        last_fit = _fit_once(
-            robot, measurements, settings, first_fit.triangles.method, current_fit, stated_terms
-        )
-        change = np.abs(last_fit.fit.compliance - current_fit.fit.compliance)
-        compliance_size = np.maximum(np.abs(last_fit.fit.compliance), reference)
-        uncertainty = last_fit.estimate_noise() * np.sqrt(np.diagonal(last_fit.fit.covariance))
-        if (
-            change * shrinkage
-            <= np.maximum(_CHANGE_TOLERANCE * compliance_size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
-        ).all():
-            return last_fit, rounds
-        current_fit = last_fit
-    raise SolverError(
-        f"the iteration with the complementary stiffness did not converge: after {MAX_ITERATIONS} "
-        f"fits the compliances still change by {(change / compliance_size).max():.1e} (relative)",
-        where="complementary_stiffness",
-        remedy="neglect the complementary stiffness, or add postures and loads that twist every joint",
-    )
+    size = np.maximum(np.abs(first_fit.fit.compliance), reference)
+    uncertainty = first_fit.estimate_noise() * np.sqrt(np.diagonal(first_fit.fit.covariance))
+    uncertainty = np.where(np.isfinite(uncertainty), uncertainty, 0.0)
+    return np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
 
 
 def _estimate_neglected_shift(

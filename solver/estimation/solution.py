@@ -13,7 +13,7 @@ Many small problems with bounds alone are solved at once from their Gram matrice
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Final
 
@@ -43,6 +43,20 @@ _ACTIVE_SLACK: Final = 1e-6
 """Largest slack of an interior point at a row that is active at the optimum."""
 
 
+@dataclass(frozen=True)
+class Witness:
+    """Agreement of Clarabel's own answer, before any refinement, with the certified optimum."""
+
+    #: distance of the fitted readings of the two answers, relative to the readings; inf without an answer
+    distance: float
+    limit: float = 1e-6  #: greatest distance that Clarabel's tolerance explains
+
+    @property
+    def agrees(self) -> bool:
+        """Return whether Clarabel found the optimum to its tolerance."""
+        return self.distance <= self.limit
+
+
 @dataclass(frozen=True, eq=False)
 class Certificate:
     """Evidence that an answer is the optimum of a convex program, computed from the data at the answer.
@@ -63,6 +77,9 @@ class Certificate:
     #: inequalities. For a cone, (m,) or (K, 3) multipliers of the equations that define the residuals
     multipliers: FloatArray
     solved_by: SupportFinder  #: algorithm that found the active bounds
+    #: Clarabel's own answer beside this one; None where Clarabel was not asked. The violations above prove
+    #: the optimum, whichever algorithm found it
+    witness: Witness | None = None
 
     def is_optimal(self) -> bool:
         """Return whether no violation exceeds `TOLERANCE`, so that the point is the optimum."""
@@ -76,7 +93,14 @@ def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
         dual=max(stage.dual for stage in stages),
         complementarity=max(stage.gap for stage in stages),
         solved_by=[stage.solved_by for stage in stages],
+        solver_distance=find_solver_distance(stages),
     )
+
+
+def find_solver_distance(stages: Sequence[Certificate]) -> float | None:
+    """Return the greatest distance of Clarabel's own answers; None if not asked, or without an answer."""
+    distances = [stage.witness.distance for stage in stages if stage.witness is not None]
+    return max(distances) if distances and np.isfinite(distances).all() else None
 
 
 def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
@@ -151,9 +175,32 @@ def solve(problem: IdentificationProblem) -> Solution:
     Raises:
         SolverError: if no candidate satisfies the optimality conditions.
     """
+    from jointstiff.solver.estimation import convex  # takes a second to import
+
     scaled = Scaled.from_problem(problem)
+    near = convex.solve_least_squares(scaled)
+    of_clarabel = () if near is None else _propose_near(scaled, near)
     fallback = _propose_by_least_distance(scaled) if len(scaled.d) else _propose_by_active_set(scaled)
-    return _select_first_certified(problem, scaled, chain(_propose_by_clarabel(scaled), fallback))
+    solution = _select_first_certified(problem, scaled, chain(of_clarabel, fallback))
+    witness = compare_answers(scaled.A, near, solution.compliance / scaled.unit, scaled.b)
+    return replace(solution, certificate=replace(solution.certificate, witness=witness))
+
+
+def compare_answers(
+    rows: FloatArray, own: FloatArray | None, optimum: FloatArray, readings: FloatArray
+) -> Witness:
+    """Return the distance of Clarabel's own answer from the certified optimum.
+
+    Args:
+        rows: (m, p) regressor.
+        own: (p,) Clarabel's answer; None if Clarabel gave none.
+        optimum: (p,) the certified optimum.
+        readings: (m,) right-hand side.
+    """
+    if own is None:
+        return Witness(float("inf"))
+    size = float(np.linalg.norm(readings)) or 1.0
+    return Witness(float(np.linalg.norm(rows @ (own - optimum))) / size)
 
 
 def solve_step(problem: IdentificationProblem) -> Solution:
@@ -202,15 +249,16 @@ def _select_first_certified(
 
 
 def _propose_by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
-    """Yield exact least-squares points on the constraints that are active in Clarabel's answer.
-
-    Nothing is yielded if Clarabel fails.
-    """
+    """Yield exact least-squares points near Clarabel's answer; nothing if Clarabel fails."""
     from jointstiff.solver.estimation import convex  # takes a second to import
 
     near = convex.solve_least_squares(scaled)
-    if near is None:
-        return
+    if near is not None:
+        yield from _propose_near(scaled, near)
+
+
+def _propose_near(scaled: Scaled, near: FloatArray) -> Iterator[_Proposal]:
+    """Yield exact least-squares points on the constraints that are active in Clarabel's answer (n,)."""
     if len(scaled.d):  # active rows have a positive multiplier, and the answer nearly touches them
         rows = scaled.multipliers_at(near, _ACTIVE_SLACK) > 0
         if rows[-len(scaled.d) :].any():

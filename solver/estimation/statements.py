@@ -8,6 +8,7 @@ readings correct a statement as far as they know better, and χ², intervals and
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -24,6 +25,9 @@ from jointstiff.solver.mechanics.block import (
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS
+
+LEAST_STATED_SIGMA: Final = 1e-8
+"""Least sigma [m] by which statements are weighted: exact readings would make their rows vanish."""
 
 
 @dataclass(frozen=True, eq=False)

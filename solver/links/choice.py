@@ -20,6 +20,7 @@ from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation.causes import CLEAR_GAIN, HeldOutGain, Screening
+from jointstiff.solver.estimation.statements import Statements
 from jointstiff.solver.estimation.term_tests import LINKS_LEVEL
 from jointstiff.solver.links.model import (
     LINKS_ALONE,
@@ -113,7 +114,8 @@ class PenaltyPath:
     """Fits of a model with each of K folds held out in turn, for W ascending weights of the penalty."""
 
     weights: tuple[float, ...]  #: W weights λ
-    compliances: FloatArray  #: (K, W, P) fitted compliances; NaN where no optimum was certified
+    #: (K, W, P + E) fitted compliances and E stated errors; NaN where no optimum was certified
+    unknowns: FloatArray
     #: (K, W) mean norm of the held-out targets' whitened residuals [m]; the root mean square of their
     #: coordinates in a set of more than `MOST_TARGETS` targets
     errors: FloatArray
@@ -128,6 +130,7 @@ class Folds:
         columns: columns of the richest model.
         visible: (n,) mask of the joints that the whole set determines.
         validation: how the set is divided, and the rule by which a weight is chosen.
+        statements: stated errors that are fitted together with the compliances; None without any.
         held_out: indices of the observations of each fold.
         per_draw: number of folds of one draw.
     """
@@ -139,6 +142,7 @@ class Folds:
         columns: ElasticColumns,
         visible: BoolArray,
         validation: CrossValidation,
+        statements: Statements | None,
     ) -> None:
         """Divide the set into folds.
 
@@ -147,6 +151,7 @@ class Folds:
         """
         self.robot, self.measurements = robot, measurements
         self.columns, self.visible, self.validation = columns, visible, validation
+        self.statements = statements
         self.held_out = draw_folds(validation, measurements.joints)
         self.per_draw = len(self.held_out) // validation.draws
         self._training: dict[int | None, ElasticRows] = {}
@@ -158,7 +163,9 @@ class Folds:
     @cached_property
     def rows(self) -> tuple[ElasticRows, ...]:
         """Compressed rows of each fold, in the order of the folds."""
-        return compress_elastic_rows(self.robot, self.measurements, self.columns, self.held_out)
+        return compress_elastic_rows(
+            self.robot, self.measurements, self.columns, self.held_out, self.statements
+        )
 
     def merge_training_rows(self, fold: int | None) -> ElasticRows:
         """Return the compressed rows of a training set: all folds of a draw except the held-out `fold`.
@@ -186,16 +193,26 @@ class Folds:
             self._formulations[key] = formulate_fit(training, model, self.visible, sigma)
         return self._formulations[key]
 
-    def compute_prediction_errors(self, fold: int, compliances: FloatArray) -> FloatArray:
-        """Return the errors (W,) [m] with which W vectors of compliances (W, P) predict a fold's readings.
+    def formulate_with_statements(self, model: ElasticModel, statements: Statements) -> Formulation:
+        """Return the problem of fitting a model to the whole set, with statements at other compliances.
+
+        Raises:
+            UnsupportedMethodError: no target moved or no load acts, so that the penalty has no scale.
+        """
+        whole_set = [np.arange(len(self.measurements))]
+        (rows,) = compress_elastic_rows(self.robot, self.measurements, self.columns, whole_set, statements)
+        return formulate_fit(rows, model, self.visible, self.measurements.sigma)
+
+    def compute_prediction_errors(self, fold: int, unknowns: FloatArray) -> FloatArray:
+        """Return the errors (W,) [m] with which W vectors of unknowns (W, P + E) predict a fold's readings.
 
         An error is the mean norm of the targets' whitened residuals; in a set of more than `MOST_TARGETS`
         targets, it is the root mean square of the residuals' coordinates.
         """
         rows = self.rows[fold]
         if int(self.measurements.present.sum()) <= MOST_TARGETS:
-            return np.array([rows.compute_residual_norms(each).mean() for each in compliances])
-        residual = compliances @ rows.triangle[:, :-1].T - rows.triangle[:, -1]
+            return np.array([rows.compute_residual_norms(each).mean() for each in unknowns])
+        residual = unknowns @ rows.triangle[:, :-1].T - rows.triangle[:, -1]
         return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / max(1, rows.readings)))
 
 
@@ -204,7 +221,7 @@ def fit_fold(
 ) -> tuple[FloatArray, FloatArray]:
     """Fit a model with one fold of a draw held out, for some weights of the penalty.
 
-    Where no optimum can be certified for a weight, compliances and error are NaN.
+    Where no optimum can be certified for a weight, unknowns and error are NaN.
 
     Args:
         folds: the divided measurement set.
@@ -213,28 +230,28 @@ def fit_fold(
         weights: W weights λ; a model of joints alone has no penalty, so that all weights give the same fit.
 
     Returns:
-        The compliances (W, P), and the errors (W,) [m] with which they predict the held-out fold.
+        The unknowns (W, P + E), compliances and E stated errors; and the errors (W,) [m] with which they
+        predict the held-out fold.
     """
     formulation = folds.formulate_model_fit(model, fold)
     cone = formulation.cone
     if cone.penalised or cone.sizes:
-        parameters = np.array([_fit_parameters(formulation, model, weight) for weight in weights])
+        unknowns = np.array([_fit_unknowns(formulation, model, weight) for weight in weights])
     else:  # Joints alone have no penalty, so that one fit serves for all weights.
         one_fit = (
             formulation.fit_joints_only()
             if model.loss == "squared"
-            else _fit_parameters(formulation, model, 1.0)
+            else _fit_unknowns(formulation, model, 1.0)
         )
-        parameters = np.tile(one_fit, (len(weights), 1))
-    compliances = formulation.convert_to_compliances(parameters)
-    return compliances, folds.compute_prediction_errors(fold, compliances)
+        unknowns = np.tile(one_fit, (len(weights), 1))
+    return unknowns, folds.compute_prediction_errors(fold, unknowns)
 
 
 def fit_folds(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> PenaltyPath:
     """Fit a model with each fold held out in turn, for ascending weights of the penalty; return the fits."""
     fits = [fit_fold(folds, model, fold, weights) for fold in range(len(folds))]
-    compliances, errors = map(np.array, zip(*fits, strict=True))
-    return PenaltyPath(tuple(weights), compliances, errors)
+    unknowns, errors = map(np.array, zip(*fits, strict=True))
+    return PenaltyPath(tuple(weights), unknowns, errors)
 
 
 def refine_path(folds: Folds, model: ElasticModel, path: PenaltyPath) -> PenaltyPath:
@@ -249,7 +266,7 @@ def refine_path(folds: Folds, model: ElasticModel, path: PenaltyPath) -> Penalty
         order = np.argsort(weights)
         path = PenaltyPath(
             tuple(weights[order].tolist()),
-            np.concatenate([path.compliances, added.compliances], axis=1)[:, order],
+            np.concatenate([path.unknowns, added.unknowns], axis=1)[:, order],
             np.concatenate([path.errors, added.errors], axis=1)[:, order],
         )
     return path
@@ -270,12 +287,12 @@ def _propose_further_weights(weights: FloatArray, errors: FloatArray) -> list[fl
     return [10.0 ** (quarter / 4.0) for quarter in sorted(halfway.difference(quarters.tolist()))]
 
 
-def _fit_parameters(formulation: Formulation, model: ElasticModel, weight: float) -> FloatArray:
-    """Return the fitted parameters (p,) of a model; NaN if no optimum can be certified."""
+def _fit_unknowns(formulation: Formulation, model: ElasticModel, weight: float) -> FloatArray:
+    """Return the fitted unknowns (P + E,) of a model; NaN if no optimum can be certified."""
     try:
-        return formulation.fit(model, weight, gap=_GAP)[0].x
+        return formulation.convert_to_unknowns(formulation.fit(model, weight, gap=_GAP)[0])
     except SolverError:
-        return np.full(formulation.cone.dimension, np.nan)
+        return np.full(formulation.column_count + formulation.rows.stated_errors, np.nan)
 
 
 def find_certified_weights(errors: FloatArray) -> BoolArray:
@@ -442,8 +459,8 @@ def select_model(
         key: choose_weight_index(paths[key].errors, validation.rule, validation.draws)
         for key in models_and_losses
     }
-    chosen_compliances = np.array([paths[key].compliances[:, index] for key, index in chosen_index.items()])
-    compensation, residual_norms = _score_held_out(folds, chosen_compliances)
+    chosen_unknowns = np.array([paths[key].unknowns[:, index] for key, index in chosen_index.items()])
+    compensation, residual_norms = _score_held_out(folds, chosen_unknowns)
     # The columns of `norms` are in the order of the folds: find the posture of each column.
     posture_of_observation = np.unique(find_first_equal(folds.measurements.joints), return_inverse=True)[1]
     posture_of_column = posture_of_observation[np.concatenate(folds.held_out)]
@@ -535,25 +552,27 @@ def _compute_gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
     )
 
 
-def _score_held_out(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Predict each of K folds with M models whose compliances (M, K, P) were fitted without that fold.
+def _score_held_out(folds: Folds, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Predict each of K folds with M models whose unknowns (M, K, P + E) were fitted without that fold.
 
     Returns:
         The compensation (M, K), one minus the ratio of residuals to deflections; and the mean norm (M, D N)
         of the residuals of each observation's targets [m]. Its columns are in the order of the folds: each of
         D draws divides all N observations.
     """
-    residual_sum, deflection_sum = np.zeros(compliances.shape[:2]), np.zeros(len(folds))
+    residual_sum, deflection_sum = np.zeros(unknowns.shape[:2]), np.zeros(len(folds))
     norms_of_folds = [
-        np.zeros((len(compliances), len(fold_observations))) for fold_observations in folds.held_out
+        np.zeros((len(unknowns), len(fold_observations))) for fold_observations in folds.held_out
     ]
     start = 0  # index of the first observation of the block
-    for block, rows in generate_elastic_blocks(folds.robot, folds.measurements, folds.columns):
+    for block, rows in generate_elastic_blocks(
+        folds.robot, folds.measurements, folds.columns, folds.statements
+    ):
         in_block = block.measurements
         for fold, fold_observations in enumerate(folds.held_out):
             in_fold = select_rows_of_part(fold_observations, start, start + len(in_block))
             deflection, present = in_block.deflection[in_fold], in_block.present[in_fold]
-            predicted = np.einsum("btip,mp->mbti", rows[in_fold, ..., :-1], compliances[:, fold])
+            predicted = np.einsum("btip,mp->mbti", rows[in_fold, ..., :-1], unknowns[:, fold])
             residual = np.linalg.norm(deflection - predicted, axis=-1)
             count = np.maximum(present.sum(axis=1), 1)
             # Position in the fold of the block's first observation

@@ -20,6 +20,7 @@ from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.estimation.causes import Screening
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD, Settings
+from jointstiff.solver.estimation.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
 from jointstiff.solver.links.choice import (
     WEIGHTS,
     Folds,
@@ -270,7 +271,21 @@ class Competition:
         """Measurement set divided into folds."""
         joints = self._joints
         visible = ~joints.estimate.observability.null
-        return Folds(joints.robot, joints.given, self._columns, visible, self._validation)
+        return Folds(joints.robot, joints.given, self._columns, visible, self._validation, self._statements)
+
+    @cached_property
+    def _statements(self) -> Statements | None:
+        """Stated errors that are fitted together with the compliances; None if no error is stated."""
+        joints = self._joints
+        terms = list_stated_terms(joints.given)
+        if not terms:
+            return None
+        return Statements(
+            terms=terms,
+            common=joints.given.common_uncertainty,
+            compliance=np.maximum(joints.estimate.compliance, 0.0),
+            sigma=max(joints.given.sigma or joints.estimate.sigma or 0.0, LEAST_STATED_SIGMA),
+        )
 
     def _find_model(self, held_out: HeldOut) -> ElasticModel:
         """Return the compared model whose name and loss are those of `held_out`."""

@@ -35,7 +35,9 @@ from jointstiff.solver.estimation.conic import (
 from jointstiff.solver.estimation.estimate import Estimate, JointCompliance, Prediction
 from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.solution import Certificate
+from jointstiff.solver.estimation.rest import find_rest
+from jointstiff.solver.estimation.solution import Certificate, Witness
+from jointstiff.solver.estimation.statements import Statements
 from jointstiff.solver.links.choice import Folds
 from jointstiff.solver.links.model import (
     ElasticColumns,
@@ -89,6 +91,9 @@ class ElasticEstimate:
     parameters: int  #: number of parameters of the model
     certificate: LinkCertificate  #: certificate of optimality
     companion: Companion  #: least-squares problem from which the uncertainties are computed
+    statements: Statements | None  #: stated errors that were fitted together with the compliances
+    witness: Witness | None  #: Clarabel's own answer beside the certified one
+    force_scale: float  #: relative standard uncertainty of the size of all loads
 
     @property
     def unexplained(self) -> float:
@@ -114,6 +119,10 @@ _LEAST_SCALE: Final = 1e-6
 """Smallest residual scale relative to the readings, so that the scale of data without noise is not zero."""
 _LEAST_FREEDOM: Final = 0.5
 """Degrees of freedom below which the residuals do not determine sigma."""
+_REST: Final = 1e-6
+"""Change of an effective compliance by a further fit, relative to the greatest, that counts as rest."""
+_MOST_PASSES: Final = 12
+"""Greatest number of fits with stated errors at other compliances."""
 
 
 def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -> None:
@@ -148,6 +157,9 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
 def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> ElasticEstimate:
     """Fit an elastic model to the whole set for a given penalty, and certify the optimum.
 
+    The columns of stated errors depend on the compliances: the fit is repeated until the effective
+    compliances are those at which the columns were computed.
+
     Args:
         folds: measurement set with its compressed rows.
         model: elastic elements that bend, and the loss; a model of joints alone is not supported.
@@ -156,9 +168,41 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
     Raises:
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
-    robot = folds.robot
-    measurements = folds.measurements
-    formulation = folds.formulate_model_fit(model)
+    first_fit = _estimate_once(folds, folds.formulate_model_fit(model), folds.statements, model, weight)
+    if folds.statements is None:
+        return first_fit
+    effective_rows = build_effective_rows(folds.robot, model.columns)
+    first, stated = effective_rows @ first_fit.entries, folds.statements
+    fits = [first_fit]
+
+    def fit_again(compliance: FloatArray) -> FloatArray:
+        """Return the effective compliances (n,) of a fit whose errors are computed at other compliances."""
+        sigma = folds.measurements.sigma or fits[-1].sigma or stated.sigma
+        statements = replace(stated, compliance=np.maximum(compliance, 0.0), sigma=sigma)
+        formulation = folds.formulate_with_statements(model, statements)
+        fits.append(_estimate_once(folds, formulation, statements, model, weight))
+        return effective_rows @ fits[-1].entries
+
+    find_rest(fit_again, first, unit=np.full(len(first), _REST * first.max()), most_steps=_MOST_PASSES)
+    return fits[-1]
+
+
+def _estimate_once(
+    folds: Folds, formulation: Formulation, statements: Statements | None, model: ElasticModel, weight: float
+) -> ElasticEstimate:
+    """Fit an elastic model to the whole set, with the columns of stated errors as they are.
+
+    Args:
+        folds: measurement set.
+        formulation: problem of fitting the model to the whole set.
+        statements: stated errors in the rows of the problem; None without any.
+        model: elastic elements that bend, and the loss.
+        weight: λ > 0 of the penalty.
+
+    Raises:
+        UnsupportedMethodError: the penalty is too small for the optimum to be certified.
+    """
+    robot, measurements = folds.robot, folds.measurements
     gap_scale = _compute_gap_scale(formulation, measurements.sigma)
     # Gap of a certificate that corresponds to one sigma
     gap_of_one_sigma = gap_scale / formulation.compute_gap_unit(model)
@@ -170,14 +214,16 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         raise _build_uncertified_error(weight) from error
     columns = model.columns
     compliances, least_eigenvalue = _make_semidefinite(formulation.convert_to_compliances(solution.x), model)
-    wanted_gap = formulation.certify_gap(model, compliances, weight, solution, threshold) / gap_of_one_sigma
+    unknowns = formulation.convert_to_unknowns(solution)
+    unknowns[: len(compliances)] = compliances
+    wanted_gap = formulation.certify_gap(compliances, weight, solution, threshold) / gap_of_one_sigma
     if not wanted_gap <= CERTIFIED_GAP:
         raise _build_uncertified_error(weight)
-    squares, weight_of_squares = formulation.build_weighted_squares(model, compliances, weight, threshold)
+    squares, weight_of_squares = formulation.build_weighted_squares(model, unknowns, weight, threshold)
     effective_freedom, degrees_of_freedom, sigma, chi_square = _summarise_residuals(
         squares, weight_of_squares, compliances, measurements.sigma
     )
-    elements, prediction = _compute_element_shares(robot, measurements, model, compliances)
+    elements, prediction = _compute_element_shares(robot, measurements, model, statements, unknowns)
     determined = np.isin(np.arange(robot.n), formulation.columns)
     joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
     return ElasticEstimate(
@@ -212,12 +258,15 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
             gap=wanted_gap,
             scale=float(gap_scale),
         ),
-        companion=_build_companion(formulation, model, compliances, weight),
+        companion=_build_companion(formulation, model, unknowns, weight),
+        statements=statements,
+        witness=solution.certificate.witness,
+        force_scale=measurements.common_uncertainty.scale,
     )
 
 
 def _build_companion(
-    formulation: Formulation, model: ElasticModel, compliances: FloatArray, weight: float
+    formulation: Formulation, model: ElasticModel, unknowns: FloatArray, weight: float
 ) -> Companion:
     """Return the least-squares problem from which the uncertainties of a fit are computed.
 
@@ -226,11 +275,11 @@ def _build_companion(
     Args:
         formulation: rows, cone and units of the fit.
         model: elastic elements that bend, and the loss.
-        compliances: (P,) fitted compliances.
+        unknowns: (P + K,) fitted compliances and stated errors.
         weight: weight λ of the penalty in the fit.
     """
-    weight = formulation.convert_weight_to_squares(model, compliances, weight)
-    stated = formulation.sigma
+    weight = formulation.convert_weight_to_squares(model, unknowns, weight)
+    stated, compliances = formulation.sigma, unknowns[: formulation.column_count]
     _, degrees_of_freedom, sigma, chi_square = _summarise_residuals(formulation, weight, compliances, stated)
     if stated is None or sigma is None:
         return Companion(formulation, weight, sigma, degrees_of_freedom)
@@ -279,7 +328,8 @@ def _summarise_residuals(
         squares.build_squared_program(weight), parameters
     )
     degrees_of_freedom = max(0.0, rows.readings - float(effective_freedom.sum()))
-    squares_sum = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
+    triangle = rows.with_errors_fitted
+    squares_sum = float(np.square(triangle[:, :-1] @ compliances - triangle[:, -1]).sum())
     if sigma is None and degrees_of_freedom >= _LEAST_FREEDOM:
         sigma = sqrt(squares_sum / degrees_of_freedom)
     return effective_freedom, degrees_of_freedom, sigma, squares_sum / sigma**2 if sigma else 0.0
@@ -358,15 +408,26 @@ def _summarise_compliance(
 
 
 def _compute_element_shares(
-    robot: Robot, measurements: Measurements, model: ElasticModel, compliances: FloatArray
+    robot: Robot,
+    measurements: Measurements,
+    model: ElasticModel,
+    statements: Statements | None,
+    unknowns: FloatArray,
 ) -> tuple[tuple[ElementShare, ...], Prediction]:
     """Compute the share of the measured deflections that each elastic element explains.
 
     The deflections that an element causes are projected on the measured deflections: their scalar products,
     summed over the targets, are divided by the sum of the squared measured deflections.
 
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        model: elastic elements that bend.
+        statements: stated errors that were fitted; None without any.
+        unknowns: (P + K,) fitted compliances and stated errors.
+
     Returns:
-        The shares; and the prediction of all deflections by all elements together.
+        The shares; and the prediction of all deflections by all elements and stated errors together.
     """
     columns = model.columns
     coupling_diagonal = columns.coupling[find_diagonal_entries(columns.n)]
@@ -383,18 +444,16 @@ def _compute_element_shares(
         joint_name = None if frame == BASE else robot.joint_names[frame]
         elements_of_model.append((kind, joint_name, columns.link_columns(frame)))
     predicted, products = [], []
-    for block, rows in generate_elastic_blocks(robot, measurements, model.columns):
+    for block, rows in generate_elastic_blocks(robot, measurements, model.columns, statements):
         # Missing readings add nothing: their rows and deflections are zero.
-        # (B, P) scalar product of the deflections due to each compliance with the measured deflections
-        column_products = (
-            np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
-        )
+        # (B, P + K) scalar product of the deflections due to each unknown with the measured deflections
+        column_products = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * unknowns
         products.append(
             np.stack(
                 [column_products[:, part_columns].sum(axis=1) for _, _, part_columns in elements_of_model]
             )
         )
-        predicted.append(rows[..., :-1] @ compliances)
+        predicted.append(rows[..., :-1] @ unknowns)
     measured = np.square(measurements.deflection).sum(axis=(1, 2))
     explained = np.concatenate(products, axis=1)
     share_of_observation = np.divide(explained, measured, out=np.zeros_like(explained), where=measured > 0.0)
@@ -527,6 +586,10 @@ def compute_effective_compliances(
     # The programs find the ends to a tolerance only: a range must contain the estimate.
     ranges[:, 0] = np.minimum(np.maximum(ranges[:, 0], 0.0), effective)
     ranges[:, 1] = np.maximum(ranges[:, 1], effective)
+    # An error of all loads' size changes all compliances in proportion, and no reading shows it.
+    scale_error = quantile * range_estimate.force_scale * effective
+    ranges[:, 0] = np.maximum(effective - np.hypot(effective - ranges[:, 0], scale_error), 0.0)
+    ranges[:, 1] = effective + np.hypot(ranges[:, 1] - effective, scale_error)
     ranges[ranges[:, 0] < _NOTHING * ranges[:, 1], 0] = 0.0
     return EffectiveCompliances(
         compliance=np.where(np.isnan(elastic.compliance), np.nan, effective),
@@ -571,6 +634,7 @@ def replace_by_effective(
         gap=certificate.gap,
         multipliers=np.zeros(0),
         solved_by="clarabel",
+        witness=elastic.witness,
     )
     return replace(
         estimate,

@@ -32,6 +32,7 @@ from jointstiff.solver.estimation.conic import (
     LeastSquares,
     NormSum,
     RobustProgram,
+    RobustSolution,
     SemidefiniteProgram,
     certify_cone,
     certify_robust,
@@ -42,6 +43,7 @@ from jointstiff.solver.estimation.fit import MEDIAN_NORM
 from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD
 from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_step
+from jointstiff.solver.estimation.statements import Statements
 from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.mechanics.block import RegressorBlock, Term, build_rows, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -125,9 +127,13 @@ class ElasticColumns:
 
 @dataclass(frozen=True, eq=False)
 class ElasticRows:
-    """Compressed rows of some observations, and the sums that determine the scale of the penalty."""
+    """Compressed rows of some observations, and the sums that determine the scale of the penalty.
 
-    #: (P + 1, P + 1) with ``TᵀT`` the Gram matrix of the rows [A d], whitened in units of sigma
+    The columns A of P compliances come first, then the columns B of K stated errors, in units of their
+    standard uncertainties, then the readings d.
+    """
+
+    #: (P + K + 1, P + K + 1) with ``TᵀT`` the Gram matrix of the rows [A B d], whitened in units of sigma
     triangle: FloatArray
     configurations: int  #: number of observations
     readings: int  #: number of coordinates that were read
@@ -139,9 +145,11 @@ class ElasticRows:
     lever: FloatArray
     deflection: float  #: sum over the targets of ‖δp‖² [m²]
 
-    #: (K, 3, P + 1) whitened rows [A d] of each target, which a robust loss needs; K = 0 for more than
+    #: (T, 3, P + K + 1) whitened rows [A B d] of each target, which a robust loss needs; T = 0 for more than
     #: `MOST_TARGETS` targets
     each: FloatArray
+    stated_errors: int = 0  #: number K of stated errors
+    sigma: float = 1.0  #: standard uncertainty of a reading, by which statements are weighted [m]
 
     @classmethod
     def merge(cls, parts: Sequence[ElasticRows]) -> ElasticRows:
@@ -149,20 +157,55 @@ class ElasticRows:
 
         The rows of single targets are dropped if they become too many.
         """
-        added_fields = (f.name for f in fields(cls) if f.name not in {"triangle", "each"})
+        kept = {name: getattr(parts[0], name) for name in ("stated_errors", "sigma")}
+        added_fields = (f.name for f in fields(cls) if f.name not in {"triangle", "each", *kept})
         sums = {name: sum(getattr(part, name) for part in parts) for name in added_fields}
         rows_of_targets = np.concatenate([part.each for part in parts])
         rows_of_targets = rows_of_targets if sums["targets"] <= MOST_TARGETS else rows_of_targets[:0]
         triangle = compute_triangular_factor(np.concatenate([part.triangle for part in parts]))
-        return cls(triangle=triangle, each=rows_of_targets, **sums)
+        return cls(triangle=triangle, each=rows_of_targets, **sums, **kept)
 
-    def compute_residual_norms(self, compliances: FloatArray) -> FloatArray:
-        """Return the norms (K,) [m] of each target's whitened residual at compliances (P,)."""
-        residuals = self.each[..., :-1] @ compliances - self.each[..., -1]
+    @property
+    def compliances(self) -> int:
+        """Number P of columns of compliances."""
+        return int(self.triangle.shape[1]) - 1 - self.stated_errors
+
+    @cached_property
+    def _stated(self) -> tuple[FloatArray, FloatArray]:
+        """Triangle (P + 1, P + 1) with stated errors projected out, and the map (K, P + 1) to these errors.
+
+        Each stated error has a row like a reading: the error is zero, within its standard uncertainty.
+        """
+        P, K = self.compliances, self.stated_errors
+        errors, others = slice(P, P + K), [*range(P), P + K]
+        of_readings = np.hstack([self.triangle[:, errors], self.triangle[:, others]])
+        of_statements = np.hstack([self.sigma * np.eye(K), np.zeros((K, P + 1))])
+        factor = compute_triangular_factor(np.vstack([of_readings, of_statements]))
+        return factor[K:, K:], np.asarray(np.linalg.solve(factor[:K, :K], factor[:K, K:]), dtype=np.float64)
+
+    @property
+    def with_errors_fitted(self) -> FloatArray:
+        """Triangle (P + 1, P + 1) of the rows [A d]: a fit to it equals a fit with the stated errors free.
+
+        The errors are free within their standard uncertainties.
+        """
+        return self._stated[0] if self.stated_errors else self.triangle
+
+    def append_fitted_errors(self, compliances: FloatArray) -> FloatArray:
+        """Return compliances (..., P), followed by the stated errors (..., K) that fit best in squares."""
+        if not self.stated_errors:
+            return compliances
+        to_errors = self._stated[1]
+        errors = to_errors[:, -1] - compliances @ to_errors[:, :-1].T
+        return np.concatenate([compliances, errors], axis=-1)
+
+    def compute_residual_norms(self, unknowns: FloatArray) -> FloatArray:
+        """Return the norms (T,) [m] of each target's whitened residual at unknowns (P + K,)."""
+        residuals = self.each[..., :-1] @ unknowns - self.each[..., -1]
         return np.asarray(np.linalg.norm(residuals, axis=1))
 
     def weight_targets(self, weight: FloatArray) -> ElasticRows:
-        """Return the rows with a triangle in which the squares of the K targets have weights (K,).
+        """Return the rows with a triangle in which the squares of the T targets have weights (T,).
 
         The rows `each` stay unweighted.
         """
@@ -171,7 +214,11 @@ class ElasticRows:
 
 
 def compress_elastic_rows(
-    robot: Robot, measurements: Measurements, columns: ElasticColumns, parts: Sequence[IndexArray]
+    robot: Robot,
+    measurements: Measurements,
+    columns: ElasticColumns,
+    parts: Sequence[IndexArray],
+    statements: Statements | None = None,
 ) -> tuple[ElasticRows, ...]:
     """Compress the rows of each of several parts of a measurement set, in one pass with little memory.
 
@@ -180,16 +227,19 @@ def compress_elastic_rows(
         measurements: N observations.
         columns: columns of the richest model.
         parts: ascending indices of the observations of each part.
+        statements: stated errors that are fitted together with the compliances; None without any.
 
     Raises:
         MeasurementError: a covariance is not positive definite.
     """
-    triangles = [Triangle(entries=columns.width) for _ in parts]
+    blocks = list(generate_elastic_blocks(robot, measurements, columns, statements))
+    width = blocks[0][1].shape[-1] - 1
+    triangles = [Triangle(unknowns=width) for _ in parts]
     squared_levers = np.zeros((len(parts), robot.n + 1))
-    rows_of_targets = [[np.zeros((0, 3, columns.width + 1))] for _ in parts]
+    rows_of_targets = [[np.zeros((0, 3, width + 1))] for _ in parts]
     keeps_rows = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
     start = 0  # index of the first observation of the block
-    for block, rows in generate_elastic_blocks(robot, measurements, columns):
+    for block, rows in blocks:
         present, whitened_rows = block.measurements.present, block.whiten(rows)
         lever = np.square(block.frames[2]).sum(axis=2)
         for part_number, part in enumerate(parts):
@@ -210,6 +260,8 @@ def compress_elastic_rows(
             lever=lever,
             deflection=float(np.square(measurements.deflection[part]).sum()),
             each=np.concatenate(target_rows),
+            stated_errors=width - columns.width,
+            sigma=1.0 if statements is None else statements.sigma,
         )
         for part, triangle, lever, target_rows in zip(
             parts, triangles, squared_levers, rows_of_targets, strict=True
@@ -233,12 +285,18 @@ def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:
 
 
 def generate_elastic_blocks(
-    robot: Robot, measurements: Measurements, columns: ElasticColumns
+    robot: Robot, measurements: Measurements, columns: ElasticColumns, statements: Statements | None = None
 ) -> Iterator[tuple[RegressorBlock, FloatArray]]:
-    """Yield blocks of B observations with rows (B, T, 3, P + 1): P columns of compliances, then readings."""
+    """Yield blocks of B observations with rows (B, T, 3, P + K + 1) of their targets [m].
+
+    P columns of compliances come first, then K columns of stated errors, then the readings.
+    """
+    stated_terms = () if statements is None else statements.terms
+    compliance = np.zeros(robot.n) if statements is None else statements.compliance
     for start in range(0, len(measurements), _BLOCK):
         for block in regressor_blocks(robot, measurements[start : start + _BLOCK]):
-            yield block, build_rows(block, columns.terms, np.zeros(robot.n)).targets
+            rows = build_rows(block, [*columns.terms, *stated_terms], compliance)
+            yield block, (rows if statements is None else statements.scale(rows)).targets
 
 
 MODELS: Final[tuple[ModelName, ...]] = (
@@ -338,15 +396,15 @@ class Formulation:
     columns: IndexArray  #: (p,) column of the rows that belongs to each parameter
     unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
     rows: ElasticRows  #: rows of the observations
-    size: float  #: norm ‖z‖ of the whitened readings [m], by which the readings are divided
+    size: float  #: norm ‖d‖ of the whitened readings [m], by which the readings are divided
     sigma: float | None  #: stated sigma of one coordinate of one reading [m]; None if no sigma is stated
     #: fits with the absolute loss that were already computed; keys are weight, gap and accepted gap
-    _absolute: dict[tuple[float, float, float | None], ConeSolution] = field(default_factory=dict)
+    _absolute: dict[tuple[float, float, float | None], RobustSolution] = field(default_factory=dict)
 
     @property
     def column_count(self) -> int:
-        """Number P of columns of the regressor; the last column of the triangle holds the readings."""
-        return len(self.rows.triangle[0]) - 1
+        """Number P of columns of compliances."""
+        return self.rows.compliances
 
     @cached_property
     def total(self) -> float:
@@ -356,8 +414,9 @@ class Formulation:
     @cached_property
     def _norms(self) -> NormSum:
         """Sum of the norms of the targets' residuals, as all robust losses and penalties use it."""
-        A = self.rows.each[..., self.columns] * (self.unit / self.total)
-        return NormSum(A, self.rows.each[..., -1] / self.total, self.cone)
+        each, total = self.rows.each, self.total
+        A, B = each[..., self.columns] * (self.unit / total), each[..., self.column_count : -1] / total
+        return NormSum(A, each[..., -1] / total, self.cone, B, self.rows.sigma / total)
 
     def build_squared_program(self, weight: float) -> SemidefiniteProgram:
         """Return the semidefinite program of the squared loss for a weight λ of the penalty."""
@@ -367,7 +426,7 @@ class Formulation:
         """Return the program of a robust loss for a weight λ and a threshold h [m]."""
         return RobustProgram(self._norms, weight, threshold / self.total)
 
-    def fit_absolute(self, weight: float, gap: float, accepted: float | None = None) -> ConeSolution:
+    def fit_absolute(self, weight: float, gap: float, accepted: float | None = None) -> RobustSolution:
         """Return the fit with the absolute loss, computed once for each combination of arguments.
 
         Args:
@@ -383,10 +442,17 @@ class Formulation:
         return self._absolute[key]
 
     def convert_to_compliances(self, x: FloatArray) -> FloatArray:
-        """Return the compliances (..., P) of parameters x (..., p); zero in columns without a parameter."""
-        compliances = np.zeros((*x.shape[:-1], self.column_count))
-        compliances[..., self.columns] = self.unit * x
+        """Return the compliances (P,) of parameters x (p,); zero in columns without a parameter."""
+        compliances = np.zeros(self.column_count)
+        compliances[self.columns] = self.unit * x
         return compliances
+
+    def convert_to_unknowns(self, solution: ConeSolution) -> FloatArray:
+        """Return the unknowns (P + K,) of a solution: the compliances, then the stated errors."""
+        compliances = self.convert_to_compliances(solution.x)
+        if isinstance(solution, RobustSolution):
+            return np.concatenate([compliances, solution.errors])
+        return self.rows.append_fitted_errors(compliances)
 
     def compute_gap_unit(self, model: ElasticModel) -> float:
         """Return the factor [m] that converts the gap of a certificate to a length.
@@ -428,51 +494,44 @@ class Formulation:
             return self.fit_absolute(weight, gap, accepted), 0.0
         scale = self.sigma
         if scale is None:
-            scale = self._estimate_residual_scale(
-                self.convert_to_compliances(self.fit_absolute(weight, gap).x)
-            )
+            scale = self._estimate_residual_scale(self.convert_to_unknowns(self.fit_absolute(weight, gap)))
         threshold = model.threshold * scale
         return solve_robust(
             self.build_robust_program(weight, threshold), wanted_gap=gap, accepted_gap=accepted
         ), threshold
 
     def certify_gap(
-        self,
-        model: ElasticModel,
-        compliances: FloatArray,
-        weight: float,
-        solution: ConeSolution,
-        threshold: float,
+        self, compliances: FloatArray, weight: float, solution: ConeSolution, threshold: float
     ) -> float:
         """Return the duality gap at compliances (P,) that differ slightly from a solution.
 
         Args:
-            model: elastic elements that bend, and the loss.
             compliances: (P,) compliances, for example a solution with raised diagonals.
             weight: weight λ of the penalty.
             solution: the solution, whose dual multipliers are used for a robust loss.
             threshold: threshold h [m] of the robust loss; unused for the squared loss.
         """
         x = compliances[self.columns] / self.unit
-        if model.loss == "squared":
+        if not isinstance(solution, RobustSolution):
             return certify_cone(self.build_squared_program(weight), x).gap
         program = self.build_robust_program(weight, threshold)
-        return certify_robust(program, x, solution.certificate.multipliers).gap
+        return certify_robust(program, x, solution.errors, solution.certificate.multipliers).gap
 
     def fit_joints_only(self) -> FloatArray:
-        """Return the exact least-squares parameters (p,) if joints alone bend: there is no penalty."""
+        """Return the exact least-squares unknowns (P + K,) if joints alone bend: there is no penalty."""
         R, z = self.squares.R, self.squares.z
         problem = IdentificationProblem(R, z, Bounds.positive(R.shape[1]))
-        return solve_step(problem).compliance
+        compliances = self.convert_to_compliances(solve_step(problem).compliance)
+        return self.rows.append_fitted_errors(compliances)
 
-    def _estimate_residual_scale(self, compliances: FloatArray) -> float:
-        """Return the standard deviation [m] of the residuals at compliances (P,), from their median norm."""
-        norms = self.rows.compute_residual_norms(compliances)
+    def _estimate_residual_scale(self, unknowns: FloatArray) -> float:
+        """Return the standard deviation [m] of the residuals at unknowns (P + K,), from their median norm."""
+        norms = self.rows.compute_residual_norms(unknowns)
         least = _LEAST_SCALE * self.total / max(1, len(norms))
         return max(float(np.median(norms)) / MEDIAN_NORM, least)
 
     def build_weighted_squares(
-        self, model: ElasticModel, compliances: FloatArray, weight: float, threshold: float
+        self, model: ElasticModel, unknowns: FloatArray, weight: float, threshold: float
     ) -> tuple[Formulation, float]:
         """Return a weighted least-squares problem with the optimum of a robust fit, and its penalty weight.
 
@@ -483,21 +542,21 @@ class Formulation:
 
         Args:
             model: elastic elements that bend, and the loss.
-            compliances: (P,) fitted compliances.
+            unknowns: (P + K,) fitted compliances and stated errors.
             weight: weight λ of the penalty in the fit.
             threshold: threshold h of the fit [m].
         """
         if model.loss == "squared":
             return self, weight
         if threshold == 0.0:
-            threshold = model.threshold * max(self._estimate_residual_scale(compliances), self.sigma or 0.0)
-        norms = self.rows.compute_residual_norms(compliances)
+            threshold = model.threshold * max(self._estimate_residual_scale(unknowns), self.sigma or 0.0)
+        norms = self.rows.compute_residual_norms(unknowns)
         weighted = self.rows.weight_targets(threshold / np.maximum(norms, threshold))
         determined = np.isin(np.arange(model.columns.n), self.columns)
         squares = formulate_fit(weighted, model, determined, self.sigma)
         return squares, 2.0 * self.total * threshold * weight / squares.size**2
 
-    def convert_weight_to_squares(self, model: ElasticModel, compliances: FloatArray, weight: float) -> float:
+    def convert_weight_to_squares(self, model: ElasticModel, unknowns: FloatArray, weight: float) -> float:
         """Return the penalty's weight for plain squares that is as strong as λ is in a robust fit.
 
         In the gradient of the absolute loss all residuals count with length 1; in the gradient of squares
@@ -505,12 +564,12 @@ class Formulation:
 
         Args:
             model: elastic elements that bend, and the loss.
-            compliances: (P,) fitted compliances.
+            unknowns: (P + K,) fitted compliances and stated errors.
             weight: weight λ of the penalty in the fit.
         """
         if model.loss == "squared":
             return weight
-        length = float(self.rows.compute_residual_norms(compliances).mean())
+        length = float(self.rows.compute_residual_norms(unknowns).mean())
         return max(2.0 * self.total * length * weight / self.size**2, _LEAST_WEIGHT)
 
 
@@ -529,8 +588,8 @@ def formulate_fit(
         UnsupportedMethodError: no target moved, or no load acts, so that the size of the penalty is
             undefined.
     """
-    regressor, z = rows.triangle[:, :-1], rows.triangle[:, -1]
-    reading_norm = float(np.linalg.norm(z))
+    regressor, z = rows.with_errors_fitted[:, :-1], rows.with_errors_fitted[:, -1]
+    reading_norm = float(np.linalg.norm(rows.triangle[:, -1]))
     norms = np.linalg.norm(regressor[:, model.columns.joints], axis=0)
     is_determined = visible & (norms > _NO_COLUMN * norms.max())
     joints = np.flatnonzero(is_determined)

@@ -423,6 +423,36 @@ class JointDeflection(Deflection):
         return None if ends is None else ends + (value - rows @ self.model.compliance)[:, None]
 
 
+def _compute_joint_root(elastic: ElasticEstimate) -> FloatArray | None:
+    """Return a root of the covariance of stated errors and of entries; None if sigma is unknown.
+
+    Stated errors have a normal prior, too: zero within their standard uncertainties.
+
+    Returns:
+        (K + p, K + p) upper triangular L with L Lᵀ the covariance of K stated errors, in units of their
+        standard uncertainties, and of p entries.
+    """
+    companion, formulation = elastic.companion, elastic.companion.formulation
+    if companion.sigma is None:
+        return None
+    cone, rows = formulation.cone, formulation.rows
+    scaled_entries = elastic.entries[formulation.columns] / formulation.unit
+    traces_of_diagonal_links = scaled_entries[cone.free : cone.nonnegative].reshape(-1, 6).sum(axis=1)
+    traces = [
+        *traces_of_diagonal_links,
+        *(scaled_entries[place][find_diagonal_entries(size)].sum() for size, place in cone.blocks()),
+    ]
+    prior_deviation = max(_SHARE_OF_TRACE * float(np.sqrt(np.mean(np.square(traces)))), _LEAST_PRIOR)
+    prior = np.full(len(scaled_entries), prior_deviation)
+    prior[: cone.free] = _JOINT_PRIOR
+    unit = np.concatenate([np.ones(rows.stated_errors), formulation.unit * prior])
+    errors = np.arange(rows.compliances, rows.compliances + rows.stated_errors)
+    scaled_rows = rows.triangle[:, np.concatenate([errors, formulation.columns])] * (unit / companion.sigma)
+    factor = np.linalg.cholesky(scaled_rows.T @ scaled_rows + np.eye(len(unit)))
+    inverse = solve_triangular(factor, np.eye(len(unit)), lower=True)
+    return np.asarray(unit[:, None] * inverse.T)
+
+
 @dataclass(frozen=True, eq=False)
 class ElasticPredictor(ForwardModel):
     """Elastic joints, links and base, to first order in the load at the unloaded posture."""
@@ -445,34 +475,13 @@ class ElasticPredictor(ForwardModel):
         see the head of this module.
         """
         companion, formulation = elastic.companion, elastic.companion.formulation
-        entries, covariance_root = elastic.entries[formulation.columns], None
-        if companion.sigma is not None:
-            scaled_entries = entries / formulation.unit
-            traces_of_diagonal_links = (
-                scaled_entries[formulation.cone.free : formulation.cone.nonnegative]
-                .reshape(-1, 6)
-                .sum(axis=1)
-            )
-            traces = [
-                *traces_of_diagonal_links,
-                *(
-                    scaled_entries[place][find_diagonal_entries(size)].sum()
-                    for size, place in formulation.cone.blocks()
-                ),
-            ]
-            prior_deviation = max(_SHARE_OF_TRACE * float(np.sqrt(np.mean(np.square(traces)))), _LEAST_PRIOR)
-            prior = np.full(len(scaled_entries), prior_deviation)
-            prior[: formulation.cone.free] = _JOINT_PRIOR
-            scaled_rows = formulation.squares.R * (prior * formulation.size / float(companion.sigma or 1.0))
-            factor = np.linalg.cholesky(scaled_rows.T @ scaled_rows + np.eye(len(scaled_entries)))
-            inverse = solve_triangular(factor, np.eye(len(scaled_entries)), lower=True)
-            covariance_root = np.asarray((formulation.unit * prior)[:, None] * inverse.T)
+        root, errors = _compute_joint_root(elastic), formulation.rows.stated_errors
         return cls(
             robot,
             elastic.model.columns,
             formulation.columns,
-            entries,
-            covariance_root,
+            elastic.entries[formulation.columns],
+            None if root is None else root[errors:, errors:],
             ~np.isnan(elastic.compliance),
             degrees_of_freedom=companion.degrees_of_freedom,
         )
@@ -862,23 +871,29 @@ def estimate_error_by_leaving_folds_out(
     """
     model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.companion.sigma
     cross_validation = CrossValidation(folds=_FOLD_COUNT, draws=1)
-    folds = Folds(robot, measurements, elastic.model.columns, model.seen, cross_validation)
+    statements = elastic.statements
+    folds = Folds(robot, measurements, elastic.model.columns, model.seen, cross_validation, statements)
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     observation_of_reading = np.nonzero(measurements.present)[0]
     residual = np.empty((len(observation_of_reading), 3))
     added_variance = np.empty(len(observation_of_reading))
-    prediction_root = np.zeros((len(observation_of_reading), 3, 1 if model.root is None else len(model.root)))
+    joint_root = _compute_joint_root(elastic)
+    rank = 1 if joint_root is None else len(joint_root)
+    prediction_root = np.zeros((len(observation_of_reading), 3, rank))
+    stated_errors = elastic.companion.formulation.rows.stated_errors
+    kept = np.concatenate([np.arange(stated_errors) + folds.columns.width, model.kept])
     for number, held_out_observations in enumerate(folds.held_out):
-        compliances, _ = fit_fold(folds, elastic.model, number, (elastic.penalty,))
-        blocks = list(generate_elastic_blocks(robot, measurements[held_out_observations], folds.columns))
+        unknowns, _ = fit_fold(folds, elastic.model, number, (elastic.penalty,))
+        held_out = measurements[held_out_observations]
+        blocks = list(generate_elastic_blocks(robot, held_out, folds.columns, statements))
         rows = np.concatenate([columns[block.measurements.present] for block, columns in blocks])
         held_out_readings = np.flatnonzero(np.isin(observation_of_reading, held_out_observations))
-        residual[held_out_readings] = rows[..., -1] - rows[..., :-1] @ compliances[0]
+        residual[held_out_readings] = rows[..., -1] - rows[..., :-1] @ unknowns[0]
         added_variance[held_out_readings] = len(held_out_observations) / len(measurements)
-        if model.root is not None and sigma is not None:
-            root = rows[..., model.kept] @ model.root
+        if joint_root is not None and sigma is not None:
+            root = rows[..., kept] @ joint_root
             whitened_rows = [
-                block.whiten(columns[..., model.kept] @ model.root)[block.measurements.present]
+                block.whiten(columns[..., kept] @ joint_root)[block.measurements.present]
                 for block, columns in blocks
             ]
             scaled_rows = np.concatenate(whitened_rows).reshape(-1, root.shape[-1]) / sigma

@@ -84,7 +84,7 @@ def whole_rows(robot, measurements):
 def estimate(robot, measurements, name="joints_and_links", weight=1e-2, *, columns=COLUMNS, **options):
     """Estimate with options of the model (loss, threshold), of the folds (shares), and of what is visible."""
     shares = options.pop("shares", CrossValidation())
-    folds = Folds(robot, measurements, columns, options.pop("visible", VISIBLE), shares)
+    folds = Folds(robot, measurements, columns, options.pop("visible", VISIBLE), shares, None)
     loss, threshold = options.pop("loss", "squared"), options.pop("threshold", 2.8)
     return estimate_elastic(folds, ElasticModel(name, columns, loss, threshold), weight)
 
@@ -138,7 +138,7 @@ def test_links_that_are_known_leave_noise_and_joints_alone_leave_much_more():
     """90 fitted, 40 held out; the benchmark has 200 and 200."""
     robot, measurements = pulled(beam_arm(default_arm()), 130, seed=0)
     fitted, held_out = measurements[:90], measurements[90:]
-    folds = Folds(robot, fitted, COLUMNS, VISIBLE, CrossValidation(folds=3))
+    folds = Folds(robot, fitted, COLUMNS, VISIBLE, CrossValidation(folds=3), None)
     model = ElasticModel("joints_and_links", COLUMNS)
     path = fit_folds(folds, model, (1e-6, 1e-5))
     weight = path.weights[choose_weight_index(path.errors, "best")]
@@ -163,7 +163,7 @@ def test_the_best_penalty_is_found_to_a_quarter_of_a_decade_wherever_it_is(monke
 
     monkeypatch.setattr(choice, "fit_folds", fitted)
     finer = refine_path(None, None, fitted(None, None, WEIGHTS))
-    np.testing.assert_array_equal(finer.compliances[1, :, 0], finer.weights)
+    np.testing.assert_array_equal(finer.unknowns[1, :, 0], finer.weights)
     found = np.log10(finer.weights[choose_weight_index(finer.errors, "best")])
     assert found == pytest.approx(np.clip(best, *np.log10(LIMITS)), abs=0.126)
 
@@ -184,7 +184,7 @@ def test_few_postures_call_for_some_penalty_on_full_links_and_many_for_hardly_an
     """
     robot, measurements = pulled(beam_arm(default_arm()), count, seed=1)
     model = ElasticModel(name, COLUMNS)
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1))
+    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1), None)
     finer = refine_path(folds, model, fit_folds(folds, model, WEIGHTS))
     mean, best = finer.errors.mean(axis=0), choose_weight_index(finer.errors, "best")
     assert expected[0] <= finer.weights[best] <= expected[1]
@@ -212,7 +212,7 @@ def test_models_with_a_base_are_compared_where_its_test_speaks():
 def test_errors_of_many_targets_are_those_of_their_coordinates(monkeypatch):
     monkeypatch.setattr(choice, "MOST_TARGETS", 9)
     robot, measurements = rigid_pulled(6, 2)
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1))
+    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1), None)
     compliances = np.outer([0.0, 1.0, 2.0], truth_of(beam_arm(default_arm())))
     rows = np.concatenate(
         [rows for _, rows in generate_elastic_blocks(robot, measurements[folds.held_out[1]], COLUMNS)]
@@ -230,7 +230,7 @@ def test_a_joint_that_a_part_sees_by_rounding_alone_is_no_unknown_of_it():
 
 
 def selected(robot, measurements, weights, folds):
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(draws=1, folds=folds))
+    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(draws=1, folds=folds), None)
     models = [ElasticModel(name, COLUMNS) for name in MODELS]
     return select_model(folds, {model.key: fit_folds(folds, model, weights) for model in models})
 
@@ -399,7 +399,7 @@ def test_a_clean_set_is_answered_whatever_the_penalty(weight, loss):
 
 
 def test_a_penalty_that_cannot_be_certified_gives_way_to_the_next(elastic):
-    folds = Folds(elastic[0], elastic[1][:15], COLUMNS, VISIBLE, CrossValidation())
+    folds = Folds(elastic[0], elastic[1][:15], COLUMNS, VISIBLE, CrossValidation(), None)
     model = ElasticModel("joints_and_links", COLUMNS)
     with pytest.raises(UnsupportedMethodError, match="certified") as refused:
         estimate_elastic(folds, model, 1e-30)
@@ -420,7 +420,7 @@ def test_a_penalty_at_an_end_is_a_finding(chosen, remedy):
 
 def test_a_model_without_an_answer_is_left_out_unless_it_is_asked_for(elastic):
     robot, measurements = elastic
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1))
+    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1), None)
     paths = {(name, "squared"): fit_folds(folds, ElasticModel(name, COLUMNS), (1e-2,)) for name in MODELS}
     coupled = ("coupled_joints", "squared")
     paths[coupled] = replace(paths[coupled], errors=paths[coupled].errors * np.nan)

@@ -358,7 +358,7 @@ def pedestal():
 
 @pytest.fixture(scope="module")
 def found(pedestal):
-    folds = Folds(*pedestal, COLUMNS, np.ones(6, dtype=bool), CrossValidation(folds=3, draws=1))
+    folds = Folds(*pedestal, COLUMNS, np.ones(6, dtype=bool), CrossValidation(folds=3, draws=1), None)
     return estimate_elastic(folds, ElasticModel("joints_and_base", COLUMNS), 1e-3)
 
 

@@ -299,7 +299,7 @@ def links():
     document = elastic_campaign(beam_arm(ARM), configurations=30, sigma=2e-5, seed=3)
     robot, measurements = prepare(document)
     columns = ElasticColumns(6, tuple(range(6)))
-    folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), CrossValidation(folds=3))
+    folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), CrossValidation(folds=3), None)
     model = ElasticModel("joints_and_links", columns)
     return ElasticPredictor.from_estimate(robot, estimate_elastic(folds, model, 1e-4))
 

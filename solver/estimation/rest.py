@@ -1,0 +1,66 @@
+"""Rest of a fixed-point iteration: a fit whose columns depend on the fit's own result (method.md §8)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from scipy.optimize import root
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import SolverError
+
+_DEPTH: Final = 3
+"""Number of earlier steps that are mixed: one suffices for a slow direction, and three directions move a
+load point."""
+
+
+def find_rest(
+    step: Callable[[FloatArray], FloatArray], start: FloatArray, *, unit: FloatArray, most_steps: int
+) -> FloatArray:
+    """Return the point that a step leaves where it is, by Anderson's mixing of the last steps.
+
+    D. G. Anderson, *Iterative procedures for nonlinear integral equations*, J. ACM 12(4), 1965. Where each
+    step shrinks the distance to rest by a factor, mixing shrinks the distance far faster. The last call of
+    `step` is that at the returned point.
+
+    Args:
+        step: function that maps a point (n,) to the next point (n,).
+        start: (n,) first point.
+        unit: (n,) greatest change of each coordinate by a step that counts as rest, positive.
+        most_steps: greatest number of steps.
+
+    Raises:
+        SolverError: the point still changes by more than `unit` after so many steps.
+    """
+
+    def compute_change(point: FloatArray) -> FloatArray:
+        """Return the change (n,) of a point by a step; points and changes are in units."""
+        return (step(point * unit) - point * unit) / unit
+
+    answer = root(
+        compute_change,
+        start / unit,
+        method="anderson",
+        options={
+            "fatol": 1.0,
+            "maxiter": most_steps,
+            "line_search": None,
+            "tol_norm": _largest,
+            "jac_options": {"alpha": 1.0, "M": _DEPTH},
+        },
+    )
+    if not answer.success:
+        raise SolverError(
+            f"the fit does not come to rest: after {most_steps} fits the compliances still change by "
+            f"{_largest(answer.fun):.1e} times the change that counts as rest",
+            where="complementary_stiffness",
+            remedy="neglect the complementary stiffness, or add postures and loads that twist every joint",
+        )
+    return np.asarray(answer.x * unit)
+
+
+def _largest(changes: FloatArray) -> float:
+    """Return the greatest magnitude among changes (n,)."""
+    return float(np.abs(changes).max())
