@@ -19,7 +19,7 @@ from jointstiff.schemas.fields import (
     Torque,
     TranslationalCompliance,
 )
-from jointstiff.schemas.options import ElasticModel, Loss
+from jointstiff.schemas.options import ElasticModel, StoredLoss
 
 
 class ScoreStep(Message):
@@ -233,7 +233,7 @@ class ScoredModel(Message):
     """Prediction of held-out configurations by a model with one loss."""
 
     model: ElasticModel
-    loss: Loss
+    loss: StoredLoss
     penalty: Dimensionless[float | None] = Field(description="Penalty; null for joints alone.")
     compensation: Dimensionless[float] = Field(
         description="Compensation of held-out configurations, mean over the folds."

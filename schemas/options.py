@@ -35,7 +35,9 @@ Elasticity = Literal[
     "links_and_base",
     "automatic",
 ]
-Loss = Literal["squared", "huber", "absolute"]
+Loss = Literal["squared", "huber"]
+StoredLoss = Literal["squared", "huber", "absolute"]
+"""Losses of results: `absolute` is in stored results alone, of documents up to version 18."""
 
 
 class CrossValidation(Message):
@@ -45,7 +47,7 @@ class CrossValidation(Message):
         default=5, description="Number of folds; fewer if there are fewer postures."
     )
     draws: Annotated[int, Field(strict=True, ge=1, le=20)] = Field(
-        default=4,
+        default=1,
         description="Number of random divisions into folds; 1 if `link_penalty` is given.",
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
@@ -226,14 +228,12 @@ class RunOptions(MethodOptions):
         "stiffness.",
         examples=[{"joint_2": [1e6, None]}],
     )
-    loss: Annotated[
-        Literal["squared", "huber", "absolute", "automatic"], BeforeValidator(_replace_missing_loss)
-    ] = Field(
+    loss: Annotated[Literal["squared", "huber", "automatic"], BeforeValidator(_replace_missing_loss)] = Field(
         default="automatic",
         description="Loss of the norm of each target's whitened residual. `huber`: linear beyond a "
-        "threshold, so that bumped targets count less. `absolute`: the norm; not with elasticity `joints`. "
-        "`automatic`: `squared` for joints alone and with `link_penalty`, else by cross-validation. With "
-        "links or coupling, `huber` and `absolute` accept at most 500 targets.",
+        "threshold, so that bumped targets count less. `automatic`: `squared` for joints alone and with "
+        "`link_penalty`, else by cross-validation. With links or coupling, `huber` accepts at most 500 "
+        "targets.",
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,
@@ -319,18 +319,6 @@ class RunOptions(MethodOptions):
         if threshold is not None and info.data.get("loss") != "huber":
             raise ValueError("needs the loss `huber`")
         return threshold
-
-    @field_validator("elasticity", mode="after")
-    @classmethod
-    def _refuse_absolute_loss_of_joints(cls, elasticity: Elasticity, info: ValidationInfo) -> Elasticity:
-        """Refuse the loss `absolute` unless the elasticity is named and has more than joints."""
-        loss = info.data.get("loss")
-        if loss == "absolute" and elasticity in {"joints", "automatic"}:
-            raise ValueError(
-                "must name a model with more than joints if the loss is `absolute`; for joints alone use "
-                "the loss `huber`"
-            )
-        return elasticity
 
     @field_validator("links", "link_penalty", mode="after")
     @classmethod

@@ -31,7 +31,7 @@ from jointstiff.schemas.model import IdentifiedModel, LinksResult, ScoredModel
 from jointstiff.schemas.options import (
     Elasticity,
     ElasticModel,
-    Loss,
+    StoredLoss,
     RunOptions,
 )
 from jointstiff.schemas.robot import RobotDocument
@@ -440,7 +440,7 @@ class ModelChoice(Message):
     """Elastic elements and loss of this run, with the evidence for both."""
 
     elasticity: ElasticModel
-    loss: Loss
+    loss: StoredLoss
     source: Literal["given", "screening", "cross_validation", "options"] = Field(
         description="`given`: by the request. `screening`: no test shows that more than joints bends. "
         "`cross_validation`: compared on held-out postures. `options`: other options allow only joints."
@@ -453,7 +453,7 @@ class ModelChoice(Message):
         default_factory=list,
         description="Scores of each model with each loss, from simple to rich; empty if none were compared.",
     )
-    losses: dict[ElasticModel, Loss] = Field(
+    losses: dict[ElasticModel, StoredLoss] = Field(
         default_factory=dict, description="For each model, the loss with the least held-out residual."
     )
     best: ElasticModel | None = Field(

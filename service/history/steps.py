@@ -273,11 +273,19 @@ def _state_verdicts_of_campaigns(trend: Document) -> None:
             campaign.setdefault("verdict", campaign["assessment"]["verdict"])
 
 
+def _set_absolute_loss_aside(run: Document) -> None:
+    """Move the request of the loss `absolute`, which newer versions do not compute, out of the options."""
+    for options in _objects(run, "request"):
+        if options.get("loss") == "absolute":
+            options["absolute_loss"] = options.pop("loss")
+
+
 STEPS: Final[tuple[Step, ...]] = (
     *_FROM_9,
     Step(14, 17, KINDS),
     Step(17, 18, KINDS),
-    Step(18, 19, KINDS),
+    Step(18, 19, tuple(kind for kind in KINDS if kind != "run")),
+    Step(18, 19, ("run",), _set_absolute_loss_aside, ("request.absolute_loss",)),
     Step(18, 19, ("trend",), _state_verdicts_of_campaigns),
 )
 """All steps; those from one version come after those to that version."""

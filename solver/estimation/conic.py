@@ -5,7 +5,7 @@ Semidefinite programs with a penalty on traces (method.md §7), of two losses:
     minimise ‖R x − z‖² + pᵀx           subject to   x_j ≥ 0 for the first parameters, Mat(x_b) ⪰ 0
     minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx     for the blocks that follow, p = λ on traces and some scalars
 
-ρ(u) is u²/(2h) up to h and u − h/2 beyond; h = 0 leaves the sum of the norms. Then least squares over cones
+ρ(u) is u²/(2h) up to h and u − h/2 beyond. Then least squares over cones
 of products c η of a compliance with unknowns in a box (method.md §14), see `MassCones`.
 
 Each proposed answer is made exactly feasible. So is a point of the dual program, which comes from the
@@ -169,7 +169,7 @@ class RobustProgram:
 
     loss: NormSum  #: loss of the targets
     weight: float  #: λ > 0 of the penalty
-    threshold: float  #: h ≥ 0, in the unit of d
+    threshold: float  #: h > 0, in the unit of d
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,7 +323,7 @@ def certify_robust(
     Args:
         program: program with a robust loss.
         x: (p,) point in the cone.
-        errors: (q,) stated errors v; zero if the threshold is zero.
+        errors: (q,) stated errors v.
         dual: (K, 3) nearly feasible multipliers ν of the residuals.
     """
     loss, threshold = program.loss, program.threshold
@@ -339,17 +339,12 @@ def certify_robust(
         0.5 * threshold * np.square(multipliers - direction).sum(axis=1)
         + (residual_norm - threshold) * misalignment
     )
-    gap_within_threshold = (
-        np.square(residual - threshold * multipliers).sum(axis=1) / (2.0 * threshold)
-        if threshold > 0.0
-        else np.zeros(len(residual))
-    )
+    gap_within_threshold = np.square(residual - threshold * multipliers).sum(axis=1) / (2.0 * threshold)
     excess = _compute_complementarity(slack, x, loss.cone, _NORMS_SLACK_ROUNDING)
-    if threshold > 0.0:
-        root = np.sqrt(threshold)
-        pull = np.einsum("kiq,ki->q", loss.B, multipliers)  # Bᵀν
-        unbalanced = loss.statement / root * errors + root / loss.statement * pull
-        excess += 0.5 * float(unbalanced @ unbalanced)
+    root = np.sqrt(threshold)
+    pull = np.einsum("kiq,ki->q", loss.B, multipliers)  # Bᵀν
+    unbalanced = loss.statement / root * errors + root / loss.statement * pull
+    excess += 0.5 * float(unbalanced @ unbalanced)
     gap = float(np.where(is_beyond, gap_beyond_threshold, gap_within_threshold).sum() + excess)
     return Certificate(max(0.0, -loss.cone.least_value(x)), violation, gap, multipliers, "clarabel")
 

@@ -238,7 +238,7 @@ def state_sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone, B: FloatArray) 
     """State ``minimise Σ_i ρ(‖A_i x + B_i v − d_i‖) + ‖v‖²/(2h) + pᵀx, x_j ≥ 0, Mat(x_b) ⪰ 0``.
 
     ρ(u) is u²/(2h) up to h and u − h/2 beyond (Huber's), as ``min_s ‖s‖²/(2h) + ‖A_i x − d_i − s‖``: one
-    second-order cone a target. With h = 0 it is u, the sum of the norms, and v is zero.
+    second-order cone a target.
 
     Args:
         A: (K, 3, m) regressor of K targets.

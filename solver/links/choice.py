@@ -120,6 +120,12 @@ class PenaltyPath:
     #: coordinates in a set of more than `MOST_TARGETS` targets
     errors: FloatArray
 
+    @property
+    def least_error(self) -> float:
+        """Least mean error of the weights whose fits are certified in all folds; inf without any."""
+        certified = self.errors[:, find_certified_weights(self.errors)]
+        return float(certified.mean(axis=0).min(initial=np.inf))
+
 
 class Folds:
     """Measurement set divided into folds; each fold is compressed once, when it is first needed.
@@ -194,7 +200,7 @@ class Folds:
         return self._formulations[key]
 
     def formulate_with_statements(self, model: ElasticModel, statements: Statements) -> Formulation:
-        """Return the problem of fitting a model to the whole set, with statements at other compliances.
+        """Return the problem of fitting a model to the whole set, with statements of another weight.
 
         Raises:
             UnsupportedMethodError: no target moved or no load acts, so that the penalty has no scale.

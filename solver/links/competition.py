@@ -1,7 +1,11 @@
 """Competition of elastic models on held-out postures, with the choice of loss and penalty (method.md §7).
 
-The unit of work is the fit of all models with one weight of the penalty and one fold held out. If the
-request gives the penalty, only one weight is fitted: this is so quick that the competition has no steps.
+Models compete in two stages. First all models are fitted by squares, for all weights of the penalty. Then
+those whose error is near the least are fitted by Huber's loss, near the weight that squares chose: a robust
+fit takes several times as long, and seldom changes the order of the models.
+
+The unit of work is the fit of all models by squares with some weights and one fold held out. If the request
+gives the penalty, only one weight is fitted: this is so quick that the competition has no steps.
 """
 
 from __future__ import annotations
@@ -27,8 +31,11 @@ from jointstiff.solver.links.choice import (
     HeldOut,
     PenaltyPath,
     Selection,
+    choose_weight_index,
     draw_folds,
+    find_certified_weights,
     fit_fold,
+    fit_folds,
     list_models_to_compare,
     refine_path,
     select_model,
@@ -53,8 +60,12 @@ from jointstiff.solver.mechanics.robot import Robot
 
 _Paths: TypeAlias = dict[tuple[ModelName, Loss], PenaltyPath]
 
-_PENALTIES_PER_STEP: Final = 3
-"""Number of penalties that one step fits: with all models and losses 0.5 s for 30 targets, 5 s for 300."""
+_PENALTIES_PER_STEP: Final = 7
+"""Number of penalties that one step fits: with all models 0.2 s for 30 targets, 1 s for 300."""
+_NEAR: Final = 1.5
+"""Error of a model, relative to the least of all models, up to which further losses are tried."""
+_WEIGHTS_NEAR: Final = 3
+"""Number of weights tried with a further loss, around the weight that squares chose."""
 
 
 def find_obstacle_to_elastic_links(
@@ -183,15 +194,15 @@ class Competition:
             span: one of `steps`.
 
         Returns:
-            `fold_compliances` (M, W, P) and `error` (M, W) [m], the compliances of M models for W weights and
-            the errors with which they predict the held-out fold.
+            `fold_compliances` (M, W, P + E) and `error` (M, W) [m], the compliances and stated errors of M
+            models fitted by squares for W weights, and the errors with which they predict the held-out fold.
 
         Raises:
             JointstiffError: joints alone cannot be identified, or the penalty has no scale.
         """
         fold, start = divmod(span[0], len(self._weights))
         weights = self._weights[start : start + span[1] - span[0]]
-        fits = [fit_fold(self._folds, model, fold, weights) for model in self._models]
+        fits = [fit_fold(self._folds, model, fold, weights) for model in self._squared_models]
         compliances, errors = map(np.array, zip(*fits, strict=True))
         return {"fold_compliances": compliances, "error": errors}
 
@@ -205,25 +216,54 @@ class Competition:
             JointstiffError: joints alone cannot be identified, or no optimum is certified.
         """
         paths = self._collect_paths(parts)
+        paths |= self._fit_further_losses(paths)
         selection, held_out = self._choose_model(paths)
         elastic = None if held_out.model == "joints" else self._fit_whole_set(held_out, selection, paths)
         return Winner(selection, held_out, elastic, self._requested is not None)
 
     def _collect_paths(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
-        """Return the fits of all models with each fold held out; keys are pairs of model and loss."""
+        """Return the fits by squares with each fold held out; keys are pairs of model and loss."""
         if not self.steps():  # With a given penalty no step computed the fits, so they are computed here.
             count = len(self._weights)
             parts = [self.compute((k * count, (k + 1) * count)) for k in range(self._fold_count)]
-        shape = len(self._models), self._fold_count, len(self._weights)
+        shape = len(self._squared_models), self._fold_count, len(self._weights)
         compliances, errors = (
             np.concatenate([part[name] for part in parts], axis=1) for name in ("fold_compliances", "error")
         )
         return {
             model.key: PenaltyPath(self._weights, model_compliances, model_errors)
             for model, model_compliances, model_errors in zip(
-                self._models, compliances.reshape(*shape, -1), errors.reshape(shape), strict=True
+                self._squared_models, compliances.reshape(*shape, -1), errors.reshape(shape), strict=True
             )
         }
+
+    def _fit_further_losses(self, paths: _Paths) -> _Paths:
+        """Return the fits by Huber's loss of the models whose squares predict nearly as well as the best.
+
+        All models are fitted if the request names this loss.
+        """
+        if "huber" not in self._losses:
+            return {}
+        least = {key: path.least_error for key, path in paths.items()}
+        limit = _NEAR * min(least.values()) if "squared" in self._losses else np.inf
+        near = [model for model in self._squared_models if least[model.key] <= limit]
+        return {
+            (model.name, "huber"): fit_folds(
+                self._folds, replace(model, loss="huber"), self._place_weights(model, paths[model.key])
+            )
+            for model in near
+        }
+
+    def _place_weights(self, model: ElasticModel, path: PenaltyPath) -> list[float]:
+        """Return the weights to try with Huber's loss: nearest to the weight that squares chose."""
+        if len(self._weights) <= _WEIGHTS_NEAR or not find_certified_weights(path.errors).any():
+            return list(self._weights)
+        best = choose_weight_index(path.errors, "best")
+        unknowns = path.unknowns[:, best].mean(axis=0)
+        formulation = self._folds.formulate_model_fit(model)
+        as_strong = formulation.convert_weight_to_huber(model, unknowns, path.weights[best])
+        distance = np.abs(np.log(np.array(self._weights) / as_strong))
+        return sorted(self._weights[each] for each in np.argsort(distance)[:_WEIGHTS_NEAR])
 
     def _choose_model(self, paths: _Paths) -> tuple[Selection, HeldOut]:
         """Choose the model with its loss and penalty, after trying finer penalties around the best penalties.
@@ -236,7 +276,7 @@ class Competition:
         links_may_be_base = is_automatic and self.screening.links_may_be_base
         selection = select_model(
             self._folds,
-            paths,
+            {key: path for key, path in paths.items() if key[1] in self._losses},
             self._requested,
             screened=is_automatic,
             links_may_be_base=links_may_be_base,
@@ -260,11 +300,11 @@ class Competition:
         return selection, chosen
 
     @cached_property
-    def _models(self) -> list[ElasticModel]:
-        """Models to compare, each with all losses."""
+    def _squared_models(self) -> list[ElasticModel]:
+        """Models to compare, with the squared loss."""
         threshold = self._options.huber_threshold or DEFAULT_THRESHOLD
         names = list_models_to_compare(self.screening, self._requested)
-        return [ElasticModel(name, self._columns, loss, threshold) for name in names for loss in self._losses]
+        return [ElasticModel(name, self._columns, "squared", threshold) for name in names]
 
     @cached_property
     def _folds(self) -> Folds:
@@ -275,7 +315,11 @@ class Competition:
 
     @cached_property
     def _statements(self) -> Statements | None:
-        """Stated errors that are fitted together with the compliances; None if no error is stated."""
+        """Stated errors that are fitted together with the compliances; None if no error is stated.
+
+        Their columns are computed at the compliances of joints alone: those of links change the columns by a
+        fraction of an error that is small itself.
+        """
         joints = self._joints
         terms = list_stated_terms(joints.given)
         if not terms:
@@ -289,7 +333,8 @@ class Competition:
 
     def _find_model(self, held_out: HeldOut) -> ElasticModel:
         """Return the compared model whose name and loss are those of `held_out`."""
-        return next(model for model in self._models if model.key == (held_out.model, held_out.loss))
+        model = next(model for model in self._squared_models if model.name == held_out.model)
+        return replace(model, loss=held_out.loss)
 
     def _refine_penalty(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Selection:
         """Search the penalty of one model on a finer grid, and return the selection with its new accuracy.
@@ -321,13 +366,17 @@ class Competition:
     def _fit_whole_set(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Elastic:
         """Fit the chosen model to the whole set, with intervals that account for the choice of the model.
 
+        Intervals are those of a fit by squares, whatever the loss.
+
         If the readings do not distinguish links from the base, the intervals contain the intervals of both
         models, provided that the tied model has a certified optimum.
         """
         elastic = self._fit_with_chosen_penalty(held_out, paths)
+        if self.penalty_is_given:
+            return Elastic(elastic, self._compute_effective(elastic, elastic), None)
         if self._requested is not None:
-            interval_model = None if self.penalty_is_given else elastic.model.name
-            return Elastic(elastic, self._compute_effective(elastic, elastic), interval_model)
+            of_squares = self._fit_squares(elastic.model.name, paths) or elastic
+            return Elastic(elastic, self._compute_effective(elastic, of_squares), elastic.model.name)
         richest = self._fit_richest_model(elastic, selection, paths)
         effective = self._compute_effective(elastic, richest)
         if selection.tied is not None:
@@ -350,12 +399,23 @@ class Competition:
 
         If no optimum of the richest model is certified, the fit `elastic` of the chosen model is returned.
         """
-        if selection.largest == elastic.model.name:
-            return elastic
+        return self._fit_squares(selection.largest, paths) or elastic
+
+    def _fit_squares(self, name: ModelName, paths: _Paths) -> ElasticEstimate | None:
+        """Fit a model to the whole set by squares, with its best penalty; None if no optimum is certified.
+
+        The penalty is searched on the finer grid first.
+        """
+        model = next(model for model in self._squared_models if model.name == name)
+        path = paths[model.key]
+        if not find_certified_weights(path.errors).any():
+            return None
+        paths[model.key] = path = refine_path(self._folds, model, path)
+        chosen_index = choose_weight_index(path.errors, self._validation.rule, self._validation.draws)
         try:
-            return self._fit_with_chosen_penalty(selection.find_held_out(selection.largest), paths)
+            return fit_first_certified(self._folds, model, path.weights[chosen_index:])
         except UnsupportedMethodError:
-            return elastic
+            return None
 
     def _compute_effective_of_tied(
         self, tied: ModelName, selection: Selection, paths: _Paths
@@ -371,12 +431,7 @@ class Competition:
             fit_of_tied = self._fit_with_chosen_penalty(selection.find_held_out(tied), paths)
         except UnsupportedMethodError:
             return None
-        try:
-            return self._compute_effective(
-                fit_of_tied, self._fit_with_chosen_penalty(selection.find_held_out(richest), paths)
-            )
-        except UnsupportedMethodError:
-            return self._compute_effective(fit_of_tied, fit_of_tied)
+        return self._compute_effective(fit_of_tied, self._fit_squares(richest, paths) or fit_of_tied)
 
     def _compute_effective(self, elastic: ElasticEstimate, richest: ElasticEstimate) -> EffectiveCompliances:
         """Return effective joint compliances of the fit `elastic`, with ranges from the fit `richest`."""

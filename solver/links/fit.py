@@ -35,9 +35,8 @@ from jointstiff.solver.estimation.conic import (
 from jointstiff.solver.estimation.estimate import Estimate, JointCompliance, Prediction
 from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.rest import find_rest
 from jointstiff.solver.estimation.solution import Certificate, Witness
-from jointstiff.solver.estimation.statements import Statements
+from jointstiff.solver.estimation.statements import LEAST_STATED_SIGMA, Statements
 from jointstiff.solver.links.choice import Folds
 from jointstiff.solver.links.model import (
     ElasticColumns,
@@ -119,10 +118,6 @@ _LEAST_SCALE: Final = 1e-6
 """Smallest residual scale relative to the readings, so that the scale of data without noise is not zero."""
 _LEAST_FREEDOM: Final = 0.5
 """Degrees of freedom below which the residuals do not determine sigma."""
-_REST: Final = 1e-6
-"""Change of an effective compliance by a further fit, relative to the greatest, that counts as rest."""
-_MOST_PASSES: Final = 12
-"""Greatest number of fits with stated errors at other compliances."""
 
 
 def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -> None:
@@ -157,8 +152,8 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
 def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> ElasticEstimate:
     """Fit an elastic model to the whole set for a given penalty, and certify the optimum.
 
-    The columns of stated errors depend on the compliances: the fit is repeated until the effective
-    compliances are those at which the columns were computed.
+    Where sigma is not stated, joints alone give the first sigma, by which statements are weighted; the fit is
+    repeated with its own sigma.
 
     Args:
         folds: measurement set with its compressed rows.
@@ -169,22 +164,11 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
     first_fit = _estimate_once(folds, folds.formulate_model_fit(model), folds.statements, model, weight)
-    if folds.statements is None:
+    if folds.statements is None or folds.measurements.sigma is not None or not first_fit.sigma:
         return first_fit
-    effective_rows = build_effective_rows(folds.robot, model.columns)
-    first, stated = effective_rows @ first_fit.entries, folds.statements
-    fits = [first_fit]
-
-    def fit_again(compliance: FloatArray) -> FloatArray:
-        """Return the effective compliances (n,) of a fit whose errors are computed at other compliances."""
-        sigma = folds.measurements.sigma or fits[-1].sigma or stated.sigma
-        statements = replace(stated, compliance=np.maximum(compliance, 0.0), sigma=sigma)
-        formulation = folds.formulate_with_statements(model, statements)
-        fits.append(_estimate_once(folds, formulation, statements, model, weight))
-        return effective_rows @ fits[-1].entries
-
-    find_rest(fit_again, first, unit=np.full(len(first), _REST * first.max()), most_steps=_MOST_PASSES)
-    return fits[-1]
+    statements = replace(folds.statements, sigma=max(first_fit.sigma, LEAST_STATED_SIGMA))
+    formulation = folds.formulate_with_statements(model, statements)
+    return _estimate_once(folds, formulation, statements, model, weight)
 
 
 def _estimate_once(
@@ -471,9 +455,9 @@ def _compute_element_shares(
     return elements, replace(prediction, bending=bending)
 
 
-_LIGHTER: Final = 0.3
-"""Penalty for intervals relative to the penalty that predicts best. With the latter, bias is as large as
-dispersion; with a lighter penalty dispersion outweighs bias (undersmoothing)."""
+_LIGHTER: Final = 0.1
+"""Penalty for stiffnesses and their intervals relative to the penalty that predicts best. With the latter,
+bias is as large as dispersion; with a lighter penalty dispersion outweighs bias (undersmoothing)."""
 _NOTHING: Final = 1e-4
 """Lower end of an interval, relative to its upper end, below which the lower end counts as zero: cone
 programs do not reach zero exactly."""
@@ -554,12 +538,14 @@ def compute_effective_compliances(
     """Compute the joints' effective compliances and their confidence ranges.
 
     A range contains the values of an effective compliance at which the objective, with a lighter penalty, is
-    close to its minimum. For the model of joints and base, a range also contains the range of ordinary least
-    squares, which has no bias from penalty or constraints.
+    close to its minimum. The compliance itself is that at the minimum: from one draw of the noise to the
+    next, compliances at the chosen penalty differ more, as the choice of the penalty does. For the model of
+    joints and base, a range also contains the range of ordinary least squares, which has no bias from penalty
+    or constraints.
 
     Args:
         robot: n joints.
-        elastic: estimate whose effective compliances are returned; the ranges contain them in any case.
+        elastic: estimate of the chosen model; its effective compliances are returned if no range is known.
         confidence: confidence level of the ranges.
         range_estimate: estimate of the richest model compared, from which the ranges are computed; None takes
             `elastic`.
@@ -579,6 +565,7 @@ def compute_effective_compliances(
             # Root of the allowed increase of the objective, and the effective compliances as functions of x
             radius = quantile * companion.sigma / formulation.size
             functions = rows[:, formulation.columns] * formulation.unit
+            effective = functions @ optimum if publishes_ranges else effective
             ranges = compute_penalised_range(program, optimum, radius**2, functions)
             if range_estimate.model.name == "joints_and_base":
                 least, greatest = compute_unconstrained_range(formulation.squares, functions, radius).T

@@ -1,8 +1,8 @@
 """Models of elastic joints, links and base, from simple to rich: rows, penalty and losses (method.md §7).
 
     squared    ‖z − R x‖² / ‖z‖² + λ tr              rows compressed to a triangle
-    absolute   Σ ‖r_i‖ / Σ ‖d_i‖ + λ tr              one second-order cone a target
-    huber      Σ ρ(r_i) / Σ ‖d_i‖ + λ tr             ρ = ‖r‖²/(2h) up to h, ‖r‖ − h/2 beyond
+    huber      Σ ρ(r_i) / Σ ‖d_i‖ + λ tr             ρ = ‖r‖²/(2h) up to h, ‖r‖ − h/2 beyond: one
+                                                     second-order cone a target
 
 The penalty contains no arbitrarily chosen length. The penalty is the work that a unit force at the load point
 does on an element, averaged over the directions of the force and, because the fitted postures are few, over
@@ -16,7 +16,7 @@ divided by the force it has no unit.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Final
 
@@ -314,11 +314,14 @@ LINKS_ALONE: Final[frozenset[ModelName]] = frozenset({"diagonal_links", "joints_
 """Models whose links bend and whose base does not."""
 
 
-LOSSES: Final[tuple[Loss, ...]] = ("squared", "huber", "absolute")
+LOSSES: Final[tuple[Loss, ...]] = ("squared", "huber")
 """Losses of the norm of each target's residual."""
 
 _LEAST_SCALE: Final = 1e-6
 """Least robust scale of residuals, relative to the mean deflection: exact readings would give zero."""
+_SCALE_ROUNDS: Final = 2
+"""Rounds in which the scale of the residuals and a robust fit follow from each other: the median hardly moves
+after the first."""
 _LEAST_WEIGHT: Final = 1e-9
 """Least weight of the penalty in a least-squares problem."""
 _SHORTEST_LEVER: Final = 1e-2
@@ -342,7 +345,7 @@ class ElasticModel:
     #: full 6 × 6 compliance of the base; `links_and_base` full compliances of links and base
     name: ModelName
     columns: ElasticColumns  #: columns of the richest model; its links are those that bend here
-    #: loss of the norm of each target's whitened residual: its square, Huber's, or the norm itself
+    #: loss of the norm of each target's whitened residual: its square, or Huber's
     loss: Loss = "squared"
     threshold: float = DEFAULT_THRESHOLD  #: threshold of Huber's loss, in units of sigma
 
@@ -398,8 +401,6 @@ class Formulation:
     rows: ElasticRows  #: rows of the observations
     size: float  #: norm ‖d‖ of the whitened readings [m], by which the readings are divided
     sigma: float | None  #: stated sigma of one coordinate of one reading [m]; None if no sigma is stated
-    #: fits with the absolute loss that were already computed; keys are weight, gap and accepted gap
-    _absolute: dict[tuple[float, float, float | None], RobustSolution] = field(default_factory=dict)
 
     @property
     def column_count(self) -> int:
@@ -425,21 +426,6 @@ class Formulation:
     def build_robust_program(self, weight: float, threshold: float) -> RobustProgram:
         """Return the program of a robust loss for a weight λ and a threshold h [m]."""
         return RobustProgram(self._norms, weight, threshold / self.total)
-
-    def fit_absolute(self, weight: float, gap: float, accepted: float | None = None) -> RobustSolution:
-        """Return the fit with the absolute loss, computed once for each combination of arguments.
-
-        Args:
-            weight: λ > 0 of the penalty.
-            gap: duality gap at which the search ends.
-            accepted: greatest gap that is accepted if rounding prevents `gap`; None for `gap` itself.
-        """
-        key = weight, gap, accepted
-        if key not in self._absolute:
-            self._absolute[key] = solve_robust(
-                self.build_robust_program(weight, 0.0), wanted_gap=gap, accepted_gap=accepted
-            )
-        return self._absolute[key]
 
     def convert_to_compliances(self, x: FloatArray) -> FloatArray:
         """Return the compliances (P,) of parameters x (p,); zero in columns without a parameter."""
@@ -471,7 +457,7 @@ class Formulation:
         """Fit the parameters with the model's loss, and certify the optimum.
 
         The threshold of Huber's loss is in units of sigma; if sigma is unknown, in units of the robust scale
-        of the residuals of a fit with the absolute loss.
+        of the residuals, first of a fit with squares, then of the fit itself.
 
         Args:
             model: elastic elements that bend, and the loss.
@@ -480,25 +466,33 @@ class Formulation:
             accepted: greatest gap that is accepted if rounding prevents `gap`; None for `gap` itself.
 
         Returns:
-            The solution, parameters (p,) with their certificate; and the threshold h [m] of Huber's loss: 0
-            for the absolute loss, inf for squares.
+            The solution, parameters (p,) with their certificate; and the threshold h [m] of Huber's loss, inf
+            for squares.
 
         Raises:
             SolverError: no optimum is certified within the accepted gap.
         """
         if model.loss == "squared":
-            return solve_cone(
-                self.build_squared_program(weight), wanted_gap=gap, accepted_gap=accepted
-            ), float("inf")
-        if model.loss == "absolute":
-            return self.fit_absolute(weight, gap, accepted), 0.0
-        scale = self.sigma
-        if scale is None:
-            scale = self._estimate_residual_scale(self.convert_to_unknowns(self.fit_absolute(weight, gap)))
-        threshold = model.threshold * scale
-        return solve_robust(
-            self.build_robust_program(weight, threshold), wanted_gap=gap, accepted_gap=accepted
-        ), threshold
+            return self._fit_squares(weight, gap, accepted), float("inf")
+        if self.sigma is not None:
+            threshold = model.threshold * self.sigma
+            return self._fit_huber(weight, threshold, gap, accepted), threshold
+        solution: ConeSolution = self._fit_squares(weight, gap, accepted)
+        for _ in range(_SCALE_ROUNDS):
+            threshold = model.threshold * self._estimate_residual_scale(self.convert_to_unknowns(solution))
+            solution = self._fit_huber(weight, threshold, gap, accepted)
+        return solution, threshold
+
+    def _fit_squares(self, weight: float, gap: float, accepted: float | None) -> ConeSolution:
+        """Fit the parameters by squares; arguments and errors as in `fit`."""
+        return solve_cone(self.build_squared_program(weight), wanted_gap=gap, accepted_gap=accepted)
+
+    def _fit_huber(
+        self, weight: float, threshold: float, gap: float, accepted: float | None
+    ) -> RobustSolution:
+        """Fit the parameters by Huber's loss with a threshold h [m]; arguments and errors as in `fit`."""
+        program = self.build_robust_program(weight, threshold)
+        return solve_robust(program, wanted_gap=gap, accepted_gap=accepted)
 
     def certify_gap(
         self, compliances: FloatArray, weight: float, solution: ConeSolution, threshold: float
@@ -536,9 +530,7 @@ class Formulation:
         """Return a weighted least-squares problem with the optimum of a robust fit, and its penalty weight.
 
         A target whose residual r exceeds the threshold h has weight h/‖r‖: the sum of the weighted squares is
-        stationary where Huber's loss is stationary. For the absolute loss, h is the threshold of Huber's loss
-        times the robust scale of the residuals, and the two optima are only nearly equal. For the squared
-        loss, this problem itself is returned.
+        stationary where Huber's loss is stationary. For the squared loss, this problem itself is returned.
 
         Args:
             model: elastic elements that bend, and the loss.
@@ -548,8 +540,6 @@ class Formulation:
         """
         if model.loss == "squared":
             return self, weight
-        if threshold == 0.0:
-            threshold = model.threshold * max(self._estimate_residual_scale(unknowns), self.sigma or 0.0)
         norms = self.rows.compute_residual_norms(unknowns)
         weighted = self.rows.weight_targets(threshold / np.maximum(norms, threshold))
         determined = np.isin(np.arange(model.columns.n), self.columns)
@@ -557,10 +547,7 @@ class Formulation:
         return squares, 2.0 * self.total * threshold * weight / squares.size**2
 
     def convert_weight_to_squares(self, model: ElasticModel, unknowns: FloatArray, weight: float) -> float:
-        """Return the penalty's weight for plain squares that is as strong as λ is in a robust fit.
-
-        In the gradient of the absolute loss all residuals count with length 1; in the gradient of squares
-        each residual counts with its own length. The weight is therefore multiplied by the mean length.
+        """Return the penalty's weight for squares that is as strong as λ is in a fit of the model.
 
         Args:
             model: elastic elements that bend, and the loss.
@@ -569,8 +556,27 @@ class Formulation:
         """
         if model.loss == "squared":
             return weight
-        length = float(self.rows.compute_residual_norms(unknowns).mean())
-        return max(2.0 * self.total * length * weight / self.size**2, _LEAST_WEIGHT)
+        return max(weight * self._compare_penalties(model, unknowns), _LEAST_WEIGHT)
+
+    def convert_weight_to_huber(self, model: ElasticModel, unknowns: FloatArray, weight: float) -> float:
+        """Return the penalty's weight for Huber's loss that is as strong as λ is in a fit by squares.
+
+        Args:
+            model: elastic elements that bend, and the threshold of the loss.
+            unknowns: (P + K,) compliances and stated errors, fitted by squares.
+            weight: weight λ of the penalty in the fit by squares.
+        """
+        return weight / self._compare_penalties(model, unknowns)
+
+    def _compare_penalties(self, model: ElasticModel, unknowns: FloatArray) -> float:
+        """Return how much weaker a penalty of the same weight is with squares than with Huber's loss.
+
+        In the gradient of Huber's loss a residual up to the threshold h counts with its length over h, and a
+        longer residual with 1; in the gradient of squares each residual counts with its own length.
+        """
+        scale = self.sigma or self._estimate_residual_scale(unknowns)
+        lengths = np.maximum(self.rows.compute_residual_norms(unknowns), model.threshold * scale)
+        return 2.0 * self.total * float(lengths.mean()) / self.size**2
 
 
 def formulate_fit(

@@ -28,7 +28,7 @@ class IdentifyFields(TypedDict, total=False):
     characteristic_length: float | None
     positive: bool
     stiffness_bounds: Mapping[str, Sequence[float | None]]
-    loss: Literal["squared", "huber", "absolute", "automatic"]
+    loss: Literal["squared", "huber", "automatic"]
     huber_threshold: float | None
     complementary_stiffness: Literal["neglected", "included"]
     causes: Sequence[NamedCause | Mapping[str, Any]]

@@ -65,15 +65,21 @@ def random_program(seed, *, cone=None, weight=None, rows=40):
     return SemidefiniteProgram(fit, cone, weight)
 
 
-def robust_program(seed, threshold):
+def robust_program(seed, threshold, stated=0):
     rng = np.random.default_rng([seed, 51])
     cone = Cone(2, (3, 2), penalised=1)
     A, d = rng.standard_normal((15, 3, cone.dimension)), rng.standard_normal((15, 3))
-    total = np.linalg.norm(d, axis=1).sum()
-    return RobustProgram(NormSum(A / total, d / total, cone, A[..., :0]), 10.0 ** rng.uniform(-3.0, -1.0), threshold)
+    total, B = np.linalg.norm(d, axis=1).sum(), rng.standard_normal((15, 3, stated))
+    loss = NormSum(A / total, d / total, cone, B / total, statement=0.4 / total)
+    return RobustProgram(loss, 10.0 ** rng.uniform(-3.0, -1.0), threshold)
 
 
-ROBUST = [partial(robust_program, seed, threshold) for seed in range(3) for threshold in (0.0, 0.03, 10.0)]
+ROBUST = [
+    partial(robust_program, seed, threshold, stated)
+    for seed in range(3)
+    for threshold in (1e-4, 0.03, 10.0)
+    for stated in (0, 2)
+]
 
 
 def cone_of(program):
@@ -89,14 +95,16 @@ def solved(program):
     return solution, solution.certificate.gap
 
 
-def objective(program, x):
+def objective(program, x, errors=()):
     """From residuals and matrices themselves."""
     cone = cone_of(program)
     if isinstance(program, SemidefiniteProgram):
         loss = np.square(program.fit.R @ x - program.fit.z).sum()
     else:
-        h, norms = program.threshold, np.linalg.norm(program.loss.A @ x - program.loss.d, axis=1)
-        loss = np.where(norms > h, norms - 0.5 * h, np.square(norms) / (2.0 * h or 1.0)).sum()
+        h, of_targets, errors = program.threshold, program.loss, np.array(errors, dtype=float)
+        norms = np.linalg.norm(of_targets.A @ x + of_targets.B @ errors - of_targets.d, axis=1)
+        loss = np.where(norms > h, norms - 0.5 * h, np.square(norms) / (2.0 * h)).sum()
+        loss += np.square(of_targets.statement * errors).sum() / (2.0 * h)
     traces = sum(np.trace(to_matrix(x[place], size)) for size, place in cone.blocks())
     return float(loss + program.weight * (traces + x[cone.free : cone.nonnegative].sum()))
 
@@ -132,9 +140,13 @@ def test_multipliers_prove_a_bound_below_the_optimum_by_themselves(program):
     else:
         assert np.linalg.norm(nu, axis=1).max() <= 1.0 + 1e-14
         pull = np.einsum("kip,ki->p", program.loss.A, nu)
-        proven = -(nu * program.loss.d).sum() - 0.5 * program.threshold * np.square(nu).sum()
+        h, of_targets = program.threshold, program.loss
+        pull_of_errors = np.einsum("kiq,ki->q", of_targets.B, nu)
+        proven = -(nu * of_targets.d).sum() - 0.5 * h * np.square(nu).sum()
+        proven -= 0.5 * h * np.square(pull_of_errors / of_targets.statement).sum()
     assert cone_of(program).least_value(cone_of(program).penalty(program.weight) + pull) >= -1e-12
-    assert abs(objective(program, solution.x) - proven) <= gap + 1e-14
+    errors = getattr(solution, "errors", ())
+    assert abs(objective(program, solution.x, errors) - proven) <= gap + 1e-14
 
 
 def test_a_single_matrix_has_the_known_optimum():
@@ -184,12 +196,14 @@ def test_of_answers_that_do_not_do_the_best_is_kept(monkeypatch):
 
 def test_a_robust_certificate_bounds_any_point_by_any_dual():
     """Truth from outside: the excess of a point's objective, whatever multipliers are proposed."""
-    program, rng = robust_program(7, 0.02), np.random.default_rng(7)
-    best = objective(program, solve_robust(program, wanted_gap=1e-8).x)
+    program, rng = robust_program(7, 0.02, stated=2), np.random.default_rng(7)
+    optimum = solve_robust(program, wanted_gap=1e-8)
+    best = objective(program, optimum.x, optimum.errors)
     for _ in range(20):
         x = program.loss.cone.project(rng.standard_normal(program.loss.cone.dimension))
-        gap = certify_robust(program, x, np.zeros(0), 3.0 * rng.standard_normal((15, 3))).gap
-        assert gap >= objective(program, x) - best - 1e-8
+        errors = rng.standard_normal(2)
+        gap = certify_robust(program, x, errors, 3.0 * rng.standard_normal((15, 3))).gap
+        assert gap >= objective(program, x, errors) - best - 1e-8
 
 
 BLOCKS = (Block(2, ((1, 0.3), (-1, 0.0))), Block(0), Block(1))
