@@ -723,8 +723,8 @@ def _report_dropped_statements(estimate: Estimate) -> Iterator[Finding]:
         yield Finding(
             code="statement_dropped",
             weight="use_with_care",
-            message="the readings contradict what is stated of load or places, so the statements were left "
-            f"out of the fit: {estimate.statements_dropped}",
+            message="what is stated of load and places could not be fitted together with the joints: "
+            f"{estimate.statements_dropped}",
             remedy="check the stated load point and the units of force and length",
         )
 
