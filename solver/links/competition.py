@@ -26,6 +26,7 @@ from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD, Settings
 from jointstiff.solver.estimation.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
 from jointstiff.solver.links.choice import (
+    LIMITS,
     WEIGHTS,
     Folds,
     HeldOut,
@@ -64,8 +65,8 @@ _PENALTIES_PER_STEP: Final = 7
 """Number of penalties that one step fits: with all models 0.2 s for 30 targets, 1 s for 300."""
 _NEAR: Final = 1.5
 """Error of a model, relative to the least of all models, up to which further losses are tried."""
-_WEIGHTS_NEAR: Final = 3
-"""Number of weights tried with a further loss, around the weight that squares chose."""
+_STEPS_NEAR: Final = (-2, 0, 2)
+"""Weights tried with a further loss: quarters of a decade from the weight that squares chose."""
 
 
 def find_obstacle_to_elastic_links(
@@ -247,6 +248,8 @@ class Competition:
         least = {key: path.least_error for key, path in paths.items()}
         limit = _NEAR * min(least.values()) if "squared" in self._losses else np.inf
         near = [model for model in self._squared_models if least[model.key] <= limit]
+        for model in near:
+            self._refine_squares(model, paths)
         return {
             (model.name, "huber"): fit_folds(
                 self._folds, replace(model, loss="huber"), self._place_weights(model, paths[model.key])
@@ -255,15 +258,23 @@ class Competition:
         }
 
     def _place_weights(self, model: ElasticModel, path: PenaltyPath) -> list[float]:
-        """Return the weights to try with Huber's loss: nearest to the weight that squares chose."""
-        if len(self._weights) <= _WEIGHTS_NEAR or not find_certified_weights(path.errors).any():
+        """Return the weights to try with Huber's loss, around the weight that squares chose."""
+        if self.penalty_is_given or not find_certified_weights(path.errors).any():
             return list(self._weights)
         best = choose_weight_index(path.errors, "best")
         unknowns = path.unknowns[:, best].mean(axis=0)
         formulation = self._folds.formulate_model_fit(model)
         as_strong = formulation.convert_weight_to_huber(model, unknowns, path.weights[best])
-        distance = np.abs(np.log(np.array(self._weights) / as_strong))
-        return sorted(self._weights[each] for each in np.argsort(distance)[:_WEIGHTS_NEAR])
+        quarter = round(4.0 * float(np.log10(as_strong)))
+        least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
+        quarters = {min(max(quarter + step, least), greatest) for step in _STEPS_NEAR}
+        return [10.0 ** (each / 4.0) for each in sorted(quarters)]
+
+    def _refine_squares(self, model: ElasticModel, paths: _Paths) -> None:
+        """Search the penalty of a model fitted by squares on a finer grid, and replace its path in `paths`."""
+        path = paths[model.key]
+        if not self.penalty_is_given and model.name != "joints" and find_certified_weights(path.errors).any():
+            paths[model.key] = refine_path(self._folds, model, path)
 
     def _choose_model(self, paths: _Paths) -> tuple[Selection, HeldOut]:
         """Choose the model with its loss and penalty, after trying finer penalties around the best penalties.
@@ -285,7 +296,7 @@ class Competition:
             # A model whose best penalty is the smallest tried needs a smaller one for a fair comparison.
             for name in dict.fromkeys(each.model for each in selection.models):
                 held_out = selection.find_held_out(name)
-                if held_out.penalty == self._weights[0]:
+                if held_out.penalty == self._weights[0] and held_out.loss == "squared":
                     selection = self._refine_penalty(held_out, selection, paths)
             selection = Selection.choose_among(
                 selection.models, screened=is_automatic, links_may_be_base=links_may_be_base
@@ -294,7 +305,7 @@ class Competition:
         if chosen.model == "joints":
             # The identification of joints alone supports these two losses only.
             chosen = selection.find_held_out("joints", ("squared", "huber"))
-        elif not self.penalty_is_given:
+        elif not self.penalty_is_given and chosen.loss == "squared":
             selection = self._refine_penalty(chosen, selection, paths)
             chosen = selection.find_held_out(chosen.model, (chosen.loss,))
         return selection, chosen
@@ -407,10 +418,10 @@ class Competition:
         The penalty is searched on the finer grid first.
         """
         model = next(model for model in self._squared_models if model.name == name)
+        self._refine_squares(model, paths)
         path = paths[model.key]
         if not find_certified_weights(path.errors).any():
             return None
-        paths[model.key] = path = refine_path(self._folds, model, path)
         chosen_index = choose_weight_index(path.errors, self._validation.rule, self._validation.draws)
         try:
             return fit_first_certified(self._folds, model, path.weights[chosen_index:])

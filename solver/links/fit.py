@@ -90,6 +90,9 @@ class ElasticEstimate:
     parameters: int  #: number of parameters of the model
     certificate: LinkCertificate  #: certificate of optimality
     companion: Companion  #: least-squares problem from which the uncertainties are computed
+    #: (T,) weights of the squares of all targets whose optimum is that of a robust loss; None for squares
+    target_weights: FloatArray | None
+    penalty_of_squares: float  #: weight of the penalty beside these squares
     statements: Statements | None  #: stated errors that were fitted together with the compliances
     witness: Witness | None  #: Clarabel's own answer beside the certified one
     force_scale: float  #: relative standard uncertainty of the size of all loads
@@ -243,6 +246,10 @@ def _estimate_once(
             scale=float(gap_scale),
         ),
         companion=_build_companion(formulation, model, unknowns, weight),
+        target_weights=None
+        if model.loss == "squared"
+        else formulation.rows.compute_huber_weights(unknowns, threshold),
+        penalty_of_squares=weight_of_squares,
         statements=statements,
         witness=solution.certificate.witness,
         force_scale=measurements.common_uncertainty.scale,
@@ -455,7 +462,7 @@ def _compute_element_shares(
     return elements, replace(prediction, bending=bending)
 
 
-_LIGHTER: Final = 0.1
+_LIGHTER: Final = 0.15
 """Penalty for stiffnesses and their intervals relative to the penalty that predicts best. With the latter,
 bias is as large as dispersion; with a lighter penalty dispersion outweighs bias (undersmoothing)."""
 _NOTHING: Final = 1e-4

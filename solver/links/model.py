@@ -204,6 +204,16 @@ class ElasticRows:
         residuals = self.each[..., :-1] @ unknowns - self.each[..., -1]
         return np.asarray(np.linalg.norm(residuals, axis=1))
 
+    def compute_huber_weights(self, unknowns: FloatArray, threshold: float) -> FloatArray:
+        """Return the weights (T,) of the targets' squares by Huber's loss with a threshold [m].
+
+        Args:
+            unknowns: (P + K,) compliances and stated errors.
+            threshold: length of a residual from which the loss is linear [m].
+        """
+        norms = self.compute_residual_norms(unknowns)
+        return np.asarray(threshold / np.maximum(norms, threshold))
+
     def weight_targets(self, weight: FloatArray) -> ElasticRows:
         """Return the rows with a triangle in which the squares of the T targets have weights (T,).
 
@@ -540,8 +550,7 @@ class Formulation:
         """
         if model.loss == "squared":
             return self, weight
-        norms = self.rows.compute_residual_norms(unknowns)
-        weighted = self.rows.weight_targets(threshold / np.maximum(norms, threshold))
+        weighted = self.rows.weight_targets(self.rows.compute_huber_weights(unknowns, threshold))
         determined = np.isin(np.arange(model.columns.n), self.columns)
         squares = formulate_fit(weighted, model, determined, self.sigma)
         return squares, 2.0 * self.total * threshold * weight / squares.size**2

@@ -862,9 +862,9 @@ def estimate_error_by_leaving_folds_out(
 ) -> ModelError:
     """Estimate the error of a model with elastic links at new postures.
 
-    The postures are divided into `_FOLD_COUNT` folds. For each fold: fit the model again without the fold,
-    then predict the readings of the fold. If a fold with whitened rows A is left out, the covariance
-    ``C = L Lᵀ`` of the compliances becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
+    The postures are divided into `_FOLD_COUNT` folds. For each fold: fit the model again without the fold, by
+    squares with the weights of its loss, then predict the readings of the fold. If a fold with whitened rows
+    A is left out, the covariance ``C = L Lᵀ`` of the compliances becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
     Raises:
         UnsupportedMethodError: the set has one posture only.
@@ -872,7 +872,13 @@ def estimate_error_by_leaving_folds_out(
     model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.companion.sigma
     cross_validation = CrossValidation(folds=_FOLD_COUNT, draws=1)
     statements = elastic.statements
-    folds = Folds(robot, measurements, elastic.model.columns, model.seen, cross_validation, statements)
+    weighted = measurements
+    if elastic.target_weights is not None:
+        weights = np.ones(measurements.present.shape)
+        weights[measurements.present] = elastic.target_weights
+        weighted = replace(measurements, weight=weights)
+    folds = Folds(robot, weighted, elastic.model.columns, model.seen, cross_validation, statements)
+    of_squares = replace(elastic.model, loss="squared")
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     observation_of_reading = np.nonzero(measurements.present)[0]
     residual = np.empty((len(observation_of_reading), 3))
@@ -883,7 +889,7 @@ def estimate_error_by_leaving_folds_out(
     stated_errors = elastic.companion.formulation.rows.stated_errors
     kept = np.concatenate([np.arange(stated_errors) + folds.columns.width, model.kept])
     for number, held_out_observations in enumerate(folds.held_out):
-        unknowns, _ = fit_fold(folds, elastic.model, number, (elastic.penalty,))
+        unknowns, _ = fit_fold(folds, of_squares, number, (elastic.penalty_of_squares,))
         held_out = measurements[held_out_observations]
         blocks = list(generate_elastic_blocks(robot, held_out, folds.columns, statements))
         rows = np.concatenate([columns[block.measurements.present] for block, columns in blocks])
