@@ -144,7 +144,7 @@ def _compensation(robot: Robot, measurements: Measurements, compliances: FloatAr
     residual, moved = [], []
     for block, rows in generate_elastic_blocks(robot, measurements, COLUMNS):
         part = block.measurements
-        left = np.linalg.norm(rows[..., -1] - rows[..., :-1] @ compliances, axis=-1)
+        left = np.linalg.norm(rows.targets[..., -1] - rows.targets[..., :-1] @ compliances, axis=-1)
         residual.append(left[part.present])
         moved.append(np.linalg.norm(part.deflection, axis=-1)[part.present])
     return float(1.0 - np.concatenate(residual).mean() / np.concatenate(moved).mean())

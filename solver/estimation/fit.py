@@ -29,13 +29,14 @@ from scipy.linalg import block_diag
 from jointstiff.schemas.run import SupportFinder
 from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.estimation.method import MethodTriangles, Prior
+from jointstiff.solver.estimation.method import MethodTriangles
 from jointstiff.solver.estimation.observability import (
     Combination,
     Identifiability,
     Spectrum,
     analyse_spectrum,
 )
+from jointstiff.solver.estimation.prior import Prior
 from jointstiff.solver.estimation.problem import Constraints, IdentificationProblem, Scaled
 from jointstiff.solver.estimation.solution import (
     Certificate,

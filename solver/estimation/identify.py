@@ -28,13 +28,13 @@ from jointstiff.solver.estimation.fit import (
 from jointstiff.solver.estimation.method import (
     Method,
     MethodTriangles,
-    Prior,
     Settings,
     find_length_of_least_condition,
     find_spherical_wrist,
     refuse_missing_poses,
 )
 from jointstiff.solver.estimation.observability import Excitation, Observability
+from jointstiff.solver.estimation.prior import Prior
 from jointstiff.solver.estimation.rest import find_rest
 from jointstiff.solver.estimation.solution import solve, solve_step
 from jointstiff.solver.estimation.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms

@@ -26,8 +26,9 @@ from scipy.optimize import minimize_scalar
 from jointstiff.schemas.options import Method as MethodName
 from jointstiff.schemas.options import RunOptions, Weighting
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.errors import RequestError, UnsupportedMethodError
+from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.estimation.observability import Excitation, Spectrum
+from jointstiff.solver.estimation.prior import Prior
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
 from jointstiff.solver.estimation.statements import FittedStatements, Statements
 from jointstiff.solver.estimation.triangle import (
@@ -47,51 +48,6 @@ Loss = Literal["squared", "huber"]
 DEFAULT_THRESHOLD: Final = 2.8
 """Default threshold of the Huber loss in units of sigma, about the 95 % quantile of χ with three degrees of
 freedom, 2.796: 95 % of good readings of three coordinates stay below."""
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """Independent Gaussian priors of the compliances (method.md §5).
-
-    Raises:
-        RequestError: if a known joint's uncertainty is not positive and finite.
-    """
-
-    mean: FloatArray  #: (n,) c₀ [rad/(N·m)]; NaN for joints without a prior
-    standard_uncertainty: FloatArray  #: (n,) s₀ [rad/(N·m)], positive; inf for joints without a prior
-
-    def __post_init__(self) -> None:
-        known = self.known
-        if (
-            not (self.standard_uncertainty[known] > 0).all()
-            or not np.isfinite(self.standard_uncertainty[known]).all()
-        ):
-            raise RequestError(
-                "a prior's standard uncertainty is not positive",
-                where="priors",
-                remedy="give a positive stiffness and a positive standard uncertainty",
-            )
-
-    @property
-    def known(self) -> BoolArray:
-        """Mask (n,) of the joints that have a prior."""
-        return np.isfinite(self.mean)
-
-    def in_units_of(self, sigma: float) -> Prior:
-        """Return the prior with uncertainties divided by sigma, the uncertainty of a coordinate [m]."""
-        return Prior(self.mean, self.standard_uncertainty / sigma)
-
-    def rows(self, joints: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Return the prior as rows ``c_j / s₀ = c₀ / s₀`` of a least-squares problem in p compliances c_j.
-
-        c₀ and s₀ are the mean and the standard uncertainty of the prior of joint j.
-
-        Returns:
-            The matrix (k, p) for the k joints with a prior, and the right-hand side (k,).
-        """
-        with_prior = np.flatnonzero(self.known[joints])
-        rows = np.eye(len(joints))[with_prior] / self.standard_uncertainty[joints[with_prior], None]
-        return rows, rows[:, with_prior] @ self.mean[joints[with_prior]]
 
 
 @dataclass(frozen=True, eq=False)

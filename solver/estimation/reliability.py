@@ -25,7 +25,7 @@ from scipy.optimize import brentq
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.estimate import Estimate
-from jointstiff.solver.estimation.method import Prior
+from jointstiff.solver.estimation.prior import Prior
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.statements import list_stated_terms
 from jointstiff.solver.estimation.suspects import MOST_TESTED_OBSERVATIONS, list_suspected_terms

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.estimation.prior import Prior
 from jointstiff.solver.mechanics.block import (
     Motion,
     RegressorBlock,
@@ -32,12 +33,30 @@ LEAST_STATED_SIGMA: Final = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Statements:
-    """Terms whose unknowns are stated as zero, each with a standard uncertainty."""
+    """Terms whose unknowns are stated as zero, each with a standard uncertainty, and stated compliances."""
 
-    terms: tuple[Term, ...]  #: at least one
+    terms: tuple[Term, ...]  #: terms whose unknowns are stated as zero
     common: CommonUncertainty  #: standard uncertainties of the unknowns
     compliance: FloatArray  #: (n,) compliances at which the columns are computed [rad/(N·m)]
     sigma: float  #: standard uncertainty of a coordinate of a reading, the unit of the rows [m]
+    prior: Prior | None = None  #: stated compliances of joints; None without any
+
+    def build_rows(self, compliances: int, errors: int) -> FloatArray:
+        """Return what is stated as rows (q, compliances + errors + 1) like those of readings.
+
+        Args:
+            compliances: number of columns of compliances, those of the n joints first.
+            errors: number of columns of stated errors, in units of their standard uncertainties.
+        """
+        rows = np.zeros((errors, compliances + errors + 1))
+        rows[:, compliances:-1] = self.sigma * np.eye(errors)
+        if self.prior is None:
+            return rows
+        joints = np.arange(len(self.prior.mean))
+        matrix, stated = self.prior.in_units_of(self.sigma).rows(joints)
+        of_prior = np.zeros((len(matrix), compliances + errors + 1))
+        of_prior[:, joints], of_prior[:, -1] = matrix, stated
+        return np.vstack([rows, of_prior])
 
     def scale(self, rows: Rows) -> Rows:
         """Return rows with the columns of stated terms in units of the standard uncertainties."""

@@ -578,7 +578,7 @@ def _score_held_out(folds: Folds, unknowns: FloatArray) -> tuple[FloatArray, Flo
         for fold, fold_observations in enumerate(folds.held_out):
             in_fold = select_rows_of_part(fold_observations, start, start + len(in_block))
             deflection, present = in_block.deflection[in_fold], in_block.present[in_fold]
-            predicted = np.einsum("btip,mp->mbti", rows[in_fold, ..., :-1], unknowns[:, fold])
+            predicted = np.einsum("btip,mp->mbti", rows.targets[in_fold, ..., :-1], unknowns[:, fold])
             residual = np.linalg.norm(deflection - predicted, axis=-1)
             count = np.maximum(present.sum(axis=1), 1)
             # Position in the fold of the block's first observation

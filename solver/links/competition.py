@@ -82,7 +82,7 @@ def find_obstacle_to_elastic_links(
     if options.resampling is not None:
         return "resampling"
     try:
-        refuse_unsupported_elastic(measurements, settings)
+        refuse_unsupported_elastic(settings)
         ElasticColumns.from_options(options, robot)
     except UnsupportedMethodError as error:
         return error.where or "elasticity"
@@ -128,7 +128,7 @@ class Competition:
             RequestError: the readings or options do not support the comparison, or a joint does not exist.
         """
         measurements, requested_penalty = joints.given, options.link_penalty
-        refuse_unsupported_elastic(measurements, joints.stated)
+        refuse_unsupported_elastic(joints.stated)
         if options.resampling is not None:
             raise UnsupportedMethodError(
                 "resampling works only with elasticity joints",
@@ -271,7 +271,7 @@ class Competition:
         return [10.0 ** (each / 4.0) for each in sorted(quarters)]
 
     def _refine_squares(self, model: ElasticModel, paths: _Paths) -> None:
-        """Search the penalty of a model fitted by squares on a finer grid, and replace its path in `paths`."""
+        """Search the penalty of a model fitted by squares on a finer grid; replace its path in `paths`."""
         path = paths[model.key]
         if not self.penalty_is_given and model.name != "joints" and find_certified_weights(path.errors).any():
             paths[model.key] = refine_path(self._folds, model, path)
@@ -326,20 +326,22 @@ class Competition:
 
     @cached_property
     def _statements(self) -> Statements | None:
-        """Stated errors that are fitted together with the compliances; None if no error is stated.
+        """What is stated of loads, places and compliances, to be fitted with the readings; None for nothing.
 
         Their columns are computed at the compliances of joints alone: those of links change the columns by a
         fraction of an error that is small itself.
         """
         joints = self._joints
         terms = list_stated_terms(joints.given)
-        if not terms:
+        prior = joints.stated.prior
+        if not terms and prior is None:
             return None
         return Statements(
             terms=terms,
             common=joints.given.common_uncertainty,
             compliance=np.maximum(joints.estimate.compliance, 0.0),
             sigma=max(joints.given.sigma or joints.estimate.sigma or 0.0, LEAST_STATED_SIGMA),
+            prior=prior,
         )
 
     def _find_model(self, held_out: HeldOut) -> ElasticModel:

@@ -123,8 +123,8 @@ _LEAST_FREEDOM: Final = 0.5
 """Degrees of freedom below which the residuals do not determine sigma."""
 
 
-def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -> None:
-    """Refuse options and readings that a model with bending links or base does not support.
+def refuse_unsupported_elastic(settings: Settings) -> None:
+    """Refuse options that a model with bending links or base does not support.
 
     The option of the complementary stiffness is not refused: this stiffness is neglected if links bend,
     because it changes a deflection under 1 kN by 0.05 % only.
@@ -139,9 +139,6 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
         (settings.weighting != "covariance", "weighting", "use weighting covariance"),
         (not only_positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `positive` true"),
         (bool(settings.order), "stiffness_order", "omit `stiffness_order`"),
-        (settings.prior is not None, "priors", "omit `priors`"),
-        (measurements.encoders is not None, "encoder_readings", "omit the encoder readings"),
-        (measurements.direction is not None, "directional_readings", "omit the readings along a direction"),
     )
     for is_refused, where, remedy in refused:
         if is_refused:
@@ -318,7 +315,7 @@ def _summarise_residuals(
     effective_freedom[squares.columns] = compute_effective_freedom(
         squares.build_squared_program(weight), parameters
     )
-    degrees_of_freedom = max(0.0, rows.readings - float(effective_freedom.sum()))
+    degrees_of_freedom = max(0.0, rows.count - float(effective_freedom.sum()))
     triangle = rows.with_errors_fitted
     squares_sum = float(np.square(triangle[:, :-1] @ compliances - triangle[:, -1]).sum())
     if sigma is None and degrees_of_freedom >= _LEAST_FREEDOM:
@@ -434,17 +431,20 @@ def _compute_element_shares(
         kind: Literal["link", "base"] = "base" if frame == BASE else "link"
         joint_name = None if frame == BASE else robot.joint_names[frame]
         elements_of_model.append((kind, joint_name, columns.link_columns(frame)))
-    predicted, products = [], []
+    predicted, predicted_turns, products = [], [], []
     for block, rows in generate_elastic_blocks(robot, measurements, model.columns, statements):
         # Missing readings add nothing: their rows and deflections are zero.
         # (B, P + K) scalar product of the deflections due to each unknown with the measured deflections
-        column_products = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * unknowns
+        deflection = block.measurements.deflection
+        column_products = np.einsum("btip,bti->bp", rows.targets[..., :-1], deflection) * unknowns
         products.append(
             np.stack(
                 [column_products[:, part_columns].sum(axis=1) for _, _, part_columns in elements_of_model]
             )
         )
-        predicted.append(rows[..., :-1] @ unknowns)
+        predicted.append(rows.targets[..., :-1] @ unknowns)
+        if rows.encoders is not None:
+            predicted_turns.append(rows.encoders[..., :-1] @ unknowns)
     measured = np.square(measurements.deflection).sum(axis=(1, 2))
     explained = np.concatenate(products, axis=1)
     share_of_observation = np.divide(explained, measured, out=np.zeros_like(explained), where=measured > 0.0)
@@ -459,10 +459,11 @@ def _compute_element_shares(
     )
     prediction = Prediction.from_predicted(measurements, np.concatenate(predicted))
     bending: Literal["links", "base"] = "base" if model.name == "joints_and_base" else "links"
-    return elements, replace(prediction, bending=bending)
+    encoders = np.concatenate(predicted_turns) if predicted_turns else None
+    return elements, replace(prediction, bending=bending, encoders=encoders)
 
 
-_LIGHTER: Final = 0.15
+_LIGHTER: Final = 0.12
 """Penalty for stiffnesses and their intervals relative to the penalty that predicts best. With the latter,
 bias is as large as dispersion; with a lighter penalty dispersion outweighs bias (undersmoothing)."""
 _NOTHING: Final = 1e-4

@@ -45,7 +45,14 @@ from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_step
 from jointstiff.solver.estimation.statements import Statements
 from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
-from jointstiff.solver.mechanics.block import RegressorBlock, Term, build_rows, regressor_blocks
+from jointstiff.solver.mechanics.block import (
+    RegressorBlock,
+    Rows,
+    Term,
+    build_rows,
+    regressor_blocks,
+    whiten_rows,
+)
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import (
@@ -148,6 +155,7 @@ class ElasticRows:
     #: (T, 3, P + K + 1) whitened rows [A B d] of each target, which a robust loss needs; T = 0 for more than
     #: `MOST_TARGETS` targets
     each: FloatArray
+    stated: FloatArray  #: (q, P + K + 1) rows of what is stated: first that K errors are zero, then priors
     stated_errors: int = 0  #: number K of stated errors
     sigma: float = 1.0  #: standard uncertainty of a reading, by which statements are weighted [m]
 
@@ -157,7 +165,7 @@ class ElasticRows:
 
         The rows of single targets are dropped if they become too many.
         """
-        kept = {name: getattr(parts[0], name) for name in ("stated_errors", "sigma")}
+        kept = {name: getattr(parts[0], name) for name in ("stated", "stated_errors", "sigma")}
         added_fields = (f.name for f in fields(cls) if f.name not in {"triangle", "each", *kept})
         sums = {name: sum(getattr(part, name) for part in parts) for name in added_fields}
         rows_of_targets = np.concatenate([part.each for part in parts])
@@ -178,9 +186,8 @@ class ElasticRows:
         """
         P, K = self.compliances, self.stated_errors
         errors, others = slice(P, P + K), [*range(P), P + K]
-        of_readings = np.hstack([self.triangle[:, errors], self.triangle[:, others]])
-        of_statements = np.hstack([self.sigma * np.eye(K), np.zeros((K, P + 1))])
-        factor = compute_triangular_factor(np.vstack([of_readings, of_statements]))
+        rows = np.vstack([self.triangle, self.stated])
+        factor = compute_triangular_factor(np.hstack([rows[:, errors], rows[:, others]]))
         return factor[K:, K:], np.asarray(np.linalg.solve(factor[:K, :K], factor[:K, K:]), dtype=np.float64)
 
     @property
@@ -189,7 +196,12 @@ class ElasticRows:
 
         The errors are free within their standard uncertainties.
         """
-        return self._stated[0] if self.stated_errors else self.triangle
+        return self._stated[0] if len(self.stated) else self.triangle
+
+    @property
+    def count(self) -> int:
+        """Number of readings and of stated compliances."""
+        return self.readings + len(self.stated) - self.stated_errors
 
     def append_fitted_errors(self, compliances: FloatArray) -> FloatArray:
         """Return compliances (..., P), followed by the stated errors (..., K) that fit best in squares."""
@@ -243,20 +255,26 @@ def compress_elastic_rows(
         MeasurementError: a covariance is not positive definite.
     """
     blocks = list(generate_elastic_blocks(robot, measurements, columns, statements))
-    width = blocks[0][1].shape[-1] - 1
+    width = blocks[0][1].targets.shape[-1] - 1
+    errors = width - columns.width
     triangles = [Triangle(unknowns=width) for _ in parts]
     squared_levers = np.zeros((len(parts), robot.n + 1))
     rows_of_targets = [[np.zeros((0, 3, width + 1))] for _ in parts]
     keeps_rows = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
     start = 0  # index of the first observation of the block
     for block, rows in blocks:
-        present, whitened_rows = block.measurements.present, block.whiten(rows)
+        whitened = whiten_rows(block, rows)
+        present, coordinates = block.measurements.present, block.measurements.coordinates
         lever = np.square(block.frames[2]).sum(axis=2)
         for part_number, part in enumerate(parts):
             in_part = select_rows_of_part(part, start, start + len(present))
-            triangles[part_number].add(whitened_rows[in_part], count=3 * int(present[in_part].sum()))
+            triangle = triangles[part_number]
+            triangle.add(whitened.targets[in_part], count=int(coordinates[in_part].sum()))
+            if whitened.encoders is not None and block.measurements.encoders is not None:
+                read = block.measurements.encoders.present[in_part]
+                triangle.add(whitened.encoders[in_part], count=int(read.sum()))
             if keeps_rows[part_number]:
-                rows_of_targets[part_number].append(whitened_rows[in_part][present[in_part]])
+                rows_of_targets[part_number].append(whitened.targets[in_part][present[in_part]])
             squared_levers[part_number] += lever[in_part].sum(axis=0)
         start += len(present)
     return tuple(
@@ -270,7 +288,10 @@ def compress_elastic_rows(
             lever=lever,
             deflection=float(np.square(measurements.deflection[part]).sum()),
             each=np.concatenate(target_rows),
-            stated_errors=width - columns.width,
+            stated=np.zeros((0, width + 1))
+            if statements is None
+            else statements.build_rows(columns.width, errors),
+            stated_errors=errors,
             sigma=1.0 if statements is None else statements.sigma,
         )
         for part, triangle, lever, target_rows in zip(
@@ -296,8 +317,8 @@ def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:
 
 def generate_elastic_blocks(
     robot: Robot, measurements: Measurements, columns: ElasticColumns, statements: Statements | None = None
-) -> Iterator[tuple[RegressorBlock, FloatArray]]:
-    """Yield blocks of B observations with rows (B, T, 3, P + K + 1) of their targets [m].
+) -> Iterator[tuple[RegressorBlock, Rows]]:
+    """Yield blocks of observations with their rows.
 
     P columns of compliances come first, then K columns of stated errors, then the readings.
     """
@@ -306,7 +327,7 @@ def generate_elastic_blocks(
     for start in range(0, len(measurements), _BLOCK):
         for block in regressor_blocks(robot, measurements[start : start + _BLOCK]):
             rows = build_rows(block, [*columns.terms, *stated_terms], compliance)
-            yield block, (rows if statements is None else statements.scale(rows)).targets
+            yield block, rows if statements is None else statements.scale(rows)
 
 
 MODELS: Final[tuple[ModelName, ...]] = (
@@ -663,16 +684,27 @@ def _scale_penalty(rows: ElasticRows, reading_norm: float) -> tuple[float, Float
 
 
 def list_losses_to_compare(measurements: Measurements, losses: tuple[Loss, ...]) -> tuple[Loss, ...]:
-    """Return those of `losses` that a set supports: only `squared` for more than `MOST_TARGETS` targets.
+    """Return those of `losses` that a set supports.
+
+    Only `squared` is supported for more than `MOST_TARGETS` targets, for encoders, and for readings along a
+    direction, whose residuals have no length.
 
     Raises:
-        UnsupportedMethodError: the set has more targets, and `losses` does not contain `squared`.
+        UnsupportedMethodError: the set does not support the loss, and `losses` does not contain `squared`.
     """
     targets = int(measurements.present.sum())
-    if targets <= MOST_TARGETS:
+    of_lengths = measurements.encoders is None and measurements.direction is None
+    if targets <= MOST_TARGETS and of_lengths:
         return losses
     if "squared" in losses:
         return ("squared",)
+    if not of_lengths:
+        raise UnsupportedMethodError(
+            f"the loss {losses[0]} needs the length of each residual; encoder readings and readings along a "
+            "direction have none",
+            where="loss",
+            remedy="use loss squared",
+        )
     raise UnsupportedMethodError(
         f"{targets} targets were read, but the loss {losses[0]} of elastic links supports at most "
         f"{MOST_TARGETS} targets",

@@ -633,6 +633,11 @@ def build_whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance
 
     The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2).
     """
-    rows, part = build_rows(block, terms, compliance), block.measurements
-    encoders = None if rows.encoders is None else part.encoder_lever / np.sqrt(2.0) * rows.encoders
+    return whiten_rows(block, build_rows(block, terms, compliance))
+
+
+def whiten_rows(block: RegressorBlock, rows: Rows) -> Rows:
+    """Return whitened rows of a block: the noise of each row has variance sigma²."""
+    lever = block.measurements.encoder_lever
+    encoders = None if rows.encoders is None else lever / np.sqrt(2.0) * rows.encoders
     return rows._replace(targets=block.whiten(rows.targets), encoders=encoders)

@@ -447,7 +447,8 @@ def _compute_joint_root(elastic: ElasticEstimate) -> FloatArray | None:
     prior[: cone.free] = _JOINT_PRIOR
     unit = np.concatenate([np.ones(rows.stated_errors), formulation.unit * prior])
     errors = np.arange(rows.compliances, rows.compliances + rows.stated_errors)
-    scaled_rows = rows.triangle[:, np.concatenate([errors, formulation.columns])] * (unit / companion.sigma)
+    known = np.vstack([rows.triangle, rows.stated[rows.stated_errors :]])  # statements follow as a prior
+    scaled_rows = known[:, np.concatenate([errors, formulation.columns])] * (unit / companion.sigma)
     factor = np.linalg.cholesky(scaled_rows.T @ scaled_rows + np.eye(len(unit)))
     inverse = solve_triangular(factor, np.eye(len(unit)), lower=True)
     return np.asarray(unit[:, None] * inverse.T)
@@ -845,16 +846,21 @@ def _choose_left_out_postures(
     left_out_postures = np.unique(posture_of_observation[loaded])
     if len(left_out_postures) < 2:
         raise RequestError("the model error needs two postures under load", remedy="measure more postures")
-    if measurements.direction is not None:
-        raise RequestError(
-            "readings along one direction do not show the whole error of a prediction",
-            remedy="read all three coordinates of a target",
-        )
+    _refuse_directions(measurements)
     if estimate.covariance is None:
         raise RequestError(
             "the uncertainty of the readings is unknown", remedy="measure more postures, or state `noise`"
         )
     return posture_of_observation, left_out_postures
+
+
+def _refuse_directions(measurements: Measurements) -> None:
+    """Raise RequestError for readings along a direction, which show a part of the error of a prediction."""
+    if measurements.direction is not None:
+        raise RequestError(
+            "readings along one direction do not show the whole error of a prediction",
+            remedy="read all three coordinates of a target",
+        )
 
 
 def estimate_error_by_leaving_folds_out(
@@ -867,8 +873,10 @@ def estimate_error_by_leaving_folds_out(
     A is left out, the covariance ``C = L Lᵀ`` of the compliances becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
     Raises:
+        RequestError: readings are along a direction.
         UnsupportedMethodError: the set has one posture only.
     """
+    _refuse_directions(measurements)
     model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.companion.sigma
     cross_validation = CrossValidation(folds=_FOLD_COUNT, draws=1)
     statements = elastic.statements
@@ -892,14 +900,14 @@ def estimate_error_by_leaving_folds_out(
         unknowns, _ = fit_fold(folds, of_squares, number, (elastic.penalty_of_squares,))
         held_out = measurements[held_out_observations]
         blocks = list(generate_elastic_blocks(robot, held_out, folds.columns, statements))
-        rows = np.concatenate([columns[block.measurements.present] for block, columns in blocks])
+        rows = np.concatenate([columns.targets[block.measurements.present] for block, columns in blocks])
         held_out_readings = np.flatnonzero(np.isin(observation_of_reading, held_out_observations))
         residual[held_out_readings] = rows[..., -1] - rows[..., :-1] @ unknowns[0]
         added_variance[held_out_readings] = len(held_out_observations) / len(measurements)
         if joint_root is not None and sigma is not None:
             root = rows[..., kept] @ joint_root
             whitened_rows = [
-                block.whiten(columns[..., kept] @ joint_root)[block.measurements.present]
+                block.whiten(columns.targets[..., kept] @ joint_root)[block.measurements.present]
                 for block, columns in blocks
             ]
             scaled_rows = np.concatenate(whitened_rows).reshape(-1, root.shape[-1]) / sigma

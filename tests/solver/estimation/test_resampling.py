@@ -37,13 +37,14 @@ from jointstiff.solver.estimation.assessment import Assessment, report_implausib
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.estimation.fit import sigma_test
 from jointstiff.solver.estimation.identify import identify
-from jointstiff.solver.estimation.method import Prior, Settings
+from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.observability import (
     Observability,
     Spectrum,
     analyse_spectrum,
     observability_indices,
 )
+from jointstiff.solver.estimation.prior import Prior
 from jointstiff.solver.estimation.problem import Bounds
 from jointstiff.solver.estimation.resampling import (
     MethodStacks,

@@ -333,7 +333,7 @@ def test_the_exact_balance_on_a_pedestal_is_the_linear_model_to_first_order(forc
     document = pedestal_campaign(ARM, STIFFNESS, foot=FOOT, configurations=8, force=force, sigma=0.0, seed=2)
     robot, measurements = prepare(document)
     rows = np.concatenate(
-        [rows[..., :-1] for _, rows in generate_elastic_blocks(robot, measurements, COLUMNS)]
+        [rows.targets[..., :-1] for _, rows in generate_elastic_blocks(robot, measurements, COLUMNS)]
     )
     apart = np.abs(rows @ compliances() - measurements.deflection).max()
     assert apart < 2.0e-6 * force * np.abs(measurements.deflection).max()
@@ -341,7 +341,8 @@ def test_the_exact_balance_on_a_pedestal_is_the_linear_model_to_first_order(forc
 
 def test_a_turn_of_the_base_about_the_first_axis_is_joint_1(pedestal):
     robot, measurements = pedestal
-    (_, rows), *_ = generate_elastic_blocks(robot, measurements, COLUMNS)
+    (_, found), *_ = generate_elastic_blocks(robot, measurements, COLUMNS)
+    rows = found.targets
     about = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     turned = rows[..., COLUMNS.link_columns(BASE)] @ to_vector(np.outer(about, about))
     np.testing.assert_allclose(turned, rows[..., 0], atol=1e-9 * np.abs(rows[..., 0]).max())
