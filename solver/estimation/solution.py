@@ -77,7 +77,7 @@ class Certificate:
     #: inequalities. For a cone, (m,) or (K, 3) multipliers of the equations that define the residuals
     multipliers: FloatArray
     solved_by: SupportFinder  #: algorithm that found the active bounds
-    #: Clarabel's own answer beside this one; None where Clarabel was not asked. The violations above prove
+    #: comparison with Clarabel's own answer; None where Clarabel was not asked. The violations above prove
     #: the optimum, whichever algorithm found it
     witness: Witness | None = None
 

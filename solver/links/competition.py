@@ -326,7 +326,7 @@ class Competition:
 
     @cached_property
     def _statements(self) -> Statements | None:
-        """What is stated of loads, places and compliances, to be fitted with the readings; None for nothing.
+        """Statements on loads, places and compliances, to be fitted with the readings; None without any.
 
         Their columns are computed at the compliances of joints alone: those of links change the columns by a
         fraction of an error that is small itself.

@@ -92,9 +92,9 @@ class ElasticEstimate:
     companion: Companion  #: least-squares problem from which the uncertainties are computed
     #: (T,) weights of the squares of all targets whose optimum is that of a robust loss; None for squares
     target_weights: FloatArray | None
-    penalty_of_squares: float  #: weight of the penalty beside these squares
+    penalty_of_squares: float  #: weight of the penalty in a fit by these squares
     statements: Statements | None  #: stated errors that were fitted together with the compliances
-    witness: Witness | None  #: Clarabel's own answer beside the certified one
+    witness: Witness | None  #: comparison of Clarabel's own answer with the certified one
     force_scale: float  #: relative standard uncertainty of the size of all loads
 
     @property
