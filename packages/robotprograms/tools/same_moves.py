@@ -4,8 +4,8 @@
     python same_moves.py compare FILE FILE               print the programs that two versions read differently
 
 FOLDER has the package `robotprograms`, as `src/` does in each commit. The programs are the samples, the forms
-of people, those with each statement of `constructs/`, and PROGRAMS random ones of each language (default 2,560).
-Digests cover targets, frames, moves, remarks, faults, and the bytes with the first coordinate moved.
+of people, those with each statement of `constructs/`, and PROGRAMS random ones of each language (2,560 unless
+stated). Digests cover targets, frames, moves, remarks, faults, and the bytes with first coordinates moved.
 """
 
 from __future__ import annotations
