@@ -54,7 +54,7 @@ EXTRAS = {
     "post campaign.json": "client",
     "measure campaign.json --server http://127.0.0.1:9 --source simulated:1 --goal 15%": "client",
     "export campaign.json -o model.xlsx": "excel",
-    "compensate campaign.json examples/pocket.src -o new.src --force 0,0,-500": "programs",
+    "compensate campaign.json examples/pocket.src -o new.src --accuracy-option off --force 0,0,9": "programs",
 }
 """Commands that need an extra, and the extra."""
 

@@ -25,7 +25,7 @@ WITHOUT = {
     "fleet campaign.json second.json": "",
     "geometry examples/sweeps.json --robot examples/nominal.json": "",
     "predict campaign.json examples/postures.csv --load-point 0,0,120": "",
-    "compensate campaign.json examples/pocket.src -o new.src --force 0,0,-500": "programs",
+    "compensate campaign.json examples/pocket.src -o new.src --accuracy-option off --force 0,0,9": "programs",
     "compensate campaign.json examples/pocket.src --explain": "programs",
     "process campaign.json examples/pocket.src --force 0,0,-500": "programs",
     "import examples/readings.csv --encoders motor --load-point 0,0,120": "",
