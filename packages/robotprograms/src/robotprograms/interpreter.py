@@ -42,6 +42,7 @@ from robotprograms.errors import (
     quote_text,
 )
 from robotprograms.language import Language, Misread, Name, Op, Value
+from robotprograms.liveness import Liveness, Traffic, find_liveness
 from robotprograms.notation import Numerals, Orientation, calculate, iterate_integers
 from robotprograms.places import OTHER_FILES, Place, Scope, find_place
 from robotprograms.program import At, FrameName, Literal, OwnNumbers, Source
@@ -79,6 +80,11 @@ _LEFT: Final = ir.Note("")
 def _get_variable(name: str) -> str:
     """Return the name of the variable that a name belongs to: `P` for `P[1].UF`."""
     return get_array_name(get_structure_name(name))
+
+
+def _get_base(name: str) -> str:
+    """Return the name of the variable that a name belongs to, without its routine."""
+    return _get_variable(name).partition(OF_ROUTINE)[0]
 
 
 def _list_names(value: Value | ir.Product | Name) -> list[Name]:
@@ -186,6 +192,9 @@ class Machine:
         self._protected: dict[str, bool] = {}  # whether unknown routines leave a name, once all is read
         self._callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
         self._incoming: dict[int, State] = {}  # joined states of all jumps to an operation
+        self._liveness = Liveness()
+        # names that each routine may change and that are always live
+        self._always_returned: dict[str, list[str]] = defaultdict(list)
         self._exits: dict[str, State | None] = {}  # state at the end of each routine
         # indices of each routine's operations other than moves
         self._state_operations: dict[str, list[int]] = {}
@@ -630,8 +639,11 @@ class Machine:
         while to_visit:
             routine = to_visit.pop()
             for caller in callers.get(routine, ()):
-                if not self._changed[routine].keys() <= self._changed[caller].keys():
-                    self._changed[caller] = self._changed[routine] | self._changed[caller]
+                known = self._changed[caller]
+                count = len(known)
+                for name, cause in self._changed[routine].items():
+                    known.setdefault(name, cause)
+                if len(known) > count:
                     to_visit.append(caller)
 
     def _summarise_faults_and_attachments(self) -> None:
@@ -670,6 +682,84 @@ class Machine:
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
                 self._incoming[begin] = {UNKNOWN: (cause, At())}
 
+    def _find_liveness(self, bodies: Mapping[str, list[int]]) -> None:
+        """Find the names that states leave out, with the operations of each routine, moves included."""
+        writes: dict[str, set[int]] = defaultdict(set)
+        calls: dict[int, list[str]] = {}
+        for i in chain(*self._state_operations.values()):
+            op = self._ops[i]
+            for name in self._list_written_names(i):
+                writes[name].add(i)
+            if isinstance(op, ir.Call) and (called := self._list_called(op)):
+                calls[i] = called
+        reads: dict[str, set[int]] = defaultdict(set)
+        for i in chain(*bodies.values()):
+            for name in self._list_read_names(i) & writes.keys():
+                reads[name].add(i)
+        reading = set(chain(*reads.values()))
+        moves = {i for i in reading if isinstance(self._ops[i], ir.Move)}
+        followed_bodies = {
+            name: [i for i in body if i in moves or not isinstance(self._ops[i], ir.Move | ir.MoveToStored)]
+            for name, body in bodies.items()
+        }
+        forgetting = {routine for routine, names in self._changed.items() if UNKNOWN in names}
+        traffic = Traffic(followed_bodies, moves, reads, writes, calls, self._changed, forgetting)
+        kept = self._list_always_live()
+        followed = [name for name in writes if _get_base(name) not in kept]
+        self._liveness = find_liveness(followed, traffic, self._flow)
+        for routine, changed in self._changed.items():
+            self._always_returned[routine] = [
+                name for name in changed if name not in self._liveness.followed
+            ]
+
+    def _list_read_names(self, i: int) -> set[str]:
+        """Return the full names whose contents operation i looks up."""
+        op, place = self._ops[i], self._places[i]
+        if isinstance(op, ir.Assign):
+            return {place.qualify(name) for name in _list_names(op.value)}
+        if not isinstance(op, ir.Move):
+            return set()
+        near = op.near_target or op
+        values = (*op.targets, *op.bases, *op.tools, *near.bases, *near.tools)
+        names = [*op.matched_frames, *op.offset_from, *near.offset_from, *chain(*map(_list_names, values))]
+        found = set(map(place.qualify, names))
+        numbered = [name for name in names if not isinstance(name, str)]
+        if numbered:  # repetitions have other numbers in these names
+            for number in self._repeats.get(i, array("q"))[1::2]:
+                found.update(map(replace(place, first=number).qualify, numbered))
+        return found
+
+    def _list_written_names(self, i: int) -> set[str]:
+        """Return the full names to which operation i gives a new content."""
+        op, place = self._ops[i], self._places[i]
+        if isinstance(op, ir.Assign):
+            return {place.qualify(op.name)}
+        if not isinstance(op, ir.MakeUnknown):
+            return set()
+        names = {*map(place.qualify, op.names)} - self._fixed
+        return {each for name in names for each in self._list_name_and_fields(name)}
+
+    def _list_always_live(self) -> set[str]:
+        """Return the variables whose names are looked up by what other names contain."""
+        names = {*self._lasting, *self._language.active, *self._language.active.values()}
+        declared = chain(self._initial.values(), (each for pairs in self._shared_fields for _, each in pairs))
+        names |= {content for content in declared if isinstance(content, str)}
+        for place, offset in self._offsets:
+            names |= {place.qualify(offset.name), place.qualify(offset.target)}
+        for place, op in zip(self._places, self._ops, strict=True):
+            values: tuple[object, ...] = (op.value,) if isinstance(op, ir.Assign) else ()
+            if isinstance(op, ir.Move):
+                near = op.near_target or op
+                values = (*op.bases, *op.tools, *near.bases, *near.tools)
+            names |= {place.qualify(each.name) for each in values if isinstance(each, ir.Named)}
+            names |= {each.table for each in values if isinstance(each, ir.Element)}
+        return set(map(_get_base, names))
+
+    def _leave_out(self, names: Collection[str], state: State) -> State:
+        """Return a state without names that nothing reads; the same object if the state has none of them."""
+        gone = state.keys() & names
+        return {name: each for name, each in state.items() if name not in gone} if gone else state
+
     def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
         """Propagate states through the operations `indices` of a routine once; record their moves.
 
@@ -686,13 +776,23 @@ class Machine:
                 self._record_move(op, i, state)
                 continue
             self._count_work(1)
+            if state is not None and (dead := self._liveness.dead.get(i)):
+                left = self._leave_out(dead, state)
+                state, shared = left, shared and left is state
             if isinstance(op, ir.Flow):
                 state, shared = self._pass_to_successors(op, i, state), True
             elif state is not None:
                 state, shared = self._operate(op, i, state, shared=shared)
         self._entered_routines.pop()
+        if state is not None:
+            live = self._liveness.at_exit.get(routine, set())
+            state = self._leave_out([each for each in state if self._is_dead(each, live)], state)
         self._state_changed |= self._exits.get(routine) != state
         self._exits[routine] = state
+
+    def _is_dead(self, name: str, live: Collection[str]) -> bool:
+        """Return whether nothing reads a name where these names are live."""
+        return name in self._liveness.followed and name not in live
 
     def _operate(self, op: Op, i: int, state: State, *, shared: bool) -> tuple[State | None, bool]:
         """Return the state behind operation i, which is no `Flow`, and whether the state is stored elsewhere.
@@ -742,15 +842,19 @@ class Machine:
         end: State | None = None
         for routine in routines:
             self._count_work(len(state) if op.prefix is not None else 0)
-            is_new = self._join_into(self._flow.begins[routine], state)
+            live = self._liveness.at_begin.get(routine, set())
+            entering = self._leave_out([each for each in state if self._is_dead(each, live)], state)
+            is_new = self._join_into(self._flow.begins[routine], entering)
             if is_new and routine not in self._entered_routines and len(self._entered_routines) < _MAX_CALLS:
                 self._propagate_through(routine, self._state_operations[routine])
             returned, changed = self._exits.get(routine), self._changed[routine]
             if returned is not None:
-                self._count_work(len(changed))
+                names = [*self._always_returned[routine]]
+                names += [name for name in self._liveness.returned.get(i, ()) if name in changed]
+                self._count_work(len(names))
                 never = {_NEVER: ("", At())} if _NEVER in state or _NEVER in returned else {}
                 if UNKNOWN not in changed:  # else the routine may change any name
-                    returned = {**state, **{name: self._look_up(returned, name) for name in changed}}
+                    returned = {**state, **{name: self._look_up(returned, name) for name in names}}
                 returned = {**returned, **never}
             end = self._join_states(end, returned)
         if op.name in routines:
@@ -762,6 +866,8 @@ class Machine:
     def _join_into(self, place: int, state: State | None) -> bool:
         """Join a state into the state at operation `place`; return whether the latter changed."""
         known = self._incoming.get(place)
+        if state is not None and (dead := self._liveness.dead.get(place)):
+            state = self._leave_out(dead, state)
         joined = self._join_states(known, state)
         if joined is None or joined is known:
             return False
@@ -1069,6 +1175,7 @@ class Machine:
             self._state_operations[name] = [
                 i for i in body if not isinstance(self._ops[i], ir.Move | ir.MoveToStored)
             ]
+        self._find_liveness(bodies)
         order = list(bodies)
         while self._state_changed:
             self._state_changed = False
