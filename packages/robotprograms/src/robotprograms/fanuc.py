@@ -13,10 +13,10 @@ import numpy as np
 from robotprograms import language as ir
 from robotprograms.arrays import IndexArray
 from robotprograms.errors import quote_text
-from robotprograms.interpreter import Machine
 from robotprograms.language import Line, Misread, Op
 from robotprograms.notation import Notation, Orientation, iterate_integers
 from robotprograms.program import Literal, Motion, Source
+from robotprograms.statements import Statements
 
 POSE: Final = Notation(Orientation.FIXED_XYZ, length_decimals=3, angle_decimals=3)
 JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=3, angle_decimals=3)
@@ -425,25 +425,25 @@ _POSITION: Final = re.compile(r"(P.*?\};)|\S[^P]*+", re.DOTALL)
 _SECOND_POSITION: Final = re.compile(r"\s*+P\s*+\[")
 
 
-def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Add a .LS file to a machine, and those of the programs that it calls, whose moves are not corrected.
+def read_fanuc(statements: Statements, sources: tuple[Source, ...]) -> None:
+    """Add the statements of a .LS file, and of the programs that it calls, whose moves are not corrected.
 
     Raises:
         ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
     """
-    machine.owners = {i: {"P": f"file{i}"} for i in range(1, len(sources))}  # each has its own positions
+    statements.owners = {i: {"P": f"file{i}"} for i in range(1, len(sources))}  # each has its own positions
     for index, source in enumerate(sources):
-        section_ends, spans = _find_instructions(machine, index, source)
+        section_ends, spans = _find_instructions(statements, index, source)
         if not index:
             end = section_ends["END"] - len("/END")
-            positions = _find_positions(machine, source, section_ends["POS"], end)
-            machine.add_statements(0, *positions, translate=_POSITION_LANGUAGE.translate)
+            positions = _find_positions(statements, source, section_ends["POS"], end)
+            statements.add_statements(0, *positions, translate=_POSITION_LANGUAGE.translate)
         translate = (
             _translate_other_groups if _OTHER_GROUPS.search(source.text, 0, section_ends["MN"]) else None
         )
-        machine.add_statements(index, *_spans_to_arrays(spans), translate=translate if index else None)
+        statements.add_statements(index, *_spans_to_arrays(spans), translate=translate if index else None)
         if not index:
-            _note_conveyor(machine, source.text, section_ends["MN"])
+            _note_conveyor(statements, source.text, section_ends["MN"])
 
 
 _OTHER_GROUPS: Final = re.compile(r"(?m)^DEFAULT_GROUP\s*+=\s*+\*")
@@ -461,7 +461,9 @@ def _translate_other_groups(masked: str) -> list[tuple[int, Op]]:
     ]
 
 
-def _find_instructions(machine: Machine, index: int, source: Source) -> tuple[dict[str, int], array[int]]:
+def _find_instructions(
+    statements: Statements, index: int, source: Source
+) -> tuple[dict[str, int], array[int]]:
     """Return the places behind the heads of sections, and the spans of instructions, heads of /PROG and /POS.
 
     Raises:
@@ -479,20 +481,22 @@ def _find_instructions(machine: Machine, index: int, source: Source) -> tuple[di
                 map(_SECTION_ORDER.index, section_ends), default=0
             ):
                 reason = f"the section /{match[1]} occurs twice or in the wrong place"
-                machine.refuse(line, reason, "send each program as a file of its own", index)
+                statements.refuse(line, reason, "send each program as a file of its own", index)
             section = match[1]
             section_ends[section] = start + len(text)
             if section in {"PROG", "POS"} and "PROG" in section_ends:
                 spans.extend((start, start + len(text)))
         elif section == "END" and text.strip():
-            machine.refuse(line, "there is text after /END", "send each program as a file of its own", index)
+            statements.refuse(
+                line, "there is text after /END", "send each program as a file of its own", index
+            )
         elif section == "MN" and text.strip():
             _add_instruction(source, spans, start, text)
-    _check_sections(machine, index, section_ends)
+    _check_sections(statements, index, section_ends)
     return section_ends, spans
 
 
-def _check_sections(machine: Machine, index: int, section_ends: Collection[str]) -> None:
+def _check_sections(statements: Statements, index: int, section_ends: Collection[str]) -> None:
     """Check that a file has all of its sections.
 
     Raises:
@@ -500,17 +504,17 @@ def _check_sections(machine: Machine, index: int, section_ends: Collection[str])
     """
     if not {"MN", "POS"} <= set(section_ends):
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
-        machine.refuse(None, "the file lacks the section /MN or /POS", remedy, index)
+        statements.refuse(None, "the file lacks the section /MN or /POS", remedy, index)
     if "END" not in section_ends:
         reason = "the file lacks /END: its end may have been cut off"
-        machine.refuse(None, reason, "send the whole program", index)
+        statements.refuse(None, reason, "send the whole program", index)
 
 
-def _note_conveyor(machine: Machine, text: str, end: int) -> None:
+def _note_conveyor(statements: Statements, text: str, end: int) -> None:
     """Leave all moves of a program whose head, up to an index of the text, lets it follow a conveyor."""
     if _FOLLOWS_CONVEYOR.search(text, 0, end):
         reason = "the program follows a conveyor: its targets move with the conveyor's frame"
-        machine.forget_anytime(frozenset({ir.MODE}), reason, "set LINE_TRACK_SCHEDULE_NUMBER to 0")
+        statements.forget_anytime(frozenset({ir.MODE}), reason, "set LINE_TRACK_SCHEDULE_NUMBER to 0")
 
 
 def _spans_to_arrays(spans: array[int]) -> tuple[IndexArray, IndexArray]:
@@ -540,7 +544,9 @@ def _add_instruction(source: Source, spans: array[int], start: int, text: str) -
         spans.extend((start + body, start + len(text)))
 
 
-def _find_positions(machine: Machine, source: Source, place: int, end: int) -> tuple[IndexArray, IndexArray]:
+def _find_positions(
+    statements: Statements, source: Source, place: int, end: int
+) -> tuple[IndexArray, IndexArray]:
     """Return the first and the last + 1 character of each position between two indices of the text.
 
     Raises:
@@ -550,7 +556,7 @@ def _find_positions(machine: Machine, source: Source, place: int, end: int) -> t
     for match in _POSITION.finditer(source.text, place, end):
         if match[1] is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", match[1]):
             reason = f"{quote_text(match[0])} between positions is unknown or has no end"
-            machine.refuse(source.find_line(match.start()), reason, _RECORD_AGAIN)
+            statements.refuse(source.find_line(match.start()), reason, _RECORD_AGAIN)
         spans.extend(match.span())
     return _spans_to_arrays(spans)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from robotprograms import fanuc, krl, rapid, table, ur
 from robotprograms.errors import Fault, ProgramError, ReadMove, quote_text
-from robotprograms.interpreter import Machine
+from robotprograms.interpreter import Permissions, interpret
 from robotprograms.language import Language
 from robotprograms.notation import Notation, has_decimal_commas
 from robotprograms.own_numbers import insert_numbers
@@ -77,17 +77,17 @@ def read_program(
     commas = chosen == "csv" and has_decimal_commas(sources[0].text)
     language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]
     own: tuple[OwnNumbers, ...] = ()
+    permissions = Permissions(leave_alone, trust_routines)
     while True:
-        # The machine is not kept: its names and states take as much memory as the targets built next.
-        columns, used, causes = Machine(
-            chosen, sources, language, leave_alone, trusts_routines=trust_routines, own=own
-        ).interpret()
-        own = columns.list_own_numbers(used, external_axes)
+        # Names and states are not kept: they take as much memory as the targets built next.
+        found = interpret(chosen, sources, language, permissions, own)
+        columns = found.columns
+        own = columns.list_own_numbers(found.used, external_axes)
         if not own or _exceed_limit(sources, own):
             break
         first, own = insert_numbers(sources[0], own)
         sources = first, *sources[1:]
-    program = columns.build_program(causes)
+    program = columns.build_program(found.causes)
     if program.faults and not leave_others:
         raise ProgramError(program.faults, left=program.left_moves)
     return program

@@ -12,11 +12,11 @@ import numpy as np
 from robotprograms import language as ir
 from robotprograms.columns import IN_MODULE, OF_ROUTINE
 from robotprograms.errors import capitalise
-from robotprograms.interpreter import Machine
 from robotprograms.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
 from robotprograms.notation import Notation, Orientation
 from robotprograms.places import OTHER_FILES
 from robotprograms.program import Literal, Motion, Source
+from robotprograms.statements import Statements
 
 POSE: Final = Notation(Orientation.EULER_ZYX)
 JOINTS: Final = Notation(Orientation.JOINTS)
@@ -566,18 +566,18 @@ def _find_shared_names(text: str) -> Iterator[str]:
             yield from _list_declared(line)
 
 
-def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Add a .src to a machine, and the files sent with it: .dat, $config.dat, and .src with its routines.
+def read_krl(statements: Statements, sources: tuple[Source, ...]) -> None:
+    """Add the statements of a .src and of the files sent with it: .dat, $config.dat, .src with routines.
 
     Raises:
         ProgramError: a .dat belongs to another program.
     """
     programs = [_DEFINED.search(each.text) for each in sources if not each.name.lower().endswith(".dat")]
     main, *others = [capitalise(match[1]) if match else "" for match in programs] or [""]
-    machine.by_value = _find_routines_by_value(sources)
+    statements.by_value = _find_routines_by_value(sources)
     renamed = dict[int, dict[str, str]]()
     if len(sources) > 1:
-        _note_names(machine, sources)
+        _note_names(statements, sources)
         renamed = _rename_local_routines(sources)
     for index, source in enumerate(sources):
         is_config = source.name.lower().endswith("config.dat")
@@ -592,20 +592,20 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
                     f"the file declares data of {data[1]}, not of {programs[0][1] if programs[0] else main}",
                     "send the .dat file of this .src file",
                 )
-                machine.refuse(source.find_line(data.start()), reason, remedy, index)
+                statements.refuse(source.find_line(data.start()), reason, remedy, index)
             # Of the data of another program, only those declared as GLOBAL are data of this one.
             spans = zip(starts.tolist(), ends.tolist(), strict=True)
             seen = np.array([bool(_GLOBAL.match(source.text, *each)) for each in spans], dtype=np.bool_)
-            if machine.owners.get(index):
-                machine.add_statements(index, starts[~seen], ends[~seen], declares=kind)
+            if statements.owners.get(index):
+                statements.add_statements(index, starts[~seen], ends[~seen], declares=kind)
             starts, ends = starts[seen], ends[seen]
         translate = partial(_translate_renamed, renamed=renamed[index]) if renamed.get(index) else None
-        machine.add_statements(index, starts, ends, declares=kind if declares else "", translate=translate)
+        statements.add_statements(index, starts, ends, declares=kind if declares else "", translate=translate)
     files = sources[1:]  # a program alone imports nothing that changes here
     imported = {capitalise(name) for each in files for pair in _IMPORT.findall(each.text) for name in pair}
-    owners = {f"{OF_ROUTINE}{owner}" for each in machine.owners.values() for owner in each.values()}
+    owners = {f"{OF_ROUTINE}{owner}" for each in statements.owners.values() for owner in each.values()}
     names = frozenset(f"{name}{owner}" for name in imported for owner in ("", *owners))
-    machine.forget_anytime(names, "a program imports the name of another one, and may change it", _REMEDY)
+    statements.forget_anytime(names, "a program imports the name of another one, and may change it", _REMEDY)
 
 
 def _find_routines_by_value(sources: tuple[Source, ...]) -> frozenset[str]:
@@ -649,7 +649,7 @@ def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, 
     return LANGUAGE.translate(_CALLED.sub(rename, masked))
 
 
-def _note_names(machine: Machine, sources: tuple[Source, ...]) -> None:
+def _note_names(statements: Statements, sources: tuple[Source, ...]) -> None:
     """Note the names that all programs know, and the names of data that each further .src has of its own.
 
     KSS: a .src knows the data of the .dat of its name, and of others those that are GLOBAL; the line of an
@@ -663,17 +663,17 @@ def _note_names(machine: Machine, sources: tuple[Source, ...]) -> None:
         for each in sources
         if (match := data[each.name]) and not each.name.lower().endswith("config.dat")
     }
-    machine.shared_names = frozenset().union(*shared.values())
+    statements.shared_names = frozenset().union(*shared.values())
     programs = [_DEFINED.search(each.text) for each in sources]
     of_main = private.get(capitalise(programs[0][1]), set()) if programs[0] else set()
     for index, source in enumerate(sources[1:], 1):
         if not data[source.name] and (match := programs[index]):
             name = capitalise(match[1])
             own = dict.fromkeys(private.get(name, ()), f"file{index}")
-            machine.owners[index] = dict.fromkeys(of_main, OTHER_FILES) | own
+            statements.owners[index] = dict.fromkeys(of_main, OTHER_FILES) | own
             for k, each in enumerate(sources):
                 if own and (found := data[each.name]) and capitalise(found[1]) == name:
-                    machine.owners[k] = own
+                    statements.owners[k] = own
 
 
 LANGUAGE: Final = ir.Language(

@@ -343,7 +343,7 @@ class Language:
     # pattern of the beginning of the line behind which the mark of a compensated program is inserted; empty
     # if the mark is inserted before the first line
     head: str = ""
-    # function that adds the files to a machine; None if each line is a statement
+    # function that adds the statements of the files; None if each line is a statement
     read: Callable[[Any, tuple[Source, ...]], None] | None = None
 
     @cached_property

@@ -1,7 +1,7 @@
 """Names whose contents nothing reads any more: states leave them out, so that time grows with the lines.
 
-A name is live at an operation if a path leads from there to an operation that reads the name, and no operation
-on this path gives it a new content. Each name is followed backwards from the operations that read it.
+A name is live at an operation if a path leads from there to an operation that reads the name, and no other
+operation on this path gives the name a new content. Each name is followed backwards from where it is read.
 """
 
 from __future__ import annotations

@@ -13,10 +13,10 @@ from robotprograms import language as ir
 from robotprograms.arrays import IndexArray
 from robotprograms.columns import IN_MODULE
 from robotprograms.errors import capitalise
-from robotprograms.interpreter import Machine
 from robotprograms.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
 from robotprograms.notation import Notation, Orientation
 from robotprograms.program import Literal, Motion, Source
+from robotprograms.statements import Statements
 
 POSE: Final = Notation(Orientation.QUATERNION, angle=1, length_decimals=4, angle_decimals=8)
 JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=5)
@@ -511,13 +511,13 @@ _ENDS: Final = re.compile(
 The head of a module is a statement of its own, also behind other text."""
 
 
-def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Add the statements of a module to a machine, and those of the other modules of its task.
+def read_rapid(statements: Statements, sources: tuple[Source, ...]) -> None:
+    """Add the statements of a module, and those of the other modules of its task.
 
     Further modules, in the same file or in further files, are parts of the same program; moves of further
     files are not corrected.
     """
-    machine.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
+    statements.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
     texts, parts = list[str](), list[tuple[int, IndexArray, IndexArray]]()
     for index, source in enumerate(sources):
         starts, ends, heads = _find_statements(source.text)
@@ -533,14 +533,14 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
         renamed = {name: f"{name}{IN_MODULE}0" for name in names[0] & words[k] if k}
         renamed |= {name: f"{name}{IN_MODULE}{k}" for name in names[k] & elsewhere if k}
         translate = partial(_translate_renamed, renamed=renamed) if renamed else None
-        machine.add_statements(index, starts, ends, translate=translate)
+        statements.add_statements(index, starts, ends, translate=translate)
     routines = {
         name for text in texts for name in re.findall(_ROUTINE, text) if _PROCESS_MOVE.fullmatch(name)
     }
     if routines:
         name = min(routines)
         reason = f"the program has its own routine {name}, but a move of a process has the same name"
-        machine.forget_anytime(frozenset({ir.MODE}), reason, "give the routine another name")
+        statements.forget_anytime(frozenset({ir.MODE}), reason, "give the routine another name")
 
 
 _ROUTINE: Final = rf"\bPROC\s++({_WORD})"

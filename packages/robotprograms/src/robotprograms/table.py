@@ -12,10 +12,10 @@ import numpy as np
 
 from robotprograms import language as ir
 from robotprograms.errors import quote_text, show_text
-from robotprograms.interpreter import Machine
 from robotprograms.language import Op
 from robotprograms.notation import DEGREE, MM, Notation, Orientation
 from robotprograms.program import Literal, Motion, Source
+from robotprograms.statements import Statements
 
 _TARGET_COLUMNS: Final = {
     "x y z a b c": (Orientation.EULER_ZYX, "lllaaa"),
@@ -46,15 +46,18 @@ _REMEDY: Final = (
 )
 
 
-def read_table(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Add each row of a table of targets to a machine as a move; an empty table adds nothing."""
-    source, masked_texts = sources[0], machine.numerals[0].masked_texts(sources[0].starts, sources[0].ends)[0]
+def read_table(statements: Statements, sources: tuple[Source, ...]) -> None:
+    """Add each row of a table of targets as a move; an empty table adds nothing."""
+    source, masked_texts = (
+        sources[0],
+        statements.numerals[0].masked_texts(sources[0].starts, sources[0].ends)[0],
+    )
     rows = ((i, masked) for i, masked in enumerate(masked_texts) if _is_row(masked))
     (head, _), (_, first) = next(rows, (0, "")), next(rows, (0, ""))  # header, and first row of targets
     if first:
         header = show_text(source.text[source.starts[head] : source.ends[head]])
-        translate = partial(_translate_row, _parse_header(machine, head + 1, header, first))
-        machine.add_statements(0, source.starts[head + 1 :], source.ends[head + 1 :], translate=translate)
+        translate = partial(_translate_row, _parse_header(statements, head + 1, header, first))
+        statements.add_statements(0, source.starts[head + 1 :], source.ends[head + 1 :], translate=translate)
 
 
 def _is_row(line: str) -> bool:
@@ -107,7 +110,7 @@ def _translate_row(columns: _TableColumns, masked: str) -> list[tuple[int, Op]]:
     return [(0, ir.Move(motion, (target,), bases, tools, reason=reason, remedy=remedy))]
 
 
-def _parse_header(machine: Machine, line: int, header: str, first: str) -> _TableColumns:
+def _parse_header(statements: Statements, line: int, header: str, first: str) -> _TableColumns:
     """Return the columns of a table; `first` is the first row with NUL in place of each number.
 
     Raises:
@@ -120,20 +123,20 @@ def _parse_header(machine: Machine, line: int, header: str, first: str) -> _Tabl
     column_of_name = {m[1].lower(): i for i, m in enumerate(matches) if m}
     units = {m[1].lower(): (m[2] or "").lower() for m in matches if m}
     if len(column_of_name) < sum(map(bool, matches)):
-        machine.refuse(line, "two columns have the same name", _REMEDY)
+        statements.refuse(line, "two columns have the same name", _REMEDY)
     fitting = [each for each in _TARGET_COLUMNS if column_of_name.keys() >= set(each.split())]
     if len({_TARGET_COLUMNS[each][0] is Orientation.JOINTS for each in fitting}) > 1:
-        machine.refuse(
+        statements.refuse(
             line, "the table has both poses and joint angles", "omit the poses or the joint angles"
         )
     if not fitting:
         reason = f"the header {quote_text(header)} does not name the coordinates of the targets"
-        machine.refuse(line, reason, _REMEDY)
+        statements.refuse(line, reason, _REMEDY)
     names = fitting[0].split()  # the first fit has the most columns: x, y, z alone come last
     notation = _choose_notation(*_TARGET_COLUMNS[fitting[0]], [units[name] for name in names])
     if notation is None:
         reason = "the columns of the targets have no units, different units, or units of another quantity"
-        machine.refuse(line, reason, _REMEDY)
+        statements.refuse(line, reason, _REMEDY)
     first_row = dict(enumerate(cell.strip() for cell in first.split(delimiter)))
     frame_columns = {k: first_row.get(k, "") for k, text in enumerate(texts) if _FRAME_COLUMN.match(text)}
     external = [k for k, text in enumerate(texts) if _EXTERNAL.match(text)]

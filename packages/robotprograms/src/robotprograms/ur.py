@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 
 from robotprograms import language as ir
-from robotprograms.interpreter import Machine
 from robotprograms.language import Line, Misread, Op, split_outside_brackets
 from robotprograms.notation import Notation, Orientation
 from robotprograms.program import Literal, Motion, Source
+from robotprograms.statements import Statements
 
 POSE: Final = Notation(Orientation.ROTATION_VECTOR, length=1, angle=1, length_decimals=7, angle_decimals=7)
 JOINTS: Final = Notation(Orientation.JOINTS, length=1, angle=1, length_decimals=7, angle_decimals=7)
@@ -248,8 +248,8 @@ _MAX_JOINED: Final = 8192
 """Largest number of characters of lines that an open bracket joins."""
 
 
-def read_urscript(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Add the statements of a program to a machine: lines, which are joined while a bracket is open.
+def read_urscript(statements: Statements, sources: tuple[Source, ...]) -> None:
+    """Add the statements of a program: lines, which are joined while a bracket is open.
 
     Where a word begins a statement before the bracket is closed, or the text is too long, each line is a
     statement of its own: then only the line with the open bracket is not understood.
@@ -274,7 +274,7 @@ def read_urscript(machine: Machine, sources: tuple[Source, ...]) -> None:
             end_statement(end)
             lines, depth = [end], 0
     end_statement(len(text))
-    machine.add_statements(0, *(np.asarray(memoryview(each), dtype=np.intp) for each in (starts, ends)))
+    statements.add_statements(0, *(np.asarray(memoryview(each), dtype=np.intp) for each in (starts, ends)))
 
 
 LANGUAGE: Final = ir.Language(
