@@ -122,6 +122,30 @@ WHOLE = {
         f"LIN {PLACE}\nV#=1\nIF V#==1 THEN\nGLUE()\nENDIF\n",
         "END\nDEF S()\nRESUME\nEND\n",
     ),
+    "RAPID: a point assigned in each routine with a handler of errors": (
+        "m.mod",
+        "MODULE m\nPROC main()\nENDPROC\n",
+        f"PROC r#()\np#:={POINT};\nMoveL p#,v1,z1,tool0;\nERROR\nRETRY;\nENDPROC\n",
+        "ENDMODULE",
+    ),
+    "RAPID: points assigned in one routine with a handler of errors": (
+        "m.mod",
+        "MODULE m\nPROC main()\n",
+        f"p#:={POINT};\nMoveL p#,v1,z1,tool0;\n",
+        "ERROR\nRETRY;\nENDPROC\nENDMODULE",
+    ),
+    "RAPID: points assigned in branches": (
+        "m.mod",
+        "MODULE m\nPROC main()\n",
+        f"IF x THEN\np#:={POINT};\nMoveL p#,v1,z1,tool0;\nENDIF\n",
+        "ENDPROC\nENDMODULE",
+    ),
+    "KRL: points assigned, and an interrupt": (
+        "m.src",
+        "DEF m()\nINTERRUPT DECL 3 WHEN $IN[1] DO S()\nINTERRUPT ON 3\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n",
+        f"P#={PLACE}\nLIN P#\n",
+        "END\nDEF S()\nRESUME\nEND\n",
+    ),
     "URScript: counters and branches": (
         "m.script",
         "def m():\nset_tcp(p[0,0,0.1,0,0,0])\n",
@@ -131,25 +155,62 @@ WHOLE = {
 }
 
 
-def calls_to_read(shape, count):
-    """Return the number of Python's function calls to read a program with a part as often as stated."""
-    name, head, part, end = shape
-    text = (
-        head
-        + "".join(part.replace("#", str(i)).replace("@", str(i + 1)) for i in range(1000, 1000 + count))
-        + end
-    )
-    profile = cProfile.Profile(builtins=False)
+def text_of_parts(shape, count):
+    """Return the text of a program with a part as often as stated."""
+    _, head, part, end = shape
+    parts = [part.replace("#", str(i)).replace("@", str(i + 1)) for i in range(1000, 1000 + count)]
+    return head + "".join(parts) + end
+
+
+def steps_to_read(name, text):
+    """Return the number of Python's function calls, those of functions in C included, and the moves."""
+    profile = cProfile.Profile()
     profile.enable()
     program = read_program([(name, text.encode())], leave_others=True)
     profile.disable()
-    assert len(program.moves) + len(program.left_moves) >= count
-    return sum(entry.callcount for entry in profile.getstats())
+    count = len(program.moves) + len(program.left_moves)
+    return sum(entry.callcount for entry in profile.getstats()), count
 
 
 @pytest.mark.parametrize("title", WHOLE)
 def test_twice_the_lines_take_twice_the_steps(title):
     """Calls of functions are counted, not seconds: a state has no names that nothing reads."""
-    calls_to_read(WHOLE[title], 2)  # what is made once
-    short, long = (calls_to_read(WHOLE[title], count) for count in (50, 100))
-    assert long <= 2.2 * short
+    name = WHOLE[title][0]
+    steps_to_read(name, text_of_parts(WHOLE[title], 2))  # what is made once
+    short, long = (steps_to_read(name, text_of_parts(WHOLE[title], count)) for count in (50, 100))
+    assert (short[1], long[1]) == (50, 100)
+    assert long[0] <= 2.2 * short[0]
+
+
+CALLED = {
+    "RAPID": (
+        "m.mod",
+        "MODULE m\nPROC main()\n",
+        "r#;\n",
+        f"PROC r#()\np#:={POINT};\nMoveL p#,v1,z1,tool0;\nERROR\nRETRY;\nENDPROC\n",
+        "ENDPROC\n",
+        "ENDMODULE",
+    ),
+    "KRL": (
+        "m.src",
+        "DEF m()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n",
+        "r#()\n",
+        f"DEF r#()\nP#={PLACE}\nLIN P#\nEND\n",
+        "END\n",
+        "",
+    ),
+}
+"""Name of the file, head, call, routine, end of the head, and end."""
+
+
+@pytest.mark.parametrize("title", CALLED)
+def test_twice_the_routines_called_in_turn_take_twice_the_steps(title):
+    name, head, call, routine, end_of_head, end = CALLED[title]
+    found = []
+    for count in (2, 50, 100):
+        numbers = [str(i) for i in range(1000, 1000 + count)]
+        calls = "".join(call.replace("#", number) for number in numbers)
+        routines = "".join(routine.replace("#", number) for number in numbers)
+        found.append(steps_to_read(name, f"{head}{calls}{end_of_head}{routines}{end}"))
+    assert [moves for _, moves in found] == [2, 50, 100]
+    assert found[2][0] <= 2.2 * found[1][0]
