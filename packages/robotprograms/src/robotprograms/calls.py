@@ -63,7 +63,8 @@ class Calls:
         names = (each for each in self.attached.get(name, [name]) if each not in self._flow.begins)
         plain = (each.partition(IN_MODULE)[0] for each in names)
         unknown = [each for each in plain if capitalise(each) not in self._allowed]
-        if op.harmless or self._trusts_routines or not unknown:
+        is_trusted = op.harmless or self._trusts_routines
+        if is_trusted or not unknown:
             return None
         self.unknown_routines |= dict.fromkeys(unknown)
         if not self.first_unknown.line or place.at < self.first_unknown:
@@ -95,8 +96,8 @@ class Calls:
         The operation attaches a routine, or its name is that of an event that is switched on.
         """
         name = place.qualify(op.name)
-        names = self.attached.get(name, [name] if op.event else [])
-        causes = (
-            self._changes.of_routine[each].get(UNKNOWN) for each in names if each in self.attached_routines
-        )
-        return next(filter(None, causes), None)
+        for routine in self.attached.get(name, [name] if op.event else []):
+            cause = self._changes.of_routine[routine].get(UNKNOWN)
+            if cause and routine in self.attached_routines:
+                return cause
+        return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
+from itertools import chain
 
 from robotprograms import language as ir
 from robotprograms.calls import Calls
@@ -152,25 +153,13 @@ class ChangeCollector:
         """
         is_own, unknown = op.name in self._flow.begins, self._calls.explain_unknown(place, op)
         own = self._calls.list_meant(op)
-        cause = place.make_cause(
-            f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
-        )
-        is_writer = re.fullmatch(self._language.writers, str(op.name)) is not None
-        # No statement of the user about a routine covers data that the routine gets by reference.
-        gets_references = not op.harmless and op.name not in self._statements.by_value
-        changes = (gets_references or is_writer) and not is_own
-        changes = changes or any(self._changes_parameters(each, passed) for each in own)
-        for parameter in {parameter for each in own for parameter in self._list_parameters(each)}:
-            self._uses.origins[parameter].update((place.scope.qualify(name), place.at) for name in op.passed)
-        given = {
-            place.scope.qualify(name) for name in (op.passed if changes else ())
-        } - self._declarations.fixed
-        if op.reads_frames and not own:
-            given -= self._assume_frames_stay(place, op, given)
-        for name in given:
-            self._changes.of_name[name].append(cause)
-            self._changes.anytime.update(dict.fromkeys(self._contents.list_name_and_fields(name), cause))
-        self._flow.anytime_routines |= set(own) if op.anytime else set()
+        arguments = set(map(place.scope.qualify, op.passed))
+        for parameter in set(chain(*map(self._list_parameters, own))):
+            self._uses.origins[parameter].update(dict.fromkeys(arguments, place.at))
+        if self._changes_arguments(op, own, passed):
+            self._forget_arguments(place, op, arguments - self._declarations.fixed, own)
+        if op.anytime:
+            self._flow.anytime_routines.update(own)
         if is_own:
             self._calls.attached_routines |= {str(op.name)} if op.event else set()
         elif unknown:
@@ -181,6 +170,29 @@ class ChangeCollector:
             permission = "the request states that this routine neither moves the robot nor changes frames"
             name = self._statements.restore_spelling(place, str(op.name))
             self._statements.columns.add_remark(place.at, f"{name} is called; {permission}")
+
+    def _changes_arguments(self, op: ir.Call, own: list[str], passed: Collection[str]) -> bool:
+        """Return whether a call may change its arguments; `own` are the routines of the program it means.
+
+        No statement of the user about a routine covers data that the routine gets by reference.
+        """
+        is_writer = re.fullmatch(self._language.writers, str(op.name)) is not None
+        gets_references = not op.harmless and op.name not in self._statements.by_value
+        is_own = op.name in self._flow.begins
+        if (gets_references or is_writer) and not is_own:
+            return True
+        return any(self._changes_parameters(each, passed) for each in own)
+
+    def _forget_arguments(self, place: Place, op: ir.Call, given: set[str], own: list[str]) -> None:
+        """Note that a call may change these names at any time."""
+        reason = f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
+        cause = place.make_cause(reason)
+        if op.reads_frames and not own:
+            given = given - self._assume_frames_stay(place, op, given)
+        for name in given:
+            self._changes.of_name[name].append(cause)
+            for each in self._contents.list_name_and_fields(name):
+                self._changes.anytime[each] = cause
 
     def _assume_frames_stay(self, place: Place, op: ir.Call, given: Collection[str]) -> set[str]:
         """Return the tools that a function of another file gets, and note that they are assumed to stay."""
@@ -210,8 +222,9 @@ class ChangeCollector:
         """Return the names of the parameters of a routine of the program."""
         begin = self._flow.begins[routine]
         op, place = self._ops[begin + 1], self._places[begin]
-        is_known = isinstance(op, ir.MakeUnknown) and op.reason == ir.IS_PARAMETER
-        return set(map(place.qualify, op.names)) if is_known and isinstance(op, ir.MakeUnknown) else set()
+        if not isinstance(op, ir.MakeUnknown) or op.reason != ir.IS_PARAMETER:
+            return set()
+        return set(map(place.qualify, op.names))
 
     def _find_unread_operations(self) -> None:
         """Find the operations that change only names which no move, frame or copy reads.
@@ -276,8 +289,7 @@ class ChangeCollector:
         """Add to the changes of routines what faults and routines that are attached to events change."""
         for i, fault in self._flow.uncertain.items():
             self._changes.of_routine[self._flow.routine_of[i]].setdefault(ir.MODE, self._faults[fault])
-        for i, op in enumerate(self._ops):
-            if isinstance(op, ir.Call) and (
-                cause := self._calls.find_unknown_in_attached(self._places[i], op)
-            ):
+        for i, (place, op) in enumerate(zip(self._places, self._ops, strict=True)):
+            cause = self._calls.find_unknown_in_attached(place, op) if isinstance(op, ir.Call) else None
+            if cause:
                 self._changes.of_routine[self._flow.routine_of[i]].setdefault(UNKNOWN, cause)

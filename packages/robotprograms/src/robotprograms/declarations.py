@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field
+from sys import intern
 from typing import Final, TypeAlias
 
 from robotprograms import language as ir
@@ -39,6 +40,14 @@ class Declarations:
     shared: set[str] = field(default_factory=set)  # names that other programs may use as well
     stored: set[str] = field(default_factory=set)  # those of them that the controller stores for all programs
     private: set[str] = field(default_factory=set)  # names that no other program knows
+
+    def add_field(self, structure: str, field: tuple[str, Content]) -> None:
+        """Note the ending and the content of a field of a position, by the name of the position."""
+        fields = self.fields.get(structure, ())
+        if field not in fields:
+            fields = (*fields, field)
+            # The name of the position itself is stored once, and so are equal fields.
+            self.fields[intern(structure)] = self.shared_fields.setdefault(fields, fields)
 
     def list_contained_names(self) -> set[str]:
         """Return the names that other names contain before the program runs."""

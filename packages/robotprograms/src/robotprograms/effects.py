@@ -42,16 +42,22 @@ class Effects:
             content = self._contents.evaluate(place, name, op.value, state)
             # Of what lasts, only a cause against moves counts, not the name of what has none.
             is_over = name in self._changes.lasting and not isinstance(content, Cause)
-            state[name] = "" if is_over else content, place.at
+            state[name] = ("" if is_over else content, place.at)
         elif isinstance(op, ir.MakeUnknown):
             self._make_unknown(state, op, place)
         elif isinstance(op, ir.Call) and (op.event or not op.anytime):
-            is_own = op.name in self._flow.begins
-            unknown = None if is_own else self._calls.explain_unknown(place, op)
-            if unknown := unknown or self._calls.find_unknown_in_attached(place, op):
-                self._forget_names(state, unknown)
-                if op.may_last:
-                    state[ir.MODE] = unknown, find_place(unknown)
+            self._call(state, op, place)
+
+    def _call(self, state: State, op: ir.Call, place: Place) -> None:
+        """Make unknown in a state what a call of an unknown routine may change."""
+        is_own = op.name in self._flow.begins
+        unknown = None if is_own else self._calls.explain_unknown(place, op)
+        unknown = unknown or self._calls.find_unknown_in_attached(place, op)
+        if unknown is None:
+            return
+        self._forget_names(state, unknown)
+        if op.may_last:
+            state[ir.MODE] = (unknown, find_place(unknown))
 
     def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
         """Make the values of names unknown in a state; without names, all that other routines may change."""
@@ -59,10 +65,12 @@ class Effects:
         if not op.names:
             self._forget_names(state, cause)
         for name in {*map(place.qualify, op.names)} - self._declarations.fixed:
-            state.update(dict.fromkeys(self._contents.list_name_and_fields(name), (cause, place.at)))
+            for each in self._contents.list_name_and_fields(name):
+                state[each] = (cause, place.at)
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
-        for name in [name for name in state if not self._contents.keeps(name)]:
+        forgotten = [name for name in state if not self._contents.keeps(name)]
+        for name in forgotten:
             del state[name]
-        state[UNKNOWN] = cause, find_place(cause)
+        state[UNKNOWN] = (cause, find_place(cause))

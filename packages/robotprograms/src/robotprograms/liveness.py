@@ -14,7 +14,7 @@ from typing import Final
 
 from robotprograms.control_flow import ControlFlow
 
-MAX_STEPS: Final = 3_000_000
+MAX_STEPS: Final = 1_000_000
 """Largest number of steps that follow names backwards; names beyond stay in all states."""
 
 Names = defaultdict[int, set[str]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -27,6 +28,17 @@ _MAX_LISTED: Final = 10
 """Largest number of routines that a remark names."""
 
 
+def _identify(frames: Frames) -> tuple[object, ...]:
+    """Return what two pairs of base and tool have in common if they are the same frames."""
+    parts: list[object] = []
+    for frame in frames:
+        if isinstance(frame, FrameName) and frame.pose is not None:
+            parts.append((frame.name, frame.pose.tobytes()))
+        else:
+            parts.append(frame)
+    return tuple(parts)
+
+
 class MoveRecorder:
     """Recorder of the moves of a program."""
 
@@ -34,11 +46,8 @@ class MoveRecorder:
         """Prepare to record the moves of a program with its control flow and calls."""
         self._statements, self._ops, self._places = statements, statements.ops, statements.places
         self._language, self._contents = statements.language, statements.contents
-        self._declarations, self._uses, self._changes = (
-            statements.declarations,
-            statements.uses,
-            statements.changes,
-        )
+        self._declarations, self._uses = statements.declarations, statements.uses
+        self._changes, self._columns = statements.changes, statements.columns
         self._flow, self._calls, self._frames = flow, calls, FrameFinder(statements)
         self._needs_assumption = False  # whether moves are certain that come behind calls of unknown routines
         self._noted: set[str] = set()  # shared names of targets about which a remark was made
@@ -77,7 +86,9 @@ class MoveRecorder:
 
     def _is_near_target(self, place: Place, op: ir.Move) -> bool:
         """Return whether a move goes to an offset from a target, and not to numbers in a frame."""
-        names = set(map(place.qualify, op.near_target.offset_from)) if op.near_target else set()
+        if op.near_target is None:
+            return False
+        names = map(place.qualify, op.near_target.offset_from)
         return any(each in self._targets or each in self._offsets_of for each in names)
 
     def _list_offsets(self, place: Place, op: ir.Move, frames: list[Frames]) -> list[str]:
@@ -85,13 +96,7 @@ class MoveRecorder:
         own = [place.qualify(each) for each in op.offset_from]
         names = [*own, *self._list_named_targets(place, op)]
         if not self._offsets_of.keys().isdisjoint(names):
-            key = tuple(
-                each
-                if isinstance(each, Cause)
-                else (each.name, None if each.pose is None else each.pose.tobytes())
-                for each in frames[0]
-            )
-            own += self._trace_offsets(names, self._noted_offsets[key])
+            own += self._trace_offsets(names, self._noted_offsets[_identify(frames[0])])
         return own
 
     def _trace_offsets(self, names: Iterable[str], known: set[str]) -> list[str]:
@@ -110,7 +115,7 @@ class MoveRecorder:
         place = self._places[i]
         if isinstance(op, ir.MoveToStored):
             text = f"a move to {op.name}, a position stored in the controller"
-            self._statements.columns.add_remark(place.at, text, op.name)
+            self._columns.add_remark(place.at, text, op.name)
             return
         if state is None:
             state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), At())}
@@ -121,7 +126,7 @@ class MoveRecorder:
             frames, cause = self._evaluate_frames(op, place, state)
             if cause is None:
                 lines, numbers = np.append(place.line, lines), np.append(place.first, numbers)
-                self._statements.columns.add_moves(op, place.source, lines, numbers, frames[0])
+                self._columns.add_moves(op, place.source, lines, numbers, frames[0])
                 return
         self._add_move(op, place, state)
         for line, number in zip(iterate_integers(lines), iterate_integers(numbers), strict=True):
@@ -143,17 +148,26 @@ class MoveRecorder:
         frames, cause = self._evaluate_frames(op, place, state)
         for name in self._list_offsets(place, op, frames):
             self._note_offset(place, name, frames[0], state)
-        contents = [self._evaluate_target(place, each, state) for each in op.targets]
-        cause = cause or next((each for each in contents if isinstance(each, Cause)), None)
+        targets: list[WrittenNumbers] = []
+        for target in op.targets:
+            content = self._evaluate_target(place, target, state)
+            if isinstance(content, WrittenNumbers):
+                targets.append(content)
+            else:
+                cause = cause or content
         if cause is not None:
-            for target in self._list_named_targets(place, op):
-                if target in self._uses.origins:
-                    self._note_offset(place, target, frames[0], state)
-                else:
-                    self._uses.used[target] = place.at
-            cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
-        targets = [each for each in contents if isinstance(each, WrittenNumbers)]
-        self._statements.columns.add_move(op, place.line, targets, frames, cause)
+            self._note_left_move(place, op, frames, state)
+            if not cause.line:
+                cause = cause._replace(line=place.line, source=place.source)
+        self._columns.add_move(op, place.line, targets, frames, cause)
+
+    def _note_left_move(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> None:
+        """Note that a move which is not corrected uses the numbers of its targets."""
+        for target in self._list_named_targets(place, op):
+            if target in self._uses.origins:
+                self._note_offset(place, target, frames[0], state)
+            else:
+                self._uses.used[target] = place.at
 
     def _note_offset(self, place: Place, name: Name, frames: Frames, state: State) -> None:
         """Note that a move goes to an offset from a target, or to what was calculated of targets.
@@ -162,17 +176,13 @@ class MoveRecorder:
         """
         target = self._evaluate_target(place, name, state)
         if isinstance(target, WrittenNumbers):
-            self._statements.columns.add_offset(target, frames, place.line)
-        key = tuple(
-            each if isinstance(each, Cause) or each.pose is None else (each.name, each.pose.tobytes())
-            for each in frames
-        )
-        start = place.qualify(name)
+            self._columns.add_offset(target, frames, place.line)
         # Each origin once for the same frames: copies may be copied many times.
-        for _, origin in reach([start], self._list_origins, self._noted_origins[key]):
+        noted = self._noted_origins[_identify(frames)]
+        for _, origin in reach([place.qualify(name)], self._list_origins, noted):
             point = self._find_point(origin)
             if isinstance(point, WrittenNumbers) and origin not in self._uses.used:
-                self._statements.columns.add_offset(point._replace(label=origin), frames, place.line)
+                self._columns.add_offset(point._replace(label=origin), frames, place.line)
 
     def _list_origins(self, name: str) -> list[str]:
         """Return the names from which a name was calculated."""
@@ -194,20 +204,30 @@ class MoveRecorder:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""
         if op.reason:
             return place.make_cause(op.reason, op.remedy)
-        literals = (each for each in op.targets if isinstance(each, Literal))
-        if cause := next(filter(None, (self._find_axes(place, each, state) for each in literals)), None):
-            return cause
-        lasting = (self._contents.look_up(state, name)[0] for name in self._changes.lasting)
-        for each in (*lasting, *(each for pair in frames for each in pair)):
-            if isinstance(each, Cause):
-                return each
+        for target in op.targets:
+            if isinstance(target, Literal) and (cause := self._find_axes(place, target, state)):
+                return cause
+        for name in self._changes.lasting:
+            content, _ = self._contents.look_up(state, name)
+            if isinstance(content, Cause):
+                return content
+        for frame in chain(*frames):
+            if isinstance(frame, Cause):
+                return frame
+        return self._find_other_frame(place, op, frames, state)
+
+    def _find_other_frame(
+        self, place: Place, op: ir.Move, frames: list[Frames], state: State
+    ) -> Cause | None:
+        """Return the cause if a frame is active with which the target was not recorded."""
         for name, frame in zip(op.matched_frames, frames[0], strict=False):
             content, _ = self._contents.look_up(state, name)
             if isinstance(content, Cause):
                 continue  # the controller stops unless the frame of the target is active
             # The active frame must be unchanged since the program began, or be the frame of the target.
             is_initial = content == self._language.active[name]
-            if not is_initial and not (isinstance(frame, FrameName) and content == frame.name):
+            is_own = isinstance(frame, FrameName) and content == frame.name
+            if not (is_initial or is_own):
                 reason = f"the target is recorded with another {name} than the active one"
                 return place.make_cause(reason, "activate the frame with which the target is recorded")
         return None
@@ -238,10 +258,8 @@ class MoveRecorder:
             return None
         content, _ = self._contents.look_up(state, place.qualify(target.axes_name))
         if isinstance(content, WrittenNumbers):
-            axes = self._statements.numerals[content.source].values[
-                content.first + np.array(content.literal.numbers)
-            ]
-            if is_without_axes(axes):
+            values = self._statements.numerals[content.source].values
+            if is_without_axes(values[content.first + np.array(content.literal.numbers)]):
                 return None
         reason = (
             f"the external axes are in the variable {quote_text(target.axes_name)}, and may carry the arm"
@@ -258,14 +276,13 @@ class MoveRecorder:
         elif name in self._declarations.shared and name not in self._noted:
             self._noted.add(name)
             text = f"{quote_text(name)} is GLOBAL: its correction moves it for other programs, too"
-            self._statements.columns.add_remark(place.at, text)
+            self._columns.add_remark(place.at, text)
         return numbers
 
     def _keep_numbers(self, place: Place, numbers: WrittenNumbers, reason: str) -> None:
         """Note why the numbers of a target have to stay in its declaration."""
-        self._statements.columns.keep_numbers(
-            numbers, place.make_cause(reason, self._language.remedy), place.line
-        )
+        cause = place.make_cause(reason, self._language.remedy)
+        self._columns.keep_numbers(numbers, cause, place.line)
 
     def trace_uses(self) -> None:
         """Let what is calculated of numbers be used where the result is used.
@@ -290,7 +307,7 @@ class MoveRecorder:
         for name in sorted((places.keys() & self._targets) - self._uses.used.keys()):
             target, _, _ = name.partition(OF_ROUTINE)
             text = f"numbers of the target {quote_text(target)} decide here, and the correction changes them"
-            self._statements.columns.add_remark(places[name], text)
+            self._columns.add_remark(places[name], text)
 
     def _list_all_origins(self, name: str) -> list[str]:
         """Return the names from which a name was calculated, and targets from which it is at an offset."""
@@ -298,13 +315,11 @@ class MoveRecorder:
 
     def note_assumption(self) -> None:
         """Add a remark on what routines of other files are assumed to leave, if moves behind them need it."""
-        if self._needs_assumption:
-            names = ", ".join(map(quote_text, [*self._calls.unknown_routines][:_MAX_LISTED]))
-            more = len(self._calls.unknown_routines) - _MAX_LISTED
-            others = f" and {more} more" if more > 0 else ""
-            text = (
-                "it is assumed that these routines leave the stored frames and points of the program "
-                "unchanged:"
-            )
-            text = f"{text} {names}{others}"
-            self._statements.columns.add_remark(self._calls.first_unknown, text)
+        if not self._needs_assumption:
+            return
+        routines = [*self._calls.unknown_routines]
+        names = ", ".join(map(quote_text, routines[:_MAX_LISTED]))
+        more = len(routines) - _MAX_LISTED
+        others = f" and {more} more" if more > 0 else ""
+        text = "it is assumed that these routines leave the stored frames and points of the program unchanged"
+        self._columns.add_remark(self._calls.first_unknown, f"{text}: {names}{others}")

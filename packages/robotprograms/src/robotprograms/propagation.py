@@ -29,6 +29,13 @@ Record: TypeAlias = Callable[["ir.Move | ir.MoveToStored", int, "State | None"],
 """Function that records a move, by its index, in a state; None for a move that no path reaches."""
 
 
+def _explain_change(name: str, at: At) -> Cause:
+    """Return the cause why a name is unknown whose contents differ where paths meet."""
+    subject = "a value that an unknown routine may change" if name == UNKNOWN else name
+    reason = f"{subject} changes while the program runs, in a branch, a loop or a call"
+    return Cause(at.line, reason, "set the value once, before branches, loops and calls", at.source)
+
+
 class Propagation:
     """States of a program."""
 
@@ -133,19 +140,21 @@ class Propagation:
                 state, shared = self._operate(op, i, state, shared=shared)
         self._entered_routines.pop()
         if state is not None:
-            live = self._liveness.at_exit.get(routine, set())
-            state = self._leave_out([each for each in state if self._is_dead(each, live)], state)
+            state = self._keep_live(self._liveness.at_exit.get(routine, set()), state)
         self._state_changed |= self.exits.get(routine) != state
         self.exits[routine] = state
 
-    def _is_dead(self, name: str, live: Collection[str]) -> bool:
-        """Return whether nothing reads a name where these names are live."""
-        return name in self._liveness.followed and name not in live
+    def _keep_live(self, live: Collection[str], state: State) -> State:
+        """Return a state without names that nothing reads, where these names are live."""
+        followed = self._liveness.followed
+        return self._leave_out([name for name in state if name in followed and name not in live], state)
 
     def _leave_out(self, names: Collection[str], state: State) -> State:
         """Return a state without names that nothing reads; the same object if the state has none of them."""
         gone = state.keys() & names
-        return {name: each for name, each in state.items() if name not in gone} if gone else state
+        if not gone:
+            return state
+        return {name: each for name, each in state.items() if name not in gone}
 
     def _operate(self, op: Op, i: int, state: State, *, shared: bool) -> tuple[State | None, bool]:
         """Return the state behind operation i, which is no `Flow`, and whether the state is stored elsewhere.
@@ -195,26 +204,41 @@ class Propagation:
         end: State | None = None
         for routine in routines:
             self._work.count(len(state) if op.prefix is not None else 0)
-            live = self._liveness.at_begin.get(routine, set())
-            entering = self._leave_out([each for each in state if self._is_dead(each, live)], state)
+            entering = self._keep_live(self._liveness.at_begin.get(routine, set()), state)
             is_new = self._join_into(self._flow.begins[routine], entering)
             if is_new and routine not in self._entered_routines and len(self._entered_routines) < _MAX_CALLS:
                 self._propagate_through(routine, self._state_operations[routine])
-            returned, changed = self.exits.get(routine), self._changes.of_routine[routine]
+            returned = self.exits.get(routine)
             if returned is not None:
-                names = [*self._always_returned[routine]]
-                names += [name for name in self._liveness.returned.get(i, ()) if name in changed]
-                self._work.count(len(names))
-                never = {NEVER: ("", At())} if NEVER in state or NEVER in returned else {}
-                if UNKNOWN not in changed:  # else the routine may change any name
-                    returned = {**state, **{name: self._contents.look_up(returned, name) for name in names}}
-                returned = {**returned, **never}
+                returned = self._return_from(routine, i, state, returned)
             end = self._join_states(end, returned)
         if op.name in routines:
             return end
         other = dict(state)  # a routine of another file, too, may have the name that is computed
         self._effects.apply(other, i)
         return self._join_states(other, end)
+
+    def _return_from(self, routine: str, i: int, state: State, returned: State) -> State:
+        """Return the state behind operation i, which calls a routine.
+
+        Args:
+            routine: the called routine.
+            i: index of the call.
+            state: state before the call.
+            returned: state at the end of the routine.
+        """
+        changed = self._changes.of_routine[routine]
+        names = [*self._always_returned[routine]]
+        names += [name for name in self._liveness.returned.get(i, ()) if name in changed]
+        self._work.count(len(names))
+        after = dict(returned)  # of a routine that may change any name
+        if UNKNOWN not in changed:
+            after = dict(state)
+            for name in names:
+                after[name] = self._contents.look_up(returned, name)
+        if NEVER in state or NEVER in returned:
+            after[NEVER] = ("", At())
+        return after
 
     def _join_into(self, place: int, state: State | None) -> bool:
         """Join a state into the state at operation `place`; return whether the latter changed."""
@@ -250,19 +274,18 @@ class Propagation:
             ):
                 continue
             if not isinstance(first_content, Cause):
-                subject = "a value that an unknown routine may change" if name == UNKNOWN else name
-                reason = f"{subject} changes while the program runs, in a branch, a loop or a call"
-                at, remedy = (
-                    max(first_place, second_place),
-                    "set the value once, before branches, loops and calls",
-                )
-                cause = Cause(at.line, reason, remedy, at.source)
-                joined[name] = second_content if isinstance(second_content, Cause) else cause, at
+                at = max(first_place, second_place)
+                cause = second_content if isinstance(second_content, Cause) else _explain_change(name, at)
+                joined[name] = (cause, at)
         return first if joined == first else joined
 
     def _find_what_outlasts_routines(self) -> None:
         """Let what lasts when a routine ends last at any time: the next one may be called from outside."""
-        ended = [*self._changes.lasting][1:] if self._language.callable_from_outside else []
+        if not self._language.callable_from_outside:
+            return
+        _, *ended = self._changes.lasting
         for name in ended:
-            ends = [state.get(name, ("", At()))[0] for state in self.exits.values() if state]
-            self._changes.anytime.update((name, cause) for cause in ends if isinstance(cause, Cause))
+            for state in self.exits.values():
+                content, _ = (state or {}).get(name, ("", At()))
+                if isinstance(content, Cause):
+                    self._changes.anytime[name] = content

@@ -7,7 +7,6 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
-from sys import intern
 from typing import Final, NoReturn, TypeAlias
 
 import numpy as np
@@ -37,10 +36,13 @@ _LEFT: Final = ir.Note("")
 
 def _leave_moves(op: Op) -> list[Op]:
     """Return an operation of a further file: its moves are not corrected, so that their targets must stay."""
-    if isinstance(op, ir.Move):
-        names = frozenset(each for each in (*op.targets, *op.offset_from) if not isinstance(each, Literal))
-        return [ir.Use(names), _LEFT] if names else [_LEFT]
-    return [] if isinstance(op, ir.MoveToStored | ir.Note) else [op]
+    if isinstance(op, ir.MoveToStored | ir.Note):
+        return []
+    if not isinstance(op, ir.Move):
+        return [op]
+    used = (*op.targets, *op.offset_from)
+    names = frozenset(each for each in used if not isinstance(each, Literal))
+    return [ir.Use(names), _LEFT] if names else [_LEFT]
 
 
 class Statements:
@@ -128,13 +130,13 @@ class Statements:
                     ops = [(offset, each) for offset, op in ops for each in _leave_moves(op)]
                 if len(translations) < _MAX_TRANSLATIONS:
                     translations[masked] = ops
-            if (
-                ops is repeatable and not held
-            ):  # long programs are mostly such moves: they share one operation
+            is_repetition = ops is repeatable and not held
+            if is_repetition:  # long programs are mostly such moves: they share one operation
                 line_offset, _ = ops[-1]
                 self.repeats[len(self.ops) - 1].extend((line + line_offset, number))
                 continue
-            if not declares and any(isinstance(op, ir.Call) and op.behind_next for _, op in ops):
+            acts_later = any(isinstance(op, ir.Call) and op.behind_next for _, op in ops)
+            if acts_later and not declares:
                 held.append((ops, line, number))
                 continue
             repeatable = self._add_with_held(ops, source, line, number, declares, held)
@@ -197,11 +199,7 @@ class Statements:
             place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
             if op is _LEFT:
                 self.left_in_file[source] += 1
-            elif isinstance(op, ir.Use):
-                into = scope.routine if op.into == ir.RESULT else place.qualify(op.into)
-                noted = self.uses.origins[into] if into else self.uses.used
-                noted.update((place.qualify(name), place.at) for name in op.names)
-            elif isinstance(op, ir.Note | ir.Offset | ir.Local):
+            elif isinstance(op, ir.Use | ir.Note | ir.Offset | ir.Local):
                 self._add_statement_about_names(place, op)
             elif isinstance(op, ir.Assign) and (declares or op.declares):
                 self._declare(place, op, op.declares or declares)
@@ -209,14 +207,25 @@ class Statements:
                 self.places.append(place)
                 self.ops.append(op)
 
-    def _add_statement_about_names(self, place: Place, op: ir.Note | ir.Offset | ir.Local) -> None:
-        """Note a remark, a pose at an offset from a target, or local names."""
-        if isinstance(op, ir.Note):
+    def _add_statement_about_names(self, place: Place, op: ir.Use | ir.Note | ir.Offset | ir.Local) -> None:
+        """Note uses of names, a remark, a pose at an offset from a target, or local names."""
+        if isinstance(op, ir.Use):
+            self._note_use(place, op)
+        elif isinstance(op, ir.Note):
             self.columns.add_remark(place.at, place.make_cause(op.text).reason)
         elif isinstance(op, ir.Offset):
             self.uses.offsets.append((place, op))
+        elif place.scope.routine:
+            place.scope.names.update(op.names)
         else:
-            (place.scope.names if place.scope.routine else self.declarations.names).update(op.names)
+            self.declarations.names.update(op.names)
+
+    def _note_use(self, place: Place, op: ir.Use) -> None:
+        """Note that the numbers of names are used, or that another name is calculated of them."""
+        into = place.scope.routine if op.into == ir.RESULT else place.qualify(op.into)
+        noted = self.uses.origins[into] if into else self.uses.used
+        for name in op.names:
+            noted[place.qualify(name)] = place.at
 
     def forget_anytime(self, names: frozenset[str], reason: str, remedy: str) -> None:
         """Make the values of names unknown anywhere in the program, for a reason."""
@@ -240,23 +249,21 @@ class Statements:
         """Note the initial content of a declared name, and whether other programs may change this content."""
         name = place.qualify(op.name)
         is_shared = op.shared or kind == "shared" or get_array_name(name) in self.shared_names
-        self.declarations.shared |= {name} if is_shared else set()
-        self.declarations.stored |= {name} if kind == "shared" else set()
-        if op.private and not self.language.is_own(name):
-            self.declarations.private.add(get_structure_name(name))
+        declarations, is_own = self.declarations, self.language.is_own(name)
+        if is_shared:
+            declarations.shared.add(name)
+        if kind == "shared":
+            declarations.stored.add(name)
+        if op.private and not is_own:
+            declarations.private.add(get_structure_name(name))
         content = self.contents.evaluate(place, name, op.value, {})
         structure, _, ending = name.partition(".")
-        if ending and self.language.is_own(name):
-            fields = self.declarations.fields.get(structure, ())
-            if all(known != (ending, content) for known in fields):
-                fields = (*fields, (ending, content))
-                # the name of the position itself is stored once
-                self.declarations.fields[intern(structure)] = self.declarations.shared_fields.setdefault(
-                    fields, fields
-                )
+        if ending and is_own:
+            declarations.add_field(structure, (ending, content))
             return
-        self.declarations.fixed |= {name} if op.declares == "constant" else set()
-        if self.declarations.initial.setdefault(name, content) != content:
-            self.declarations.initial[name] = place.make_cause(f"{name} is declared twice")
-        if kind == "constant" and not self.language.is_own(name):
-            self.declarations.constants.add(name)
+        if op.declares == "constant":
+            declarations.fixed.add(name)
+        if declarations.initial.setdefault(name, content) != content:
+            declarations.initial[name] = place.make_cause(f"{name} is declared twice")
+        if kind == "constant" and not is_own:
+            declarations.constants.add(name)
