@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -38,6 +38,7 @@ from robotprograms.program import (
     Source,
     Targets,
 )
+from robotprograms.reaching import reach
 
 MAX_TARGETS: Final = 200_000
 MAX_VISITS: Final = 400_000
@@ -164,6 +165,7 @@ class Columns:
         self._frames: dict[tuple[str, str | bytes], tuple[int, FrameName]] = {}
         self._targets = array("q")  # rows of source, line, first number, line of use, literal, base, tool
         self._names: list[str] = []  # names of the targets
+        self._labels: list[str] = []  # the same in the intermediate language, once the targets are settled
         self._moves = array("q")  # rows of line, motion, count of visits up to the end
         self._visits = array("q")  # indices of the targets of all moves
         self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
@@ -226,9 +228,8 @@ class Columns:
                 line, f"the moves of the program have more than {MAX_VISITS} targets", "split the program"
             )
         if cause is None:
-            self._visits.extend(
-                [self._index_target(each, pair, line) for each, pair in zip(targets, frames, strict=True)]
-            )
+            for target, pair in zip(targets, frames, strict=True):
+                self._visits.append(self._index_target(target, pair, line))
             self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
             return
         names = ", ".join(_get_plain_name(each.label) or "in numbers" for each in targets)
@@ -342,8 +343,8 @@ class Columns:
         """Note why the numbers of a target, which is used on a line, have to stay as they are."""
         self._target_causes.setdefault(self._index_target(target, None, line), cause)
 
-    def list_own_numbers(self, used: Mapping[str, At], external_axes: ExternalAxes) -> tuple[OwnNumbers, ...]:
-        """Return the own numbers that moves need because the declaration of their target has to stay.
+    def settle_targets(self, used: Mapping[str, At], external_axes: ExternalAxes) -> None:
+        """Note which targets have to stay, fill the columns of targets and sort the moves.
 
         Args:
             used: place of use of each name whose numbers are used for something else than targets.
@@ -352,20 +353,33 @@ class Columns:
         self._target_indices.clear()  # its memory serves for the columns
         own = {each.label: each for each in self._own}
         for index, name in enumerate(self._names):
+            if not name:
+                continue
             at = used.get(name) or used.get(get_array_name(name))
-            if name and name in own:
+            if name in own:
                 cause = Cause(own[name].line, own[name].reason, own[name].remedy)
                 self._target_causes.setdefault(index, cause)
-            elif at and name:
-                file = f" of {quote_text(self._sources[at.source].name)}" if at.source else ""
-                use = f"the numbers of {quote_text(name)} are also used on line {at.line}{file}"
-                reason = f"{use}, where their meaning is not certain"
-                self._target_causes.setdefault(index, Cause(0, reason, "use a separate target on that line"))
-        labels, self._names = self._names, [_get_plain_name(name) if name else name for name in self._names]
+            elif at:
+                self._target_causes.setdefault(index, self._explain_use(name, at))
+        self._labels = self._names
+        self._names = [_get_plain_name(name) if name else name for name in self._names]
         self._filled = self._fill_targets(_reshape_rows(self._targets, _ROW_WIDTH), external_axes)
         self._sorted = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
         self._name_own_numbers()
-        return () if self._own or not self._language.opening else self._find_own_numbers(labels)
+
+    def _explain_use(self, name: str, at: At) -> Cause:
+        """Return the cause why a target has to stay whose numbers are used at another place."""
+        file = f" of {quote_text(self._sources[at.source].name)}" if at.source else ""
+        use = f"the numbers of {quote_text(name)} are also used on line {at.line}{file}"
+        reason = f"{use}, where their meaning is not certain"
+        return Cause(0, reason, "use a separate target on that line")
+
+    def list_own_numbers(self) -> tuple[OwnNumbers, ...]:
+        """Return the own numbers that moves need because the declaration of their target has to stay."""
+        can_state_numbers = bool(self._language.opening)
+        if self._own or not can_state_numbers:
+            return ()
+        return self._find_own_numbers(self._labels)
 
     def _name_own_numbers(self) -> None:
         """Give targets that are own numbers of a move the names that they replace; add a remark to each."""
@@ -409,17 +423,18 @@ class Columns:
         moves, is_left = self._sorted, np.zeros(len(self._sorted), dtype=np.bool_)
         begins, order = np.append(0, moves.ends[:-1]), np.argsort(moves.visits, kind="stable")
         bounds = np.searchsorted(moves.visits[order], np.arange(len(self._filled) + 1))
-        kept, to_visit = {*self._target_causes}, [*self._target_causes]
-        while to_visit:
-            target = to_visit.pop()
+
+        def leave_moves(target: int) -> Iterator[int]:
+            """Leave the moves to a target that has to stay, and yield their other targets."""
             visits = order[bounds[target] : bounds[target + 1]]
             for move in dict.fromkeys(moves.move_of_visit[visits].tolist()):
-                if gets_own_numbers(move, target):
-                    continue
-                is_left[move] = True
-                others = {*moves.visits[begins[move] : moves.ends[move]].tolist()} - kept
-                kept |= others
-                to_visit += others
+                if not gets_own_numbers(move, target):
+                    is_left[move] = True
+                    yield from moves.visits[begins[move] : moves.ends[move]].tolist()
+
+        kept = {*self._target_causes}
+        for _pair in reach([*kept], leave_moves, kept):
+            pass  # `leave_moves` notes the moves
         return is_left
 
     def _make_own_numbers(self, target: int, move: int, label: str) -> OwnNumbers | None:
@@ -444,7 +459,7 @@ class Columns:
         return OwnNumbers(*place, name, numbers, line, label, reason, cause.remedy, cause.line)
 
     def build_program(self, causes: Sequence[Cause]) -> Program:
-        """Return the program of the targets and moves, behind `list_own_numbers`.
+        """Return the program of the targets and moves, behind `settle_targets`.
 
         Args:
             causes: causes why statements are not understood.

@@ -82,7 +82,8 @@ def read_program(
         # Names and states are not kept: they take as much memory as the targets built next.
         found = interpret(chosen, sources, language, permissions, own)
         columns = found.columns
-        own = columns.list_own_numbers(found.used, external_axes)
+        columns.settle_targets(found.used, external_axes)
+        own = columns.list_own_numbers()
         if not own or _exceed_limit(sources, own):
             break
         first, own = insert_numbers(sources[0], own)

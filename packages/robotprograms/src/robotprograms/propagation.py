@@ -7,7 +7,7 @@ why the content is unknown. Where paths meet, contents that differ are unknown.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Set
 from typing import Final, TypeAlias
 
 from robotprograms import language as ir
@@ -77,15 +77,14 @@ class Propagation:
             live = [name for name in changed if name not in liveness.followed]
             self._always_returned[routine] = live
 
-    def run(self, bodies: Mapping[str, list[int]], callers: Mapping[str, Collection[str]]) -> None:
+    def run(self, bodies: Mapping[str, list[int]], callers: Mapping[str, Set[str]]) -> None:
         """Pass states through routines until none changes, and then once more to record the moves.
 
         Args:
             bodies: operations of each routine.
             callers: callers of each routine.
         """
-        self._callers = callers
-        self._enter_routines()
+        self._enter_routines(callers)
         for name, body in bodies.items():
             kept = [i for i in body if not isinstance(self._ops[i], ir.Move | ir.MoveToStored)]
             self._state_operations[name] = kept
@@ -99,15 +98,15 @@ class Propagation:
         for name, body in bodies.items():
             self._propagate_through(name, body)
 
-    def _enter_routines(self) -> None:
+    def _enter_routines(self, callers: Mapping[str, Set[str]]) -> None:
         """Set the states in which the main routine, and routines that other programs may call, begin."""
         self._contents.forget_judgements()  # from here on, all changes are known
         main = next((name for name in self._flow.begins if name not in self._flow.anytime_routines), "")
         # The program does not show when statements outside of its routines run: they may run at any time.
-        if main and (self._language.callable_from_outside or main not in self._callers):
+        if main and (self._language.callable_from_outside or main not in callers):
             self._changes.anytime.update(self._changes.of_routine[""])
         for name, begin in self._flow.begins.items():
-            is_called = not self._callers.get(name, set()) <= {name}  # by others: it may call itself
+            is_called = not callers.get(name, set()) <= {name}  # by others: it may call itself
             if self._language.callable_from_outside or (name == main and not is_called):
                 self._incoming[begin] = {}
             elif not is_called or name in self._flow.anytime_routines | self._flow.shared_routines:
