@@ -11,7 +11,7 @@ formats        the format by the file's name; which module reads it; comments of
 ├── language     words of the intermediate language; statements in normal form
 ├── interpreter  which moves are certain; the modules of its steps
 ├── columns      targets and moves as columns; moves that share numbers are certain together
-program        targets as columns with where their numbers stand; rewriting
+program        targets as columns, with the places of their numbers; rewriting
 notation       all numbers of a text, and others in their place; numbers to poses in SI units, and back
 """
 

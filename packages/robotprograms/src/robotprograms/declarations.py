@@ -1,4 +1,4 @@
-"""What a program declares, uses and changes, by full names, and the states of its variables."""
+"""Names that a program declares, uses and changes, and the states of its variables."""
 
 from __future__ import annotations
 

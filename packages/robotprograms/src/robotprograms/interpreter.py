@@ -33,7 +33,7 @@ from robotprograms.traffic import TrafficFinder
 
 @dataclass(frozen=True)
 class Permissions:
-    """What the user states about routines of other files."""
+    """Statements of the user about routines of other files."""
 
     allowed: Collection[str] = ()  # routines that neither move the robot nor change frames
     trusts_routines: bool = False  # whether no routine of another file does so

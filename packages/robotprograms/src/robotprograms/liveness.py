@@ -36,7 +36,7 @@ class Traffic:
 
 @dataclass(frozen=True)
 class Liveness:
-    """What states leave out, and what returns from routines."""
+    """Names that states leave out, and names that return from routines."""
 
     followed: set[str] = field(default_factory=set)  # names that were followed; all other names are live
     dead: Names = field(default_factory=lambda: defaultdict(set))  # names that die on the way to an operation

@@ -1,4 +1,4 @@
-"""What is reached along the edges of a relation."""
+"""Relations: nodes that are reached along their edges."""
 
 from __future__ import annotations
 

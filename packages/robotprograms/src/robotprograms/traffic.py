@@ -1,4 +1,4 @@
-"""Which operations of a program read and write which names."""
+"""Reads and writes: the operations of a program that look up each name, or give it a new content."""
 
 from __future__ import annotations
 
