@@ -7,7 +7,7 @@ operation on this path gives the name a new content. Each name is followed backw
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Set
+from collections.abc import Collection, Mapping, Set
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
@@ -135,10 +135,10 @@ class _Name:
             liveness.at_exit[routine].add(self.name)
 
 
-def find_liveness(names: Iterable[str], traffic: Traffic, flow: ControlFlow) -> Liveness:
-    """Follow names backwards, until there are too many steps."""
+def find_liveness(traffic: Traffic, flow: ControlFlow) -> Liveness:
+    """Follow the names that get new contents backwards, until there are too many steps."""
     graph, liveness, steps = _Graph(traffic, flow), Liveness(), 0
-    for each in names:
+    for each in traffic.writes:
         name = _Name(each, traffic, graph)
         name.follow()
         steps += len(name.at) + len(name.behind)

@@ -40,7 +40,10 @@ class TrafficFinder:
 
     def find_liveness(self, bodies: Mapping[str, list[int]], flow: ControlFlow) -> Liveness:
         """Return the names that states leave out, with the operations of each routine."""
-        writes = self._find_writes(bodies)
+        kept = self._list_always_live()
+        writes = {name: at for name, at in self._find_writes(bodies).items() if get_base(name) not in kept}
+        if not writes:  # most programs declare their points, and assign nothing to them
+            return Liveness()
         reads: dict[str, set[int]] = defaultdict(set)
         for i in chain(*bodies.values()):
             for name in self._list_read_names(i) & writes.keys():
@@ -55,8 +58,7 @@ class TrafficFinder:
             changed=self._changes.of_routine,
             forgetting={name for name, changed in self._changes.of_routine.items() if UNKNOWN in changed},
         )
-        kept = self._list_always_live()
-        return find_liveness([name for name in writes if get_base(name) not in kept], traffic, flow)
+        return find_liveness(traffic, flow)
 
     def _leave_out_moves(self, body: list[int], reading: set[int]) -> list[int]:
         """Return operations without moves, unless these read names."""
