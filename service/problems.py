@@ -167,6 +167,7 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
         "pandas": "frames",
         "polars": "frames",
         "pyarrow": "tables",
+        "robotprograms": "programs",
         "typst": "reports",
     }
 )
@@ -194,6 +195,22 @@ def explain_missing_library(feature: str, error: ImportError) -> ImportError:
     """
     extra = EXTRAS.get((error.name or "").partition(".")[0])
     return error if extra is None else MissingExtraError(feature, extra)
+
+
+@contextmanager
+def naming_missing_extra(feature: str) -> Iterator[None]:
+    """Raise a failed import of the block as the error that names the extra which installs the library.
+
+    Args:
+        feature: the feature that needs the library, as in `explain_missing_library`.
+
+    Raises:
+        MissingExtraError: the library belongs to an extra.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise explain_missing_library(feature, error) from None
 
 
 class ExecutorError(ServiceError):
@@ -412,6 +429,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         RoleError: (403, "role", "The role does not allow this"),
         StoreUnavailableError: (503, "store-unavailable", "The database is not available"),
         StoreError: (500, "store", "The database cannot be used"),
+        MissingExtraError: (501, "missing-extra", "A library is not installed"),
     }
 )
 """Class of errors → (HTTP status, last part of the URN that is the type of the problem, title)."""
@@ -467,7 +485,7 @@ A message that no pattern matches remains unchanged.
 """
 
 
-def problem_from_error(error: JointstiffError | StoreError) -> Problem:
+def problem_from_error(error: JointstiffError | ServiceError) -> Problem:
     """Return the problem details of an error.
 
     Status, type and title are those of the nearest class in the table `_KINDS`.

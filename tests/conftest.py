@@ -175,13 +175,13 @@ def services(
 
 @pytest.fixture(scope="session")
 def built_wheel(shared_folder: Path) -> Path:
-    """The wheel of this repository, and beside it `environment` with it; workers of xdist share both."""
+    """The wheel of jointstiff, and next to it `environment` with all wheels; workers of xdist share both."""
     folder = shared_folder / "wheel"
     with alone(shared_folder / "page.lock"):  # which is built with it
         if not (folder / "environment").is_dir():
             wheel.build(folder)
-            wheel.install(next(folder.glob("*.whl")), folder / "environment")
-    return next(folder.glob("*.whl"))
+            wheel.install(folder, folder / "environment")
+    return next(folder.glob("jointstiff-*.whl"))
 
 
 @pytest.fixture(scope="session")

@@ -16,9 +16,9 @@ import numpy as np
 from benchmarks.report import Figure, Part, Section
 from jointstiff.service.kinds.program.loads import read_load_table
 from jointstiff.service.problems import FilesError
-from jointstiff.service.programs import fanuc, krl, rapid, ur
-from jointstiff.service.programs.language import Misread
-from jointstiff.service.programs.notation import Numerals
+from robotprograms import fanuc, krl, rapid, ur
+from robotprograms.language import Misread
+from robotprograms.notation import Numerals
 
 _CHARACTERS: Final = 100_000
 _READERS: Final[dict[str, tuple[ModuleType, str]]] = {

@@ -30,7 +30,7 @@ from benchmarks.studies.forks import CHANGES
 
 __all__ = ["Judged", "Lane", "Mutant", "drawn", "judged", "measured_lane", "mutants_of", "run"]
 
-MUTANTS = {"solver": 60, "service": 30}
+MUTANTS = {"solver": 60, "service": 30, "packages/robotprograms/src/robotprograms": 15}
 SEED = 8807
 """Draw anew once tests were written for what this one left: such a share says nothing of the others."""
 LANE = ("-m", "not process and not slow")
@@ -63,6 +63,12 @@ class Mutant:
     source: str = field(repr=False)  # of the whole module
     before: str
     after: str
+
+    @property
+    def module(self) -> str:
+        """Name of the module as it is imported."""
+        parts = self.path.with_suffix("").parts
+        return ".".join(parts[parts.index("src") + 1 :] if "src" in parts else ("jointstiff", *parts))
 
 
 @dataclass(frozen=True)
@@ -192,7 +198,13 @@ def measured_lane(folder: Path, *, quick: bool = False) -> Lane:
         quick: only the tests of this study.
     """
     data = folder / "coverage"
-    measured = ["--cov=jointstiff", "--cov-context=test", "--cov-report=", "--cov-fail-under=0"]
+    measured = [
+        "--cov=jointstiff",
+        "--cov=robotprograms",
+        "--cov-context=test",
+        "--cov-report=",
+        "--cov-fail-under=0",
+    ]
     tests = ["tests/studies"] if quick else []
     _pytest([*measured, "-p", "benchmarks.studies.caches", "-n", "auto", *tests], COVERAGE_FILE=str(data))
     return Lane(data)
@@ -216,8 +228,7 @@ def judged(chosen: list[Mutant], lane: Lane, folder: Path) -> list[Judged]:
     changes = []
     for mutant in chosen:
         tests, files = lane.tests(mutant)
-        module = ".".join(("jointstiff", *mutant.path.with_suffix("").parts))
-        change = {"module": module, "path": str(ROOT / mutant.path), "source": mutant.source}
+        change = {"module": mutant.module, "path": str(ROOT / mutant.path), "source": mutant.source}
         changes.append(change | {"tests": tests, "files": files})
     file = folder / "changes.json"
     file.write_text(json.dumps(changes), encoding="utf-8")

@@ -12,19 +12,19 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.report import Figure, Section
+from jointstiff.service.kinds.program.files import decompress_file
 from jointstiff.service.kinds.program.work import (
     Corrections,
-    decompress_file,
     points_sheet,
     write_compensated_program,
 )
 from jointstiff.service.kinds.work import concatenate_steps
-from jointstiff.service.programs.formats import read_program
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import equilibrium
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.robot import Robot
+from robotprograms import read_program
 from tests.support.programs import ARM, TOOL, exact_run, loaded_poses, path, tool_poses, work_of
 
 __all__ = ["run"]

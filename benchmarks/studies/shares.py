@@ -1,12 +1,12 @@
 """Programs as people write them: how many moves to numbers are known as sent, and after one question.
 
-The programs are templates in `tests/service/programs/forms`, with numbers from another generator.
+The programs are templates in `packages/robotprograms/tests/forms`, with numbers from another generator.
 """
 
 from __future__ import annotations
 
 from benchmarks.report import Figure, Section
-from tests.support.program_forms import LANGUAGES, judge, read_forms
+from packages.robotprograms.tests.program_support.program_forms import LANGUAGES, judge, read_forms
 
 __all__ = ["run"]
 

@@ -19,7 +19,7 @@ from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.jobs import Parts
-from jointstiff.service.problems import StoreError, http_problem, problem_from_error, problem_from_faults
+from jointstiff.service.problems import ServiceError, http_problem, problem_from_error, problem_from_faults
 from jointstiff.service.process import REQUEST_ID
 from jointstiff.solver.errors import JointstiffError
 
@@ -109,7 +109,7 @@ def install_error_handlers(app: FastAPI) -> None:
     """Install the handler that answers every error with a problem document; it runs in the event loop."""
     for kind in (
         JointstiffError,
-        StoreError,
+        ServiceError,
         RequestValidationError,
         HTTPException,
         ClientDisconnect,
@@ -139,7 +139,7 @@ def answer_problem(problem: Problem, headers: dict[str, str] | None = None) -> R
     )
 
 
-def answer_error(error: JointstiffError | StoreError) -> Response:
+def answer_error(error: JointstiffError | ServiceError) -> Response:
     """Return the answer to an error of the project; errors of the service (5xx) are logged."""
     problem = problem_from_error(error)
     if problem.status >= 500:
@@ -171,7 +171,7 @@ def query_names(dependant: Dependant) -> Iterator[str]:
 async def _answer_failure(request: Request, error: Exception) -> Response:
     """Return the answer to any error as a problem document; unexpected errors are logged and give 500."""
     match error:
-        case JointstiffError() | StoreError():
+        case JointstiffError() | ServiceError():
             return answer_error(error)
         case RequestValidationError():
             return answer_problem(problem_from_faults(error.errors(), _list_query_parameters(request)))

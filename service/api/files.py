@@ -23,7 +23,7 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.api.rehearsal import write_rehearsal
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
-from jointstiff.service.kinds.program.work import decompress_file
+from jointstiff.service.kinds.program.files import decompress_file
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.certificate import build_certificate
 from jointstiff.service.reports.document import Document

@@ -43,8 +43,8 @@ from jointstiff.service.api.jobs import InjectedPost, JobId, JobRoute, Posted
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.process.kind import PROCESS
+from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.kind import PROGRAM
-from jointstiff.service.kinds.program.work import compress_file
 from jointstiff.service.problems import NotFoundError, find_path_in_document
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.resources.stored import load_job, robot_from_record

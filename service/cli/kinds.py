@@ -758,21 +758,21 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
         CampaignError: the program cannot be read.
     """
     from jointstiff.schemas.program import ProgramOptions
-    from jointstiff.service.programs.formats import list_moves
-    from jointstiff.service.programs.program import ExternalAxes
+    from jointstiff.service.problems import naming_missing_extra
 
     if not values["explain"]:
         if values["output"] is None:
             raise typer.BadParameter("is missing: name the file to write", param_hint="--output")
         return False
+    with naming_missing_extra("a program file"):
+        from jointstiff.service.kinds.program.text import list_moves
     files = [(path.name, path.read_bytes()) for path in sources[1]]
     with naming_options(ProgramOptions):
-        external = ExternalAxes(values["external_axes"] or ExternalAxes.MAY_CARRY)
         rows = list_moves(
             files,
             values["format"],
             values["leave_alone"] or (),
-            external,
+            values["external_axes"],
             trust_routines=bool(values["trust_routines"]),
         )
     if values["as_json"]:
@@ -793,7 +793,7 @@ def _write_program_files(job: Any, values: _Values, sources: Sequence[Any]) -> A
 
     Return the job.
     """
-    from jointstiff.service.kinds.program.work import decompress_file
+    from jointstiff.service.kinds.program.files import decompress_file
 
     paths = _choose_program_paths(values, sources)
     for file in job.result.files:
@@ -809,7 +809,7 @@ def _write_process_files(job: Any, values: _Values, sources: Sequence[Any]) -> A
     The files are the program with new orientations (`--output`), the table of the tool's turns (`--report`)
     and the table of the workpiece's places (`--places`).
     """
-    from jointstiff.service.kinds.program.work import decompress_file
+    from jointstiff.service.kinds.program.files import decompress_file
 
     if values["output"] is not None:
         paths = _choose_program_paths(values, sources)

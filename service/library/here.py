@@ -156,7 +156,7 @@ class Here(Verbs):
             CampaignError: the request cannot be used.
         """
         if kind.is_form:
-            from jointstiff.service.kinds.program.work import compress_file
+            from jointstiff.service.kinds.program.files import compress_file
 
             if sum(map(len, files.values())) > kind.max_bytes:
                 raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
@@ -193,7 +193,7 @@ class Here(Verbs):
                     _make_exported_model(job), cast("Any", suffix), (query or {}).get("accept_verdict")
                 )
         if name == "program":
-            from jointstiff.service.kinds.program.work import decompress_file
+            from jointstiff.service.kinds.program.files import decompress_file
 
             file_name = (query or {}).get("file")
             if self.files:

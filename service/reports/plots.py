@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from jointstiff.service.problems import explain_missing_library
+from jointstiff.service.problems import naming_missing_extra
 from jointstiff.service.tables.table import Area, Chart
 
 if TYPE_CHECKING:
@@ -62,10 +62,8 @@ def draw_figure(charts: Sequence[Chart], areas: Sequence[Area] = (), style: Plot
         MissingExtraError: matplotlib is not installed.
         ValueError: there is nothing to draw, there are fewer axes than panels, or no joint has a given name.
     """
-    try:
+    with naming_missing_extra("plot"):
         import matplotlib as mpl
-    except ImportError as error:
-        raise explain_missing_library("plot", error) from None
     charts = [_choose_joints(chart, style.joints) for chart in charts]
     count = len(charts) + len(areas)
     if not count:

@@ -11,7 +11,7 @@ from math import isfinite, nan
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.service.problems import explain_missing_library
+from jointstiff.service.problems import naming_missing_extra
 from jointstiff.service.tables.table import Sheet, Value
 
 if TYPE_CHECKING:
@@ -102,12 +102,10 @@ def xlsx_bytes(sheets: Mapping[str, Sheet]) -> bytes:
     Raises:
         MissingExtraError: openpyxl is not installed.
     """
-    try:
+    with naming_missing_extra("an Excel workbook"):
         from openpyxl import Workbook
         from openpyxl.styles import Font
         from openpyxl.utils import get_column_letter
-    except ImportError as error:
-        raise explain_missing_library("an Excel workbook", error) from None
 
     workbook = Workbook(write_only=False)
     workbook.remove(workbook.worksheets[0])
@@ -196,10 +194,8 @@ def make_data_frame(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars,
     try:
         import pandas
     except ImportError:
-        try:
+        with naming_missing_extra("to_frame"):
             import polars
-        except ImportError as error:
-            raise explain_missing_library("to_frame", error) from None
         return polars.DataFrame(columns, strict=False)
     first_header = next(iter(columns), None)
     first_column = columns[first_header] if first_header is not None else []

@@ -41,7 +41,9 @@ def docstrings(folder: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("folder", ["solver", "service", "schemas", "examples", "benchmarks"])
+@pytest.mark.parametrize(
+    "folder", ["solver", "service", "schemas", "examples", "benchmarks", "packages/robotprograms/src"]
+)
 def test_docstrings_begin_with_a_verb_or_a_noun(folder):
     texts = docstrings(folder)
     riddles = [text for text in texts if text.split(": ", 1)[1].split()[0].rstrip(",") in REFUSED]
@@ -64,7 +66,7 @@ MEANT = {"service/importing/grammar.py"}
 """Modules that have such a word as data."""
 
 
-@pytest.mark.parametrize("folder", ["solver", "service", "schemas"])
+@pytest.mark.parametrize("folder", ["solver", "service", "schemas", "packages/robotprograms/src"])
 def test_private_words_are_gone_from_the_code(folder):
     """Names, comments, docstrings and messages use the words of CONTRIBUTING's table."""
     private = re.compile("|".join(rf"\b{word}\b" for word in PRIVATE_WORDS), re.IGNORECASE)
@@ -98,7 +100,8 @@ def test_descriptions_of_the_api_begin_with_a_noun_or_a_verb(openapi):
 
 
 TESTS = Path(__file__).parents[1]
-FILES = sorted(TESTS.rglob("*.py"))
+READERS = ROOT / "packages" / "robotprograms"
+FILES = sorted([*TESTS.rglob("*.py"), *(READERS / "tests").rglob("*.py")])
 STUDIES = TESTS / "studies"
 """Its tests run the studies of benchmarks/; nobody else knows these."""
 
@@ -139,7 +142,7 @@ def patches_of_private_names(path: Path) -> int:
 
 
 def test_no_further_private_names_are_patched():
-    found = Counter({str(path.relative_to(TESTS)): patches_of_private_names(path) for path in FILES})
+    found = Counter({str(path.relative_to(ROOT)): patches_of_private_names(path) for path in FILES})
     assert +found == Counter(PATCHED)
 
 

@@ -8,8 +8,8 @@ from support.api import file_at
 from support.browsing import file_of
 from support.programs import START, path, tool_poses
 
-from jointstiff.service.programs.formats import read_program
 from jointstiff.simulator.programs import program_text
+from robotprograms.formats import read_program
 
 
 def test_from_a_run_to_the_corrected_file(visit, stored, api):

@@ -28,7 +28,7 @@ OF_EXTRAS = [
     "psycopg",
     "segno",
 ]
-OF_EXTRAS += ["pyarrow", "sqlalchemy"]
+OF_EXTRAS += ["pyarrow", "robotprograms", "sqlalchemy"]
 LIBRARY = """
 import json
 import jointstiff as js
@@ -38,7 +38,6 @@ jobs = [
     run,
     js.compare("campaign.json", "second.json"),
     js.plan("campaign.json", readings=6),
-    js.compensate(run, "examples/pocket.src", accuracy_option="off", force=(0, 0, -500)),
 ]
 cases = js.predict(run, "examples/postures.csv", load_point=(0.0, 0.0, 120.0)).cases
 imported = js.import_files("examples/readings.csv", encoders="motor", load_point=(0.0, 0.0, 120.0))
@@ -55,6 +54,7 @@ EXTRAS = {
     "post campaign.json": "client",
     "measure campaign.json --server http://127.0.0.1:9 --source simulated:1 --goal 15%": "client",
     "export campaign.json -o model.xlsx": "excel",
+    "compensate campaign.json examples/pocket.src -o new.src --accuracy-option off --force 0,0,9": "programs",
 }
 """Commands that need an extra, and the extra."""
 
@@ -106,7 +106,6 @@ def test_no_library_of_an_extra_is_there(bare):
         "compare campaign.json second.json",
         "plan campaign.json --readings 6",
         "predict campaign.json examples/postures.csv --load-point 0,0,120",
-        "compensate campaign.json examples/pocket.src -o new.src --accuracy-option off --force 0,0,-500",
         "import examples/readings.csv --encoders motor --load-point 0,0,120",
         "geometry examples/sweeps.json --robot examples/nominal.json",
         "measure campaign.json --goal 15% --source simulated:1 --yes",
@@ -124,7 +123,7 @@ def test_commands_on_files_need_no_extra(command, bare, place):
 def test_the_library_needs_no_extra(bare, place):
     done = ran(place, str(bare / "python"), "-c", LIBRARY)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout) == [["succeeded"] * 4, True, "readings.csv"]
+    assert json.loads(done.stdout) == [["succeeded"] * 3, True, "readings.csv"]
 
 
 @pytest.mark.parametrize("command", EXTRAS)
@@ -141,6 +140,10 @@ NAMES = {
     "run.plot()": ("plot", "plot"),
     "run.to_frame()": ("to_frame", "frames"),
     "run.save('model.xlsx')": ("an Excel workbook", "excel"),
+    "js.compensate(run, 'examples/pocket.src', accuracy_option='off', force=(0, 0, -500))": (
+        "a program file",
+        "programs",
+    ),
 }
 """Names of the library that need an extra: how the message calls them, and the extra."""
 REFUSALS = f"""

@@ -20,12 +20,12 @@ from support.processes import Service, free_port, ready, serving, until, working
 from support.programs import options, path, tool_poses
 
 from jointstiff.service.library.client import Client
-from jointstiff.service.programs.formats import read_program
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import job_steps, jobs
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
+from robotprograms.formats import read_program
 
 pytestmark = pytest.mark.process
 

@@ -71,6 +71,7 @@ NEEDED = [
     "docker/README.md",
     "CHANGELOG.md",
     "docker/build.lock",
+    *(f"packages/robotprograms/{name}" for name in ("pyproject.toml", "README.md", "LICENSE", "src")),
 ]
 
 

@@ -98,6 +98,17 @@ def test_each_change_is_one_expression_in_its_place(tmp_path):
         )
 
 
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [
+        ("solver/mechanics/robot.py", "jointstiff.solver.mechanics.robot"),
+        ("packages/robotprograms/src/robotprograms/krl.py", "robotprograms.krl"),
+    ],
+)
+def test_the_module_of_a_change_is_the_one_that_is_imported(path, name):
+    assert Mutant(Path(path), 1, frozenset({1}), "", "a", "b").module == name
+
+
 def test_a_change_is_judged_by_the_tests_that_reach_its_lines(tmp_path):
     """The most particular test first; a file whose fixtures reach a line is run whole."""
     path = Path("solver/arrays.py")

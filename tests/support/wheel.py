@@ -1,4 +1,4 @@
-"""The wheel of this repository, and an environment that has the package from it and nowhere else."""
+"""The wheels of this repository, and an environment that has the packages from them and nowhere else."""
 
 import os
 import shutil
@@ -25,15 +25,24 @@ def run(*command: str, **options) -> subprocess.CompletedProcess[str]:
 
 
 def build(folder: Path) -> None:
-    """Build the wheel into a folder."""
-    run(uv(), "build", "--quiet", "--wheel", "--out-dir", str(folder), str(ROOT))
+    """Build the wheels of jointstiff and robotprograms into a folder."""
+    run(uv(), "build", "--quiet", "--all-packages", "--wheel", "--out-dir", str(folder), str(ROOT))
 
 
-def install(wheel: Path, environment: Path) -> None:
-    """Make an environment with the wheel; it has the dependencies of this Python, but not its package."""
+def install(folder: Path, environment: Path) -> None:
+    """Make an environment with the wheels of a folder; it has the dependencies of this Python alone."""
     run(uv(), "venv", "--quiet", "--python", sys.executable, str(environment))
     python = environment / "bin" / "python"
-    run(uv(), "pip", "install", "--quiet", "--python", str(python), "--no-deps", str(wheel))
+    run(
+        uv(),
+        "pip",
+        "install",
+        "--quiet",
+        "--python",
+        str(python),
+        "--no-deps",
+        *map(str, folder.glob("*.whl")),
+    )
     (own,) = environment.glob("lib/python*/site-packages")
     inside = [path for path in sys.path if "site-packages" in Path(path).parts and Path(path).is_dir()]
     (own / "dependencies.pth").write_text("".join(f"{path}\n" for path in inside))

@@ -15,6 +15,7 @@ from jointstiff.schemas.process import (
 )
 from jointstiff.service.kinds.kind import Kind, list_table_files
 from jointstiff.service.kinds.program.kind import CONTENT, make_points_sheet
+from jointstiff.service.problems import naming_missing_extra
 from jointstiff.service.tables.estimate import (
     ShownEstimate,
     model_error_text,
@@ -69,7 +70,8 @@ _EXAMPLES: Final[dict[str, Any]] = {
 
 def _prepare_work(inputs: Inputs, request: ProcessRequest) -> Work:
     """Return the work of a process, which is computed later; numerical modules are imported here."""
-    from jointstiff.service.kinds.process.work import prepare_process
+    with naming_missing_extra("a program file"):
+        from jointstiff.service.kinds.process.work import prepare_process
 
     return prepare_process(inputs, request)
 
@@ -80,7 +82,7 @@ def _choice_sheet(name: str) -> Callable[[Process], Sheet]:
     def make_sheet(job: Process) -> Sheet:
         """Return the table, decompressed from the stored result of a process."""
         from jointstiff.service.kinds.process import tables
-        from jointstiff.service.kinds.program.work import decompress_file
+        from jointstiff.service.kinds.program.files import decompress_file
 
         if job.result is None:
             raise ValueError("the process has no result")

@@ -19,9 +19,8 @@ from jointstiff.service.kinds.program.path import (
     find_spindles,
     turn_loads_to_base,
 )
+from jointstiff.service.kinds.program.text import FaultsError
 from jointstiff.service.kinds.work import as_request_errors
-from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.program import Program
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -30,6 +29,7 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.process.path import ProcessPath
 from jointstiff.solver.process.sequence import Motion
 from jointstiff.solver.process.turning import TurnTask
+from robotprograms import Program
 
 MAX_POSES = {"keep": 100_000, "free": 20_000}
 """Greatest number of visited targets times turns, for one branch and for all."""
@@ -66,7 +66,7 @@ class ProgramToTurn:
         Raises:
             RequestError: a field of the request is missing or does not fit the program, or the program states
                 no orientation that could be turned.
-            ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
+            FaultsError: the robot does not reach targets, or their arm configurations are ambiguous.
         """
         turns = len(make_turn_task(request).angles)
         most = MAX_POSES[request.branches]
@@ -177,18 +177,18 @@ def _find_programmed(
 
     Raises:
         RequestError: a field of the request is missing, or does not fit the program.
-        ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
+        FaultsError: the robot does not reach targets, or their arm configurations are ambiguous.
     """
     try:
         return find_path(program, request, robot, inverse, visits)
-    except ProgramError as error:
+    except FaultsError as error:
         if request.turn == "keep":
             raise
         if request.branches == "free":
             return None
         # An arm that need not take the program's branch can follow more programs.
         faults = [replace(each, remedy=f"{each.remedy}; or `branches: free`") for each in error.faults]
-        raise ProgramError(faults, error.count, error.left_moves) from error
+        raise FaultsError(faults, error.count, error.left_moves) from error
 
 
 def _make_path(

@@ -22,17 +22,11 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.process.path import ProgramToTurn, make_turn_task
 from jointstiff.service.kinds.process.tables import pack_choice
+from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.path import ProgramPath, find_wanted_postures
-from jointstiff.service.kinds.program.work import (
-    ProgramWork,
-    WrittenPoints,
-    compress_file,
-    refuse_corrected_files,
-)
+from jointstiff.service.kinds.program.text import FaultsError, read_program
+from jointstiff.service.kinds.program.work import ProgramWork, WrittenPoints, refuse_corrected_files
 from jointstiff.service.kinds.work import Arrays, Span, as_request_errors, cut_into_spans
-from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import choose_frame_notation, read_program
-from jointstiff.service.programs.notation import Orientation
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import find_accepted_run, make_reason
 from jointstiff.solver.arrays import FloatArray, IndexArray
@@ -53,6 +47,7 @@ from jointstiff.solver.process.placing import (
 )
 from jointstiff.solver.process.turning import NO_GAIN, TurnChoice, choose_turns
 from jointstiff.solver.text import figure
+from robotprograms import Orientation, choose_frame_notation
 
 _QUICK_POSES: Final = 5_000
 """Greatest number of points times turns that are chosen at once, without a step."""
@@ -140,7 +135,7 @@ class ProcessWork(ProgramWork):
 
         Raises:
             RequestError: the robot does not follow the path from any place.
-            ProgramError: the robot does not reach a target, or the written program would be misread.
+            FaultsError: the robot does not reach a target, or the written program would be misread.
         """
         if self._request.place is not None:
             steps = parts or [self.compute(span) for span in self._spans_of_places()]
@@ -397,7 +392,7 @@ class ProcessWork(ProgramWork):
             if self._unwritten is None:
                 try:
                     self._unwritten = self._find_misread(contents)
-                except (ProgramError, RequestError) as error:
+                except (FaultsError, RequestError) as error:
                     self._unwritten = str(error)
         elif (misread := self._find_misread(contents)) is not None:
             raise RequestError(
@@ -441,7 +436,7 @@ class ProcessWork(ProgramWork):
 
         Raises:
             RequestError: a frame of the written program is not known.
-            ProgramError: the configuration of a target is ambiguous, or it is not reached.
+            FaultsError: the configuration of a target is ambiguous, or it is not reached.
         """
         request, model, placed = self._request, self._run_model.model, self._placed
         files = [

@@ -17,6 +17,7 @@ from jointstiff.schemas.program import (
     SpreadEnds,
 )
 from jointstiff.service.kinds.kind import Kind, list_table_files
+from jointstiff.service.problems import naming_missing_extra
 from jointstiff.service.tables.estimate import (
     ShownEstimate,
     model_error_text,
@@ -62,14 +63,16 @@ _EXAMPLES: Final[dict[str, Any]] = {
 
 def _prepare_work(inputs: Inputs, request: ProgramRequest) -> Work:
     """Return the work of a program, which is computed later; numerical modules are imported here."""
-    from jointstiff.service.kinds.program.work import prepare_compensation
+    with naming_missing_extra("a program file"):
+        from jointstiff.service.kinds.program.work import prepare_compensation
 
     return prepare_compensation(inputs, request)
 
 
 def make_points_sheet(job: Program | Process) -> Sheet:
     """Return the sheet of all points, decompressed from the stored result of a program."""
-    from jointstiff.service.kinds.program.work import decompress_file, points_sheet
+    from jointstiff.service.kinds.program.files import decompress_file
+    from jointstiff.service.kinds.program.work import points_sheet
 
     if job.result is None:
         raise ValueError("the program has no result")

@@ -14,13 +14,13 @@ from jointstiff.schemas import program as schemas
 from jointstiff.schemas.program import MAX_LINE, ProcessLoad, ProgramOptions
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.problems import FilesError
-from jointstiff.service.programs.errors import quote_text
 from jointstiff.service.runs.deflection import parse_vector_header
 from jointstiff.service.runs.verdicts import moment_factor
 from jointstiff.service.tables.files import split_table_rows
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.process.cut import MATERIALS, Cut, Material
+from robotprograms import quote_text
 
 _MORE_LINES: Final = 1_000
 """Lines that a table of loads may have in addition to two lines for each point: blank lines take memory."""

@@ -13,11 +13,8 @@ from jointstiff.schemas.program import ProgramFrame, ProgramOptions
 from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_wrong_joint_count
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.program.loads import Loads, collect_loads
+from jointstiff.service.kinds.program.text import FaultsError
 from jointstiff.service.kinds.work import as_request_errors
-from jointstiff.service.programs.errors import Fault, ProgramError, quote_text
-from jointstiff.service.programs.formats import choose_frame_notation
-from jointstiff.service.programs.notation import Edit, Notation, Orientation
-from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Program
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -29,6 +26,18 @@ from jointstiff.solver.mechanics.inverse import (
 )
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
+from robotprograms import (
+    BLOCK,
+    NUMBERS,
+    Edit,
+    Fault,
+    FrameName,
+    Notation,
+    Orientation,
+    Program,
+    choose_frame_notation,
+    quote_text,
+)
 
 _LEAST_SINE: Final = 1e-3
 """Sine of the angle between the tool's axis and `tool_x`, below which these count as parallel."""
@@ -482,7 +491,7 @@ class ProgramPath:
     programmed: FloatArray | None = None
 
     def make_fault(self, point: int, reason: str, remedy: str) -> Fault:
-        """Return a fault at a point of the path, given by index, to be raised in a `ProgramError`."""
+        """Return a fault at a point of the path, given by index, to be raised in a `FaultsError`."""
         return _make_fault(self.program, int(self.targets[point]), reason, remedy)
 
 
@@ -518,14 +527,14 @@ class Visits:
 
         Raises:
             RequestError: no move is under load, or a load does not fit the program.
-            ProgramError: the program has no move, or a target has two loads.
+            FaultsError: the program has no move, or a target has two loads.
         """
         visits = program.moves.visits
         if not len(visits):
             fault = Fault(
                 program.sources[0].name, None, "the program has no move", "send a program with moves"
             )
-            raise ProgramError([fault])
+            raise FaultsError([fault])
         visited_targets, first_visit, index_in_unique = np.unique(
             visits, return_index=True, return_inverse=True
         )
@@ -604,7 +613,7 @@ def find_path(
 
     Raises:
         RequestError: a field of the request is missing, or does not fit the program.
-        ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
+        FaultsError: the robot does not reach targets, or their arm configurations are ambiguous.
     """
     frames = ProgramFrames.from_program(program, options)
     configurations = StatedConfigurations(program)
@@ -628,9 +637,9 @@ def find_path(
 
 
 def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: str) -> None:
-    """Raise a `ProgramError` with a fault for each target, given by index; do nothing without targets."""
+    """Raise a `FaultsError` with a fault for each target, given by index; do nothing without targets."""
     if len(targets):
-        raise ProgramError([_make_fault(program, int(i), reason, remedy) for i in np.unique(targets)])
+        raise FaultsError([_make_fault(program, int(i), reason, remedy) for i in np.unique(targets)])
 
 
 def _make_fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
@@ -665,7 +674,7 @@ def find_wanted_postures(
         start: (n,) posture near the first target; None takes that of the options.
 
     Raises:
-        ProgramError: a target is not reached, or its arm configuration is ambiguous.
+        FaultsError: a target is not reached, or its arm configuration is ambiguous.
     """
     targets, angle_unit = program.targets, program.targets.angle_unit[visits, None]
     is_joint_target = targets.given_as_joints[visits]
@@ -684,7 +693,7 @@ def find_wanted_postures(
         for row in np.flatnonzero(unreached)
     ]
     if faults:
-        raise ProgramError(faults)
+        raise FaultsError(faults)
     return joints
 
 
@@ -708,7 +717,7 @@ def _refuse_changed_configuration_letters(
     """Refuse a change of FANUC's configuration letters (N/F, U/D, T/B) between two pose targets.
 
     The letters do not determine joint angles, so that the posture after the change is unknown unless a
-    target in joint angles lies between the two targets. Raises a `ProgramError` with the targets.
+    target in joint angles lies between the two targets. Raises a `FaultsError` with the targets.
     """
     literals = program.targets.literals
     # A program without letters is not searched: the empty sequence ends the loop at once.

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import io
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -34,6 +32,7 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.robots import joint_kinds_by_name
 from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.kinds.program.files import compress_file, decompress_file
 from jointstiff.service.kinds.program.path import (
     ProgramPath,
     Visits,
@@ -41,6 +40,7 @@ from jointstiff.service.kinds.program.path import (
     find_path,
     measure_lengths,
 )
+from jointstiff.service.kinds.program.text import FaultsError, insert_mark, read_program
 from jointstiff.service.kinds.work import (
     Arrays,
     Span,
@@ -50,10 +50,6 @@ from jointstiff.service.kinds.work import (
     cut_into_spans,
 )
 from jointstiff.service.problems import MovesLeftError, VerdictError
-from jointstiff.service.programs.errors import ProgramError, quote_text
-from jointstiff.service.programs.formats import insert_mark, read_program
-from jointstiff.service.programs.program import BLOCK, NUMBERS, ExternalAxes, Rewriting
-from jointstiff.service.programs.program import Program as ReadProgram
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
     PriorModel,
@@ -82,14 +78,14 @@ from jointstiff.solver.predict.forward import (
     compute_ramp_shares,
 )
 from jointstiff.solver.predict.models import EXTRAPOLATED
+from robotprograms import BLOCK, NUMBERS, ExternalAxes, Rewriting, quote_text
+from robotprograms import Program as ReadProgram
 
 MAX_QUICK_POINTS: Final = 10_000
 """Greatest number of points of a program without steps; a point counts once for each move to it."""
 STEP_POINTS: Final = 2_000
 """Number of points in a step of a program with more points."""
 _MAX_REMARKS: Final = 50
-_MAX_UNPACKED: Final = 256 * 1024 * 1024
-"""Greatest size of a file after decompression, which protects the memory."""
 _SINGULAR_TURN: Final = 0.05
 """Turn of a joint by a correction [rad] that indicates a singularity: usual turns are a few milliradians."""
 _TOLERANCE: Final = 1e-4
@@ -367,7 +363,7 @@ def write_compensated_program(
         The contents of the program's files, and the points with their residuals.
 
     Raises:
-        ProgramError: a correction leads out of the joints' limits, or a corrected target is not reached.
+        FaultsError: a correction leads out of the joints' limits, or a corrected target is not reached.
     """
     robot, program = model.robot, path.program
     _refuse_out_of_limits(path, robot, corrections)
@@ -389,7 +385,7 @@ def write_compensated_program(
     if unreached:
         reason = "the robot does not reach the corrected target"
         remedy = "move the part away from the singularity"
-        raise ProgramError([path.make_fault(point, reason, remedy) for point in sorted(unreached)])
+        raise FaultsError([path.make_fault(point, reason, remedy) for point in sorted(unreached)])
     points = WrittenPoints(
         path=path,
         corrections=corrections,
@@ -504,7 +500,7 @@ def _compute_programmed_positions(path: ProgramPath, robot: Robot) -> FloatArray
 
 
 def _refuse_out_of_limits(path: ProgramPath, robot: Robot, corrections: Corrections) -> None:
-    """Raise a `ProgramError` if a correction leads beyond the limits of a joint."""
+    """Raise a `FaultsError` if a correction leads beyond the limits of a joint."""
     low, high = robot.limits.T
     angles = robot.joint_map.model_angles(corrections.commanded)
     outside = ((angles < low - _TOLERANCE) | (angles > high + _TOLERANCE)).any(axis=1)
@@ -514,7 +510,7 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, corrections: Correcti
         path.make_fault(int(corrections.points[row]), reason, remedy) for row in np.flatnonzero(outside)
     ]
     if faults:
-        raise ProgramError(faults)
+        raise FaultsError(faults)
 
 
 def _read_program(
@@ -523,7 +519,7 @@ def _read_program(
     """Read the program of a request.
 
     Raises:
-        ProgramError: the program is not understood, or no move can be corrected.
+        FaultsError: the program is not understood, or no move can be corrected.
         MovesLeftError: some moves cannot be corrected, and the request does not leave them.
     """
     program = read_program(
@@ -536,7 +532,7 @@ def _read_program(
     )
     if request.leave_others or not program.faults:
         return program
-    faults, left, other = ProgramError(program.faults), len(program.left_moves), len(program.moves)
+    faults, left, other = FaultsError(program.faults), len(program.left_moves), len(program.moves)
     raise MovesLeftError(
         f"{left} of {left + other} moves cannot be corrected; {faults.reason}",
         where=faults.where,
@@ -668,7 +664,7 @@ class ProgramWork(Work):
         Raises:
             RequestError: the load twists a joint whose stiffness is unknown, or the robot does not reach the
                 path.
-            ProgramError: the springs have no stable equilibrium under a load.
+            FaultsError: the springs have no stable equilibrium under a load.
         """
         return self._correct(span)
 
@@ -678,7 +674,7 @@ class ProgramWork(Work):
         Raises:
             RequestError: the load twists a joint whose stiffness is unknown, or the robot does not reach the
                 path.
-            ProgramError: the springs have no stable equilibrium under a load.
+            FaultsError: the springs have no stable equilibrium under a load.
         """
         path, points = self._path, self._points()[slice(*span)]
         model, inverse = self._run_model.model, self._inverse
@@ -697,7 +693,7 @@ class ProgramWork(Work):
                 raise
             # The solver names a load case by its index: report the line of the program instead.
             case = int(error.where.partition("[")[2].partition("]")[0])
-            raise ProgramError([path.make_fault(int(points[case]), error.reason, error.remedy)]) from error
+            raise FaultsError([path.make_fault(int(points[case]), error.reason, error.remedy)]) from error
         radius = extrapolation = np.full(len(points), np.nan)
         if self._run_model.error is not None:
             bound = self._run_model.error.bound(cases, compensation.leverage, self._request.confidence)
@@ -710,7 +706,7 @@ class ProgramWork(Work):
 
         Raises:
             RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
-            ProgramError: the robot does not reach a corrected target.
+            FaultsError: the robot does not reach a corrected target.
         """
         corrections = Corrections(**concatenate_steps(parts or map(self._correct, self._spans())))
         del parts  # free the memory, as `corrections` is a copy
@@ -872,24 +868,6 @@ def _line_numbers(lines: Sequence[int]) -> str:
     first = ", ".join(map(str, lines[:5]))
     more = f" and {len(lines) - 5} more" if len(lines) > 5 else ""
     return f"line {first}" if len(lines) == 1 else f"lines {first}{more}"
-
-
-def compress_file(name: str, content: bytes) -> ProgramFile:
-    """Return a file to store: compressed content in base64, with size and SHA-256 digest of the content."""
-    text = base64.b64encode(zlib.compress(content, 1)).decode("ascii")
-    digest = hashlib.sha256(content).hexdigest()
-    return ProgramFile(name=name, bytes=len(content), content=text, sha256=digest)
-
-
-def decompress_file(file: ProgramFile) -> bytes:
-    """Return the decompressed content of a stored file, at most `_MAX_UNPACKED` bytes.
-
-    Raises:
-        RequestError: the file has no content.
-    """
-    if file.content is None:
-        raise RequestError("the file has no content", where="files", remedy="send the file itself")
-    return zlib.decompressobj().decompress(base64.b64decode(file.content), _MAX_UNPACKED)
 
 
 def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork:

@@ -18,12 +18,12 @@ from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service import jobs as module
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.program import path as program_path
+from jointstiff.service.kinds.program.text import FaultsError
 from jointstiff.service.kinds.program.work import ProgramWork
 from jointstiff.service.kinds.run import kind as run_module
 from jointstiff.service.kinds.run.kind import RUN
 from jointstiff.service.kinds.work import carry_out, new_job, pack_arrays
 from jointstiff.service.problems import TooManyJobsError
-from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.reports.job import job_parts
 from jointstiff.service.resources.stored import Resources
 from jointstiff.service.runs.deflection import predict_by_run
@@ -170,7 +170,7 @@ def test_a_target_is_visited_again_with_full_turns_between_alone(apart, refused,
     again = path(1) + np.eye(6)[5] * (4.0 * np.pi + apart)
     both = np.concatenate([path(1), again])
     monkeypatch.setattr(program_path, "choose_postures", lambda *_: (both, np.zeros(2)))
-    with pytest.raises(ProgramError, match="two different configurations") if refused else nullcontext():
+    with pytest.raises(FaultsError, match="two different configurations") if refused else nullcontext():
         np.testing.assert_array_equal(work._path.cases.joints, path(1))
 
 

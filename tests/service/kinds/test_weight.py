@@ -15,8 +15,9 @@ from support.slides import arm_on_rail
 import jointstiff as js
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.program.work import ProgramWork, decompress_file
-from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.kinds.program.files import decompress_file
+from jointstiff.service.kinds.program.text import FaultsError
+from jointstiff.service.kinds.program.work import ProgramWork
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, random_configurations, simulate_campaign
 from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign
 from jointstiff.simulator.programs import program_text
@@ -83,7 +84,7 @@ def test_a_program_is_compensated_with_the_rail_standing_still():
     assert reached.all()
     assert off_path(commanded, wanted) < 2e-6
     with pytest.raises(
-        (RequestError, ProgramError),
+        (RequestError, FaultsError),
         match="the request does not give the position of the linear axis joint_1",
     ):
         ProgramWork(robot, "robot", known, request("krl", text, start=None)).conclude(())

@@ -19,15 +19,16 @@ import jointstiff as js
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds import width
+from jointstiff.service.kinds.program.text import FaultsError
 from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.kinds.width import CancelledWorkError, map_in_order
 from jointstiff.service.library.client import Client
 from jointstiff.service.problems import ExecutorError, FilesError
 from jointstiff.service.process import ONE_THREAD
-from jointstiff.service.programs.errors import Fault, ProgramError
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import SolverError
+from robotprograms import Fault, ProgramError
 
 DOCUMENT = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
 RESAMPLED = {"resampling": {"size": 8, "repetitions": 60_000, "seed": 4}}
@@ -295,7 +296,7 @@ def test_an_executor_that_fails_is_no_failed_run():
 def test_an_error_survives_the_way_from_another_process():
     fault = Fault("cell.src", 3, "the move is unknown", "rewrite it")
     files = FilesError("two faults", remedy="mend them", items=[("a", "b", "c")])
-    for error in (ProgramError([fault]), files):
+    for error in (ProgramError([fault]), FaultsError([fault]), files):
         same = pickle.loads(pickle.dumps(error))
         assert (type(same), vars(same), str(same)) == (type(error), vars(error), str(error))
 

@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 from support.examples import examples
 from support.programs import FORCE, START, compensated, tool_poses, work_of
 
+from jointstiff.service.kinds.program.files import decompress_file
 from jointstiff.service.kinds.program.path import _WORDS
-from jointstiff.service.kinds.program.work import decompress_file
-from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import read_program
+from jointstiff.service.kinds.program.text import FaultsError
 from jointstiff.simulator.programs import program_text
+from robotprograms.errors import ProgramError
+from robotprograms.formats import read_program
 
 FREE = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 
@@ -85,7 +86,7 @@ def test_krl_linear_moves_keep_the_configuration_whatever_they_state():
 def test_what_no_posture_has_is_refused_by_line():
     s, t = status_and_turn(START)
     text = f"DEF a()\n{FRAMES}\nPTP {{{krl_numbers(START)},S {s},T {t ^ 2}}}\nEND"
-    with pytest.raises(ProgramError, match="configuration") as caught:
+    with pytest.raises(FaultsError, match="configuration") as caught:
         work_of("krl", text)._path  # noqa: B018
     assert caught.value.faults[0].line == 4
 
@@ -135,7 +136,7 @@ def test_rapid_conf_j_off_takes_the_nearest():
     first = f"MoveAbsJ [[{angles}],{FREE}],v50,fine,tMill;"
     stays = module("ConfJ\\Off;", first, rapid_move(joints, "[1,1,1,1]"))
     np.testing.assert_allclose(postures("rapid", stays)[1], np.degrees(joints), atol=1e-3)
-    with pytest.raises(ProgramError, match="configuration"):
+    with pytest.raises(FaultsError, match="configuration"):
         postures("rapid", stays.replace("ConfJ\\Off;", ""))
 
 
@@ -143,7 +144,7 @@ def test_fanuc_letters_that_change_are_refused():
     text = program_text("fanuc", tool_poses(START + 0.01 * np.arange(3)[:, None]), 4)
     assert len(postures("fanuc", text)) == 3
     head, _, tail = text.rpartition("N U T")
-    with pytest.raises(ProgramError, match="N/F") as caught:
+    with pytest.raises(FaultsError, match="N/F") as caught:
         postures("fanuc", f"{head}F U T{tail}")
     assert len(caught.value.faults) == 1
 

@@ -5,9 +5,10 @@ import pytest
 from scipy import stats
 from support.programs import FORCE, compensated, exact_run, path, request, tool_poses
 
-from jointstiff.service.kinds.program.work import ProgramWork, compress_file, decompress_file
+from jointstiff.service.kinds.program.files import compress_file, decompress_file
+from jointstiff.service.kinds.program.text import FaultsError
+from jointstiff.service.kinds.program.work import ProgramWork
 from jointstiff.service.problems import MovesLeftError, VerdictError
-from jointstiff.service.programs.errors import ProgramError
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.errors import RequestError
 
@@ -263,7 +264,7 @@ UNDER_PROGRAM = {
 @pytest.mark.parametrize("case", UNDER_PROGRAM)
 def test_a_point_that_cannot_be_corrected_is_named_by_its_line(case):
     changes, words = UNDER_PROGRAM[case]
-    with pytest.raises(ProgramError) as refused:
+    with pytest.raises(FaultsError) as refused:
         compensated("krl", KRL, **changes)
     assert str(refused.value) == words
 
@@ -274,7 +275,7 @@ def test_a_target_under_two_loads_is_refused():
         "LIN XP1\nLIN XP1\nEND"
     )
     segment = {"first_line": 5, "last_line": 5, "force": FORCE}
-    with pytest.raises(ProgramError) as refused:
+    with pytest.raises(FaultsError) as refused:
         compensated("krl", text, load=None, segments=[segment], tools=[], bases=[])
     assert str(refused.value) == (
         "'path.src', line 4: 'XP1': moves visit this target under two different loads; use a separate target for each load"

@@ -15,17 +15,18 @@ from jointstiff.schemas.process import ProcessRequest
 from jointstiff.service.kinds.process.kind import make_area_map
 from jointstiff.service.kinds.process.tables import places_sheet, turns_sheet
 from jointstiff.service.kinds.process.work import ProcessWork
-from jointstiff.service.kinds.program.work import compress_file, decompress_file, points_sheet
-from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import read_program
-from jointstiff.service.programs.krl import POSE as KRL_POSE
-from jointstiff.service.programs.program import NUMBERS
+from jointstiff.service.kinds.program.files import compress_file, decompress_file
+from jointstiff.service.kinds.program.text import FaultsError
+from jointstiff.service.kinds.program.work import points_sheet
 from jointstiff.simulator import equilibrium, simulate_campaign
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.process.candidates import list_candidates
 from jointstiff.solver.process.cut import MATERIALS, Cut
+from robotprograms.formats import read_program
+from robotprograms.krl import POSE as KRL_POSE
+from robotprograms.program import NUMBERS
 
 ACROSS = [float(np.sin(np.pi / 4)), 0.0, float(np.cos(np.pi / 4))]
 """Spindle at 45° to the last axis."""
@@ -461,7 +462,7 @@ def test_a_workpiece_out_of_reach_is_placed_and_compared_with_nothing():
     assert result.assessment.reasons[0].message.startswith("the robot cannot follow the path")
     assert result.turned.value == result.places[0].deflection.value > 0.0
     assert np.isnan(turns(result)["before [mm]"]).all()
-    with pytest.raises(ProgramError, match="or `branches: free`"):
+    with pytest.raises(FaultsError, match="or `branches: free`"):
         processed("csv", text, place_turns=2, turns=12, **search)
 
 

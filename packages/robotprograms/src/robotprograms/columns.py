@@ -1,0 +1,649 @@
+"""Targets and moves of a program as columns, and the search for the moves that can be corrected."""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from robotprograms.arrays import BoolArray, FloatArray, IndexArray
+from robotprograms.errors import (
+    WRITE_NUMBERS,
+    Fault,
+    ProgramError,
+    ReadMove,
+    quote_text,
+    show_text,
+)
+from robotprograms.language import Language, Move
+from robotprograms.notation import Numerals
+from robotprograms.own_numbers import copy_numbers, find_name
+from robotprograms.program import (
+    BLOCK,
+    NUMBERS,
+    WORDS,
+    At,
+    ExternalAxes,
+    FrameName,
+    Literal,
+    Motion,
+    Moves,
+    OwnNumbers,
+    Program,
+    Remark,
+    Source,
+    Targets,
+)
+from robotprograms.reaching import reach
+
+MAX_TARGETS: Final = 200_000
+MAX_VISITS: Final = 400_000
+"""Largest number of visits of targets by moves; each visit needs an inverse kinematics."""
+MAX_REMARKS: Final = 400_000
+"""Largest number of remarks on lines that are not corrected."""
+MAX_VALUE: Final = 1e6
+"""Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
+_OUT_OF_RANGE: Final = f"a number of a target is out of range, beyond {MAX_VALUE:g}"
+OF_ROUTINE: Final = " of routine "
+"""Text between the name of a local variable and the name of its routine."""
+IN_MODULE: Final = "__MODULE"
+"""Text between a name that modules of a program use for different data, and the number of the module."""
+_SEARCHED_LENGTH: Final = 1000
+"""Number of characters from the beginning of a line in which a name is looked for."""
+_NAME_OR_TEXT: Final = re.compile(r"'[^']*'|\b(?![a-z\d])(?:(?![a-z])\w)+\b")
+_ENDING: Final = re.compile(
+    rf"(?:\.(?:BASE|TOOL|[UOT]FRAME|UF|UT))?{OF_ROUTINE}\w+|\.(?:BASE|TOOL|[UOT]FRAME|UF|UT)\b|{IN_MODULE}\d+"
+)
+_WRITE_ANEW: Final = "write all of its numbers anew, or split the program"
+_AXIS_ROUNDING: Final = 2e-3
+"""Largest difference of an external axis [mm, °] that rounding explains."""
+_NO_AXIS: Final = 8e9
+"""Value above which a number means that there is no such external axis: ABB writes 9e9."""
+_MAX_AXES: Final = 24
+"""Largest count of external axes of a target; a target with more axes is not corrected."""
+_AXIS_AWAY: Final = "an external axis or another group is away from zero, and may carry the arm or the part"
+_CARRY_NOTHING: Final = (
+    "if the axis or group carries neither the arm nor the part, state `external_axes: carry_nothing`; "
+    "otherwise keep the axis at zero"
+)
+_MOTIONS: Final = {motion: i for i, motion in enumerate(Motion)}
+_ROW_WIDTH: Final = 7
+"""Numbers of a row in the array of targets: file, line, first number, line of use, literal, base, tool."""
+_USE_LINE, _BASE, _TOOL = 3, 5, 6
+"""Places in a row of the line on which the target is used first, its base and its tool."""
+_VALUES_END: Final = NUMBERS + WORDS
+"""In a row of all numbers of a target, the place behind its position, orientation and configuration."""
+_AXES_END: Final = _VALUES_END + _MAX_AXES
+"""In such a row, the place behind the external axes; the numbers that all targets share follow."""
+_GROWTH: Final = 40
+"""Characters by which the numbers of a target may grow when they are corrected."""
+_MAX_COMMON: Final = 8
+"""Largest count of numbers that all targets have to share, such as the number of the tool."""
+
+
+def get_array_name(name: str) -> str:
+    """Return the name of the array to which an element belongs: `P` for `P[1]`; else the name."""
+    return _cut_name(name, "[")
+
+
+def get_structure_name(name: str) -> str:
+    """Return the name of the structure to which a field belongs: `FP1` for `FP1.TOOL`; else the name."""
+    return _cut_name(name, ".")
+
+
+def _cut_name(name: str, sign: str) -> str:
+    """Return a name without what follows a sign in the name; the name of its routine stays."""
+    if sign not in name:
+        return name
+    variable, separator, routine = name.partition(OF_ROUTINE)
+    return variable.partition(sign)[0] + separator + routine
+
+
+def is_without_axes(axes: FloatArray) -> bool:
+    """Return whether positions (a,) of external axes are zero, or mean that there is no axis."""
+    return bool(((axes > _NO_AXIS) | (np.abs(axes) <= _AXIS_ROUNDING)).all())
+
+
+class Cause(NamedTuple):
+    """Reason why a value is not known, with its line and a remedy."""
+
+    line: int
+    reason: str
+    remedy: str = WRITE_NUMBERS
+    source: int = 0
+    shows: str = ""  # name of the frame whose numbers are not known; empty if the value is not a frame
+
+
+class WrittenNumbers(NamedTuple):
+    """Numbers in the text of a program that are the content of a name or the target of a move."""
+
+    label: str  # name that holds the numbers; empty without a name
+    source: int  # index of the file
+    line: int  # line of the statement
+    first: int  # index of the statement's first number among those of the file
+    literal: Literal
+
+
+Frames: TypeAlias = tuple[FrameName | Cause, FrameName | Cause]
+"""Base and tool."""
+
+
+class Columns:
+    """Targets and moves of a program while it is interpreted, and the moves that are left."""
+
+    def __init__(
+        self,
+        kind: str,
+        sources: tuple[Source, ...],
+        numerals: Sequence[Numerals],
+        language: Language,
+        own: Sequence[OwnNumbers] = (),
+    ) -> None:
+        """Begin without targets.
+
+        Args:
+            kind: name of the program's format.
+            sources: files of the program, with own numbers of moves in place of names.
+            numerals: numbers of each file.
+            language: language of the format.
+            own: these own numbers of moves; their declarations stay as they are.
+        """
+        self._format, self._sources, self._numerals, self._language = kind, sources, numerals, language
+        self._own, self._own_labels = tuple(own), {each.label for each in own}
+        self.spelled: dict[str, str] = {}  # names as the program writes them
+        self._remarks: list[Remark] = []
+        self._left: list[tuple[ReadMove, Cause]] = []
+        # index of each target, by its file, its first number and its literal
+        # index of each target by source, first number and literal, as one number: long programs have many
+        self._target_indices: dict[int, int] = {}
+        self._literals: dict[Literal, int] = {}  # indices of the literals
+        # index of each frame and the frame, by its role (base or tool), and its name or the bytes of its pose
+        self._frames: dict[tuple[str, str | bytes], tuple[int, FrameName]] = {}
+        self._targets = array("q")  # rows of source, line, first number, line of use, literal, base, tool
+        self._names: list[str] = []  # names of the targets
+        self._labels: list[str] = []  # the same in the intermediate language, once the targets are settled
+        self._moves = array("q")  # rows of line, motion, count of visits up to the end
+        self._visits = array("q")  # indices of the targets of all moves
+        self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
+        self._unfit: set[int] = set()  # those of them whose numbers themselves are the cause
+        # base and tool, by index of the target and line, of moves in other frames than the first move
+        self._other_frames: dict[tuple[int, int], tuple[int, int]] = {}
+
+    def restore_spelling(self, text: str, source: int, line: int) -> str:
+        """Return a text with names as the program spells them near a line; quotations are not changed."""
+
+        def find_spelling(match: re.Match[str]) -> str:
+            """Return the spelling of one name in the text after the line; store it for other lines."""
+            name = match[0]
+            if name[0] != "'" and self._language.ignores_case and name not in self.spelled:
+                start = self._sources[source].starts[max(line - 1, 0)]
+                following = self._sources[source].text[start : start + _SEARCHED_LENGTH]
+                spelling = re.search(rf"(?<!\w){name}(?!\w)", following, re.IGNORECASE)
+                self.spelled[name] = spelling[0] if spelling else name
+            return self.spelled.get(name, name)
+
+        return show_text(_NAME_OR_TEXT.sub(find_spelling, _ENDING.sub("", text)))
+
+    def add_remark(self, at: At, text: str, target: str = "") -> None:
+        """Note a statement that is not corrected, and about which the user need not decide."""
+        if len(self._remarks) >= MAX_REMARKS:
+            self._refuse(
+                at.line,
+                f"the program has more than {MAX_REMARKS} lines that cannot be corrected",
+                "split the program",
+            )
+        self._remarks.append(Remark(at.line, text, target, at.source))
+
+    def _refuse(self, line: int | None, reason: str, remedy: str) -> None:
+        """Refuse the whole program.
+
+        Raises:
+            ProgramError: always, with this fault.
+        """
+        raise ProgramError([Fault(self._sources[0].name, line, reason, remedy)])
+
+    def add_move(
+        self,
+        op: Move,
+        line: int,
+        targets: Sequence[WrittenNumbers],
+        frames: Sequence[Frames],
+        cause: Cause | None,
+    ) -> None:
+        """Add a move with its targets; if there is a cause, note the move as one that cannot be corrected.
+
+        Args:
+            op: the move.
+            line: line of the move.
+            targets: targets whose numbers are known.
+            frames: base and tool of each target.
+            cause: why the move cannot be corrected; None if it can be.
+        """
+        if len(self._visits) + len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
+            self._refuse(
+                line, f"the moves of the program have more than {MAX_VISITS} targets", "split the program"
+            )
+        if cause is None:
+            for target, pair in zip(targets, frames, strict=True):
+                self._visits.append(self._index_target(target, pair, line))
+            self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
+            return
+        names = ", ".join(_get_plain_name(each.label) or "in numbers" for each in targets)
+        base, tool = (
+            (self.restore_spelling(_get_frame_name(each), 0, line) for each in frames[-1])
+            if frames
+            else ("", "")
+        )
+        reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
+        self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
+        for target in targets:
+            if target.label:
+                self._target_causes.setdefault(self._index_target(target, None, line), cause)
+
+    def add_offset(self, target: WrittenNumbers, frames: Frames, line: int) -> None:
+        """Add a remark to a move that ends at an offset from a target: correcting the target shifts the end.
+
+        If base or tool of the move are unknown, the target is not corrected, for the reason in `frames`. The
+        target is not corrected either if they differ from its own.
+
+        Args:
+            target: target from which the offset counts.
+            frames: base and tool of the move; a `Cause` in place of a frame says why the frame is unknown.
+            line: line of the move.
+        """
+        unknown = next((each for each in frames if isinstance(each, Cause)), None)
+        index = self._index_target(target, None if unknown else frames, line)
+        if unknown:
+            self._target_causes.setdefault(index, unknown)
+            return
+        if target.label in self._own_labels:  # its declaration stays as it is
+            return
+        name = quote_text(_get_plain_name(target.label))
+        text = (
+            f"the move ends at an offset from {name}, so the end of the move shifts with the correction "
+            f"of {name}"
+        )
+        self.add_remark(At(line), self.restore_spelling(text, 0, line))
+
+    def add_moves(self, op: Move, source: int, lines: IndexArray, first: IndexArray, frames: Frames) -> None:
+        """Add k moves that differ only in the numbers of their single target.
+
+        Args:
+            op: the move.
+            source: index of their file.
+            lines: (k,) lines of the moves.
+            first: (k,) index of the first number of each statement among those of the file.
+            frames: base and tool of all these moves.
+        """
+        index = len(self._names) + np.arange(len(lines))
+        if index[-1] >= MAX_TARGETS:
+            self._refuse(int(lines[0]), f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
+        ends = len(self._visits) + 1 + np.arange(len(lines))
+        if ends[-1] > MAX_VISITS:
+            self._refuse(
+                int(lines[0]),
+                f"the moves of the program have more than {MAX_VISITS} targets",
+                "split the program",
+            )
+        (literal,) = (each for each in op.targets if isinstance(each, Literal))
+        literal_index = self._literals.setdefault(literal, len(self._literals))
+        base, tool = self._index_frame("base", frames[0]), self._index_frame("tool", frames[1])
+        columns = np.broadcast_arrays(source, lines, first, lines, literal_index, base, tool)
+        self._targets.frombytes(np.stack(columns, axis=1).tobytes())
+        moves = np.broadcast_arrays(lines, _MOTIONS[op.motion], ends)
+        self._moves.frombytes(np.stack(moves, axis=1).tobytes())
+        self._visits.frombytes(index.tobytes())
+        self._names += [""] * len(lines)
+
+    def _index_target(self, target: WrittenNumbers, frames: Frames | None, used: int) -> int:
+        """Return the index of a target; add the target if its numbers are new.
+
+        A target that is used with two bases or two tools gets a cause why it cannot be corrected. `used` is
+        the line on which the target is used.
+        """
+        literal = self._literals.setdefault(target.literal, len(self._literals))
+        base, tool = (
+            self._index_frame(*each) for each in zip(("base", "tool"), frames or (None, None), strict=True)
+        )
+        key = (literal * len(self._sources) + target.source) << 40 | target.first
+        index = self._target_indices.setdefault(key, len(self._names))
+        row = _ROW_WIDTH * index
+        if index == len(self._names):
+            if index >= MAX_TARGETS:
+                self._refuse(used, f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
+            self._targets.extend((target.source, target.line, target.first, used, literal, base, tool))
+            self._names.append(target.label)
+        elif self._targets[row + _BASE] < 0:  # the frames were not known at the first use
+            self._targets[row + _BASE], self._targets[row + _TOOL] = base, tool
+        elif frames is not None and (base, tool) != (
+            self._targets[row + _BASE],
+            self._targets[row + _TOOL],
+        ):
+            first_use = self._targets[row + _USE_LINE]
+            reason = (
+                f"target {quote_text(target.label)} is used with another base or tool on line {first_use}"
+            )
+            remedy = "use a separate target for each base and tool: one correction cannot suit both"
+            self._target_causes.setdefault(index, Cause(used, reason, remedy))
+            self._other_frames[index, used] = base, tool
+        return index
+
+    def _index_frame(self, role: str, frame: FrameName | Cause | None) -> int:
+        """Return the index of a frame with the role `base` or `tool`, added if new; -1 if it is not known."""
+        if not isinstance(frame, FrameName):
+            return -1
+        key = role, frame.name if frame.pose is None else frame.pose.tobytes()
+        return self._frames.setdefault(key, (len(self._frames), frame))[0]
+
+    def keep_numbers(self, target: WrittenNumbers, cause: Cause, line: int) -> None:
+        """Note why the numbers of a target, which is used on a line, have to stay as they are."""
+        self._target_causes.setdefault(self._index_target(target, None, line), cause)
+
+    def settle_targets(self, used: Mapping[str, At], external_axes: ExternalAxes) -> None:
+        """Note which targets have to stay, fill the columns of targets and sort the moves.
+
+        Args:
+            used: place of use of each name whose numbers are used for something else than targets.
+            external_axes: what the user states on external axes and other groups.
+        """
+        self._target_indices.clear()  # its memory serves for the columns
+        own = {each.label: each for each in self._own}
+        for index, name in enumerate(self._names):
+            if not name:
+                continue
+            at = used.get(name) or used.get(get_array_name(name))
+            if name in own:
+                cause = Cause(own[name].line, own[name].reason, own[name].remedy)
+                self._target_causes.setdefault(index, cause)
+            elif at:
+                self._target_causes.setdefault(index, self._explain_use(name, at))
+        self._labels = self._names
+        self._names = [_get_plain_name(name) if name else name for name in self._names]
+        self._filled = self._fill_targets(_reshape_rows(self._targets, _ROW_WIDTH), external_axes)
+        self._sorted = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
+        self._name_own_numbers()
+
+    def _explain_use(self, name: str, at: At) -> Cause:
+        """Return the cause why a target has to stay whose numbers are used at another place."""
+        file = f" of {quote_text(self._sources[at.source].name)}" if at.source else ""
+        use = f"the numbers of {quote_text(name)} are also used on line {at.line}{file}"
+        reason = f"{use}, where their meaning is not certain"
+        return Cause(0, reason, "use a separate target on that line")
+
+    def list_own_numbers(self) -> tuple[OwnNumbers, ...]:
+        """Return the own numbers that moves need because the declaration of their target has to stay."""
+        can_state_numbers = bool(self._language.opening)
+        if self._own or not can_state_numbers:
+            return ()
+        return self._find_own_numbers(self._labels)
+
+    def _name_own_numbers(self) -> None:
+        """Give targets that are own numbers of a move the names that they replace; add a remark to each."""
+        names = {each.start: each for each in self._own}
+        for index in np.flatnonzero(self._filled.source == 0).tolist() if names else ():
+            first = int(self._filled.spans[index, 0, 0])
+            opening = re.search(
+                rf"{self._language.opening}\Z", self._sources[0].text[max(first - 100, 0) : first]
+            )
+            own = names.get(first - len(opening[0])) if opening else None
+            if own is not None:
+                self._names[index] = own.name
+                text = f"where the move is corrected, numbers replace {quote_text(own.name)}: {own.reason}"
+                if own.other_line and text.endswith(f" on line {own.line}"):  # the first of two uses
+                    text = f"{text.removesuffix(str(own.line))}{own.other_line}"
+                self.add_remark(At(own.line), text)
+
+    def _find_own_numbers(self, labels: Sequence[str]) -> tuple[OwnNumbers, ...]:
+        """Return the own numbers of all moves whose targets have to stay; `labels` are the targets' names."""
+        found = defaultdict[int, list[OwnNumbers]](list)  # by move
+
+        def gets_own_numbers(move: int, target: int) -> bool:
+            """Return whether a move gets own numbers in place of a target, and note these numbers."""
+            own = self._make_own_numbers(target, move, labels[target])
+            found[move] += [own] if own else []
+            return own is not None
+
+        is_left = self._find_left_moves(gets_own_numbers)
+        own = tuple(own for move, each in found.items() if not is_left[move] for own in each)
+        exceeds = len(self._filled) + len(own) > MAX_TARGETS or len(self._remarks) + len(own) > MAX_REMARKS
+        return () if exceeds else own
+
+    def _find_left_moves(self, gets_own_numbers: Callable[[int, int], bool]) -> BoolArray:
+        """Return a mask (k,) of the moves that are left because the numbers of a target have to stay.
+
+        The other targets of such a move have to stay, too, until nothing changes.
+
+        Args:
+            gets_own_numbers: whether a move, by index, does not need that a target, by index, is corrected.
+        """
+        moves, is_left = self._sorted, np.zeros(len(self._sorted), dtype=np.bool_)
+        begins, order = np.append(0, moves.ends[:-1]), np.argsort(moves.visits, kind="stable")
+        bounds = np.searchsorted(moves.visits[order], np.arange(len(self._filled) + 1))
+
+        def leave_moves(target: int) -> Iterator[int]:
+            """Leave the moves to a target that has to stay, and yield their other targets."""
+            visits = order[bounds[target] : bounds[target + 1]]
+            for move in dict.fromkeys(moves.move_of_visit[visits].tolist()):
+                if not gets_own_numbers(move, target):
+                    is_left[move] = True
+                    yield from moves.visits[begins[move] : moves.ends[move]].tolist()
+
+        kept = {*self._target_causes}
+        for _pair in reach([*kept], leave_moves, kept):
+            pass  # `leave_moves` notes the moves
+        return is_left
+
+    def _make_own_numbers(self, target: int, move: int, label: str) -> OwnNumbers | None:
+        """Return the own numbers of a move to a target, by their indices; None if they are not certain."""
+        line = int(self._sorted.line[move])
+        if not label or target in self._unfit:
+            return None
+        source = self._sources[self._filled.source[target]]
+        numbers = copy_numbers(self._language, source, int(self._filled.spans[target, 0, 0]))
+        place = find_name(self._language, self._sources[0], line, _strip_name(label))
+        if numbers is None or place is None:
+            return None
+        count = int(self._sorted.ends[move] - (self._sorted.ends[move - 1] if move else 0))
+        first = self._sources[0]
+        length = int(first.ends[line - 1] - first.starts[line - 1]) + count * (len(numbers) + _GROWTH)
+        if length > self._language.longest_line:
+            return None
+        shared = Cause(line, "a move that is not corrected uses the same target", "use a separate target")
+        cause = self._target_causes.get(target, shared)
+        reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
+        name = show_text(self._sources[0].text[slice(*place)])
+        return OwnNumbers(*place, name, numbers, line, label, reason, cause.remedy, cause.line)
+
+    def build_program(self, causes: Sequence[Cause]) -> Program:
+        """Return the program of the targets and moves, behind `settle_targets`.
+
+        Args:
+            causes: causes why statements are not understood.
+
+        Raises:
+            ProgramError: no move of the program can be corrected.
+        """
+        targets, moves = self._filled, self._sorted
+        is_corrected = self._find_corrected_moves(targets, moves)
+        left = sorted(self._left, key=lambda each: each[0].line)
+        left_moves = tuple(move for move, _ in left)
+        faults = [self._build_fault(cause) for _, cause in left]
+        if not (faults or is_corrected.any()):
+            remedy = "send a program with moves to targets given by numbers"
+            no_target = Fault(self._sources[0].name, None, "the program has no target", remedy)
+            faults = [self._build_fault(cause) for cause in causes] or [no_target]
+        faults = sorted(dict.fromkeys(faults), key=lambda each: each.line or 0)  # each fault once
+        if not is_corrected.any():
+            raise ProgramError(faults, left=left_moves)
+        if left:
+            moves, targets = _select_moves(moves, targets, is_corrected)
+        remarks = tuple(sorted(self._remarks, key=lambda each: each.line))
+        return Program(
+            self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults), self._own
+        )
+
+    def _build_fault(self, cause: Cause) -> Fault:
+        """Return a cause as a fault for the user, with names as the program spells them."""
+        reason = self.restore_spelling(cause.reason, cause.source, cause.line)
+        return Fault(self._sources[cause.source].name, cause.line, reason, cause.remedy)
+
+    def _find_corrected_moves(self, targets: Targets, moves: Moves) -> BoolArray:
+        """Return a mask (k,) of the moves that can be corrected; note the other moves in `_left`.
+
+        A move cannot be corrected if one of its targets has a cause against a correction.
+        """
+        is_left = self._find_left_moves(lambda _move, _target: False)
+        begins = np.append(0, moves.ends[:-1])
+        for i in np.flatnonzero(is_left).tolist():
+            visited, line = moves.visits[begins[i] : moves.ends[i]].tolist(), int(moves.line[i])
+            target_causes = (self._target_causes[each] for each in visited if each in self._target_causes)
+            if known := next(target_causes, None):
+                reason, remedy = self.restore_spelling(known.reason, 0, line), known.remedy
+            else:
+                reason, remedy = "a move that is not corrected uses the same target", "use a separate target"
+            last = visited[-1]
+            frames = self._other_frames.get((last, line), (targets.base[last], targets.tool[last]))
+            base, tool = (targets.frames[each].name for each in frames)
+            cause = known if known and known.line else Cause(line, reason, remedy)
+            self._left.append((ReadMove(line, targets.names[visited[-1]], base, tool, reason, remedy), cause))
+        return ~is_left
+
+    def _fill_targets(self, rows: IndexArray, external_axes: ExternalAxes) -> Targets:
+        """Return the targets with their numbers; note targets with invalid numbers or moved external axes.
+
+        Args:
+            rows: (7, t) source, line, first number, line of use, literal, base and tool of the targets.
+            external_axes: what the user states on external axes and other groups.
+        """
+        source, line, first, _, literal, base, tool = rows
+        literals, count = list(self._literals), len(line)
+        ordinals = _arrange_ordinals(literals)
+        targets = Targets(
+            self._names, source, line, literal, literals, base, tool,
+            [frame for _, frame in self._frames.values()],
+            np.full((count, _VALUES_END), np.nan), np.full((count, _VALUES_END, 2), -1, dtype=np.int32),
+        )  # fmt: skip
+        is_out_of_range, is_no_orientation = np.zeros((2, count), dtype=np.bool_)
+        # Only as many columns as some target needs: with all of them, large programs take twice the memory.
+        width = max((min(len(each.external), _MAX_AXES) for each in literals), default=0)
+        shared_width = max((min(len(each.common), _MAX_COMMON) for each in literals), default=0)
+        axes, common = np.full((count, width), np.nan), np.full((count, shared_width), np.nan)
+        has_many_axes = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
+        for start in range(0, count, BLOCK):
+            for file in np.unique(source[start : start + BLOCK]).tolist():
+                block = start + np.flatnonzero(source[start : start + BLOCK] == file)
+                numerals, indices = self._numerals[file], ordinals[literal[block]]
+                is_written, indices = indices >= 0, indices + first[block, None]
+                indices[~is_written] = 0
+                numbers = np.where(is_written, numerals.values[indices], np.nan)
+                targets.values[block] = numbers[:, :_VALUES_END]
+                for i, places in enumerate((numerals.starts, numerals.ends)):
+                    targets.spans[block, :, i] = np.where(is_written, places[indices], -1)[:, :_VALUES_END]
+                is_too_large = is_written & ~(np.abs(numbers) <= MAX_VALUE)
+                is_out_of_range[block] = is_too_large[:, :NUMBERS].any(axis=1)
+                for notation, positions in targets.group_by_notation(block):
+                    is_no_orientation[block[positions]] = ~notation.is_valid_orientation(numbers[positions])
+                block_axes = numbers[:, _VALUES_END : _VALUES_END + width]
+                axes[block] = np.where(block_axes > _NO_AXIS, np.nan, block_axes)
+                common[block] = numbers[:, _AXES_END : _AXES_END + shared_width]
+        is_away, is_moved = _find_external_axes(axes, external_axes)
+        for faults, reason, remedy in (
+            (is_out_of_range, _OUT_OF_RANGE, _WRITE_ANEW),
+            (is_no_orientation, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
+            (
+                _find_changed_numbers(common),
+                "the tool or the base changes within the table",
+                "send one table for each tool and base",
+            ),
+            (is_away, _AXIS_AWAY, _CARRY_NOTHING),
+            (is_moved | has_many_axes[literal], "an external axis or another group moves", _CARRY_NOTHING),
+        ):
+            for i in np.flatnonzero(faults).tolist():
+                self._unfit.add(i)
+                self._target_causes.setdefault(i, Cause(int(line[i]), reason, remedy))
+        return targets
+
+
+def _arrange_ordinals(literals: Sequence[Literal]) -> IndexArray:
+    """Return the ordinals of the numbers of each literal as a row; -1 where a literal has no such number.
+
+    A row has the numbers of position and orientation, of the configuration, of external axes, and those that
+    all targets share.
+    """
+    ordinals = np.full((len(literals), _AXES_END + _MAX_COMMON), -1)
+    for row, each in zip(ordinals, literals, strict=True):
+        row[: len(each.numbers)] = each.numbers
+        row[NUMBERS : NUMBERS + len(each.words)] = [ordinal for _, ordinal in each.words]
+        external, shared = each.external[:_MAX_AXES], each.common[:_MAX_COMMON]
+        row[_VALUES_END : _VALUES_END + len(external)] = external
+        row[_AXES_END : _AXES_END + len(shared)] = shared
+    return ordinals
+
+
+def _find_external_axes(axes: FloatArray, external_axes: ExternalAxes) -> tuple[BoolArray, BoolArray]:
+    """Find the targets at which external axes, with the positions `axes` (t, a), may displace the target.
+
+    Return masks (t,) of the targets with an axis away from zero, and of the targets whose axes have other
+    positions than at the first target. If external axes carry nothing, both masks are false; if they are
+    joints of the robot, the first mask is false. An axis without a value (NaN) counts as away from zero if it
+    is away from zero at any target.
+    """
+    positions, no_targets = np.nan_to_num(axes), np.zeros(len(axes), dtype=np.bool_)
+    axis_away: BoolArray = np.abs(positions) > _AXIS_ROUNDING
+    is_away: BoolArray = np.asarray((axis_away | (np.isnan(axes) & axis_away.any(axis=0))).any(axis=1))
+    is_moved = _find_changed_numbers(positions)
+    if external_axes is ExternalAxes.CARRY_NOTHING:
+        return no_targets, no_targets
+    return (no_targets if external_axes is ExternalAxes.OF_ROBOT else is_away), is_moved
+
+
+def _find_changed_numbers(numbers: FloatArray) -> BoolArray:
+    """Return a mask (t,) of the targets whose numbers (t, k) differ from those of the first target."""
+    numbers = np.nan_to_num(numbers)
+    return np.asarray((~(np.abs(numbers - numbers[:1]) <= _AXIS_ROUNDING)).any(axis=1), dtype=np.bool_)
+
+
+def _sort_moves(moves: Moves) -> Moves:
+    """Return the moves in order of their lines, with their visits.
+
+    Routines were interpreted one after the other, so that moves of nested routines were out of order.
+    """
+    order = np.argsort(moves.line, kind="stable")
+    counts, rank = np.diff(moves.ends, prepend=0), np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    visits = moves.visits[np.argsort(rank[moves.move_of_visit], kind="stable")]
+    return Moves(moves.line[order], moves.motion[order], np.cumsum(counts[order]), visits)
+
+
+def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[Moves, Targets]:
+    """Return the moves in the mask `selected` (k,), and the targets of these moves, with new indices."""
+    visits = moves.visits[selected[moves.move_of_visit]]
+    rows, places = np.unique(visits, return_inverse=True)
+    counts = np.diff(moves.ends, prepend=0)[selected]
+    return Moves(moves.line[selected], moves.motion[selected], np.cumsum(counts), places), targets.select(
+        rows
+    )
+
+
+def _get_plain_name(label: str) -> str:
+    """Return a name without its routine and its module, as users read it."""
+    return show_text(_strip_name(label))
+
+
+def _strip_name(label: str) -> str:
+    """Return a name without its routine and its module."""
+    return label.partition(OF_ROUTINE)[0].partition(IN_MODULE)[0]
+
+
+def _get_frame_name(frame: FrameName | Cause) -> str:
+    """Return the name of a frame; for a cause, the name of the frame whose numbers are not known."""
+    return frame.shows if isinstance(frame, Cause) else frame.name
+
+
+def _reshape_rows(rows: array[int], width: int) -> IndexArray:
+    """Return the columns (width, count) of rows of `width` numbers that are stored one after the other."""
+    return np.asarray(memoryview(rows), dtype=np.intp).reshape(-1, width).T

@@ -1,0 +1,238 @@
+"""Control flow of programs in the intermediate language: branches, loops, routines and jumps."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import Final
+
+from robotprograms import language as ir
+from robotprograms.language import Misread, Op
+
+_MAX_DEPTH: Final = 100
+"""Largest depth of branches, loops and routines within one another."""
+
+
+class UnmatchedEnd(Misread):
+    """Error that a branch, loop, routine or jump lacks an end; `place` is the index of the existing end."""
+
+    def __init__(self, place: int, reason: str, remedy: str) -> None:
+        super().__init__(reason, remedy)
+        self.place = place
+
+
+@dataclass(slots=True)
+class _OpenBlock:
+    """Branch, loop or routine whose end was not reached yet."""
+
+    kind: str
+    begin: int  # index of the operation that begins the block
+    other_branches: list[int] = field(default_factory=list)  # indices at which further branches begin
+    exits: list[int] = field(default_factory=list)  # indices of jumps to the end of the block
+    repetitions: list[int] = field(default_factory=list)  # indices of jumps to its next round
+    has_default: bool = False  # whether the block has a default branch, so that one branch is always taken
+
+
+class ControlFlow:
+    """Control flow of a program: the operations that may follow each operation, besides the next one.
+
+    A successor that is never reached does no harm, but a missing successor would: any branch may be skipped.
+    Behind a beginning without an end, and in a routine with an end that has no beginning, no move is certain.
+    """
+
+    def __init__(self, ops: list[Op], names: list[str]) -> None:
+        """Find beginning and end of all branches, loops and routines, and the labels of all jumps.
+
+        Args:
+            ops: operations in the order of the text; missing ends are appended to them.
+            names: name of each operation that is a `Flow`; empty for other operations.
+
+        Raises:
+            UnmatchedEnd: branches, loops or routines are nested too deep.
+        """
+        self.faults: dict[int, tuple[str, str]] = {}  # reason and remedy of each operation that does not fit
+        # index of the fault that makes moves uncertain, by the index of the operation where this begins
+        self.uncertain: dict[int, int] = {}
+        self.faulty_routines: dict[str, int] = {}  # index of the fault of each routine that has one
+        self.successors: defaultdict[int, list[int]] = defaultdict(list)  # successors besides the next one
+        self.begins: dict[str, int] = {}  # index of the beginning of each routine
+        self.ends: dict[int, str] = {}  # routine that ends at each index
+        self.routine_of: list[str] = []  # routine of each operation
+        self.anytime_routines: set[str] = set()  # routines that may run at any time
+        self.shared_routines: set[str] = set()  # routines that other programs may call
+        self.endless: set[int] = set()  # indices of the ends of loops that only a jump leaves
+        self._names = names
+        self._open_blocks: list[_OpenBlock] = []  # blocks whose end was not reached yet
+        self._open_routines = [""]  # routines whose end was not reached yet; "" for text outside of routines
+        # indices of labels, by routine and name: a name may occur twice
+        self._labels: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
+        self._jumps: list[int] = []
+        self._ops, self._last = ops, len(ops) - 1  # operations of the text, and the index of the last one
+        for i, op in enumerate(ops):
+            if isinstance(op, ir.Flow):
+                self._add_operation(i, op)
+            self.routine_of.append(self.ends.get(i, self._open_routines[-1]))
+        self._append_missing_ends()
+        self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # indices of each routine's operations
+        for i, name in enumerate(self.routine_of):
+            self.bodies[name].append(i)
+        self._link_jumps()
+        self.uncertain |= {
+            self.begins[routine]: fault
+            for routine, fault in self.faulty_routines.items()
+            if routine in self.begins
+        }
+        # A handler without a name handles errors; a handler that resumes ends the routines it interrupted.
+        handlers = (ops[self.begins[name]] for name in self.anytime_routines if not names[self.begins[name]])
+        handles_errors = any(isinstance(op, ir.Flow) and op.kind == "handler" for op in handlers)
+        if handles_errors or any(isinstance(op, ir.Flow) and op.kind == "resume" for op in ops):
+            self._add_error_exits()
+
+    def _append_missing_ends(self) -> None:
+        """Append the ends of routines and blocks that are open at the end of the text, which may be cut."""
+        while self._open_blocks:
+            block = self._open_blocks[-1]
+            kind = "end" if block.kind == "routine" else "close"
+            if kind == "close":
+                self._note_missing_end(block)
+                for label in chain(*self._labels[self._open_routines[-1]].values()):
+                    self.uncertain.setdefault(label, block.begin)  # what is cut may jump there
+            self._ops.append(ir.Flow(kind))
+            end = len(self._ops) - 1
+            self._end_block(end, kind)
+            self.routine_of.append(self.ends.get(end, self._open_routines[-1]))
+
+    def _link_jumps(self) -> None:
+        """Add the label of each jump to its successors; for a computed jump, all labels of its routine."""
+        for i in self._jumps:
+            labels = self._labels[self.routine_of[i]]
+            places = labels[self._names[i]] if self._names[i] in labels else [*chain(*labels.values())]
+            if not places:
+                self._note_fault(
+                    i, self.routine_of[i], "the label of a jump does not exist", "write the label"
+                )
+            self.successors[i] += places
+
+    def _add_error_exits(self) -> None:
+        """Add the end of the routine to the successors of each operation of the routine.
+
+        An error or an interrupt may occur anywhere; the caller may then continue behind the call.
+        """
+        for end, name in self.ends.items():
+            for i in self.bodies[name][:-1]:
+                self.successors[i].append(end)
+
+    def _add_operation(self, i: int, op: ir.Flow) -> None:
+        """Add the operation with index i to the control flow.
+
+        Raises:
+            UnmatchedEnd: the operation is nested too deep.
+        """
+        if op.kind in ir.ROUTINES | ir.BLOCKS:
+            if len(self._open_blocks) >= _MAX_DEPTH:
+                reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
+                raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
+            self._open_blocks.append(
+                _OpenBlock(op.kind, i) if op.kind in ir.BLOCKS else self._begin_routine(i, op)
+            )
+        elif op.kind == "label":
+            self._labels[self._open_routines[-1]][self._names[i]].append(i)
+        elif op.kind == "jump":
+            self._jumps.append(i)
+        elif op.kind in ir.JUMPS and op.kind != "stop":  # nothing follows a stop
+            kinds = ir.LOOPS | {"routine"} if op.kind in {"leave", "again"} else {"routine"}
+            enclosing = [block for block in self._open_blocks if block.kind in kinds]
+            for block in enclosing[-1:]:  # the innermost block of these kinds, if any
+                is_repetition = op.kind == "again" and block.kind != "routine"
+                (block.repetitions if is_repetition else block.exits).append(i)
+        elif op.kind != "stop":
+            self._end_block(i, op.kind)
+
+    def _begin_routine(self, i: int, op: ir.Flow) -> _OpenBlock:
+        """Begin a routine at index i; name a handler that has no name; return the open block."""
+        name = self._names[i] or f"handler {i}"
+        if name in self.begins:
+            reason, remedy = "a routine is defined twice", "define each routine once; send one program"
+            self._note_fault(i, name, reason, remedy)
+            name = f"{name} again {i}"
+            self.faulty_routines[name] = i
+        self.begins[name] = i
+        self.anytime_routines |= {name} if op.kind != "routine" else set()
+        self.shared_routines |= {name} if op.shared else set()
+        self._open_routines.append(name)
+        return _OpenBlock("routine", i)
+
+    def _end_block(self, i: int, kind: str) -> None:
+        """End a branch, a loop or a routine at index i, or begin another branch there.
+
+        The end of a routine ends its branches and loops, too. An end without a beginning does nothing.
+        """
+        is_in_routine = any(block.kind == "routine" for block in self._open_blocks)
+        while kind == "end" and is_in_routine and self._open_blocks[-1].kind != "routine":
+            self._note_missing_end(self._open_blocks[-1])
+            self._end_block(i, "close")
+        block = self._open_blocks[-1] if self._open_blocks else None
+        if block is None or (kind != "close_or_end" and (kind == "end") != (block.kind == "routine")):
+            self._note_missing_begin(i, kind)
+        else:
+            self._end_open_block(i, kind, block)
+
+    def _note_missing_begin(self, i: int, kind: str) -> None:
+        """Note that the end with index i has no beginning, so that no move of the routine is certain.
+
+        An end behind all statements changes nothing, if no routine begins: the text lacks its first line.
+        That line may have begun a loop; so nothing may change behind the first move.
+        """
+        reason = "this line ends a branch, a loop or a routine that does not begin before it"
+        remedy = "write both ends of branches, loops and routines"
+        moves = (k for k, op in enumerate(self._ops) if isinstance(op, ir.Move))
+        changes = (
+            isinstance(op, ir.Assign | ir.MakeUnknown) or (isinstance(op, ir.Call) and not op.harmless)
+            for op in self._ops[next(moves, 0) : i]
+        )
+        if kind == "close_or_end" and not self.begins and i == self._last and not any(changes):
+            self.faults[i] = reason, remedy
+            return
+        self._note_fault(i, self._open_routines[-1], reason, remedy)
+        if kind == "close_or_end":  # an end before it may have ended a routine too early
+            for routine in self.begins:
+                self.faulty_routines.setdefault(routine, i)
+
+    def _end_open_block(self, i: int, kind: str, block: _OpenBlock) -> None:
+        """End the innermost block at index i, or begin its next branch there."""
+        if kind in {"branch", "default"}:
+            block.other_branches.append(i)
+            block.has_default |= kind == "default"
+            return
+        self._open_blocks.pop()
+        if block.kind == "routine":
+            self.ends[i] = self._open_routines.pop()
+        # Where a further branch begins, the branch before it ends, and continues at the end of the block.
+        for place in (*block.other_branches, *block.exits):
+            self.successors[place].append(i)
+        self.successors[block.begin] += block.other_branches
+        if block.kind in {"if", "switch", "loop"} and not block.has_default:  # the block may be skipped
+            self.successors[block.begin].append(i)
+        if block.kind in ir.LOOPS:
+            self._link_rounds(i, block)
+
+    def _link_rounds(self, end: int, loop: _OpenBlock) -> None:
+        """Add the successors of the operations that end a round of a loop, whose end has an index."""
+        for place in (end, *loop.repetitions):
+            self.successors[place].append(loop.begin)
+        if loop.kind == "repeat":  # its condition is at the end
+            for place in loop.repetitions:
+                self.successors[place].append(end)
+        if loop.kind == "forever":
+            self.endless.add(end)
+
+    def _note_fault(self, i: int, routine: str, reason: str, remedy: str) -> None:
+        """Note that operation i does not fit, so that no move of the routine is certain."""
+        self.faults.setdefault(i, (reason, remedy))
+        self.faulty_routines.setdefault(routine, i)
+
+    def _note_missing_end(self, block: _OpenBlock) -> None:
+        """Note that a branch or a loop has no end, so that no move behind its beginning is certain."""
+        self.faults.setdefault(block.begin, ("a branch or a loop has no end", "write its end"))
+        self.uncertain.setdefault(block.begin, block.begin)

@@ -1,0 +1,130 @@
+"""Names that a program declares, uses and changes, and the states of its variables."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from sys import intern
+from typing import Final, TypeAlias
+
+from robotprograms import language as ir
+from robotprograms.columns import OF_ROUTINE, Cause, WrittenNumbers, get_array_name, get_structure_name
+from robotprograms.language import Name, Value
+from robotprograms.places import Place
+from robotprograms.program import At, Literal
+
+UNKNOWN: Final = "\0everything"
+"""Name in a state behind an unknown call: its value is the cause why values of other names are unknown."""
+NEVER: Final = "\0never"
+"""Name in a state behind a jump, which no path reaches: any other state takes its place where both meet."""
+
+Content: TypeAlias = WrittenNumbers | Cause | str
+"""Content of a variable: numbers, the cause why the numbers are unknown, or the name of another value."""
+State: TypeAlias = "dict[str, tuple[Content, At]]"
+"""Content of each name, and where the statement is that set this content."""
+Fields: TypeAlias = tuple[tuple[str, Content], ...]
+"""Endings of the names of a position's fields, each with its content."""
+
+
+@dataclass(slots=True)
+class Declarations:
+    """Names that a program declares, and their contents before the program runs."""
+
+    initial: dict[str, Content] = field(default_factory=dict)  # contents before the program runs
+    # the same for frames that a position states, by the name of the position
+    fields: dict[str, Fields] = field(default_factory=dict)
+    shared_fields: dict[Fields, Fields] = field(default_factory=dict)  # one copy of equal fields
+    names: set[str] = field(default_factory=set)  # data that belong to the program
+    fixed: set[str] = field(default_factory=set)  # names that the program declares as constants
+    constants: set[str] = field(default_factory=set)  # names that only the program itself may change
+    shared: set[str] = field(default_factory=set)  # names that other programs may use as well
+    stored: set[str] = field(default_factory=set)  # those of them that the controller stores for all programs
+    private: set[str] = field(default_factory=set)  # names that no other program knows
+
+    def add_field(self, structure: str, field: tuple[str, Content]) -> None:
+        """Note the ending and the content of a field of a position, by the name of the position."""
+        fields = self.fields.get(structure, ())
+        if field not in fields:
+            fields = (*fields, field)
+            # The name of the position itself is stored once, and so are equal fields.
+            self.fields[intern(structure)] = self.shared_fields.setdefault(fields, fields)
+
+    def list_contained_names(self) -> set[str]:
+        """Return the names that other names contain before the program runs."""
+        contents = [*self.initial.values()]
+        for fields in self.shared_fields:
+            contents += [content for _, content in fields]
+        return {content for content in contents if isinstance(content, str)}
+
+
+@dataclass(slots=True)
+class Uses:
+    """Uses of names otherwise than as the target of a move."""
+
+    used: dict[str, At] = field(default_factory=dict)  # place at which a name is used
+    # names from which each name was calculated, with the places
+    origins: dict[str, dict[str, At]] = field(default_factory=lambda: defaultdict(dict))
+    offsets: list[tuple[Place, ir.Offset]] = field(default_factory=list)  # poses at offsets from targets
+
+
+@dataclass(slots=True)
+class Changes:
+    """Statements that may change contents, by names and routines."""
+
+    of_name: dict[str, list[Cause]] = field(default_factory=lambda: defaultdict(list))
+    # names that each routine may change, also through the routines that it calls
+    of_routine: dict[str, dict[str, Cause]] = field(default_factory=lambda: defaultdict(dict))
+    # names of all that may last, the first one of what no statement ends
+    lasting: dict[str, None] = field(default_factory=lambda: {ir.MODE: None})
+    anytime: dict[str, Cause] = field(default_factory=dict)  # names that may change at any time
+    arrays: set[str] = field(default_factory=set)  # arrays whose elements statements may change
+    routines_of_pi: set[str] = field(default_factory=set)  # routines that give `pi` a content
+    causes: list[Cause] = field(default_factory=list)  # causes of all statements that are not understood
+
+    def find(self, name: str) -> list[Cause]:
+        """Return the changes of a name; if there are none, those of its structure, else of its array."""
+        for each in (name, get_structure_name(name), get_array_name(name)):
+            if changes := self.of_name.get(each):
+                return changes
+        return []
+
+
+def get_variable(name: str) -> str:
+    """Return the name of the variable that a name belongs to: `P` for `P[1].UF`."""
+    return get_array_name(get_structure_name(name))
+
+
+def get_base(name: str) -> str:
+    """Return the name of the variable that a name belongs to, without its routine."""
+    return get_variable(name).partition(OF_ROUTINE)[0]
+
+
+def list_names(value: Value | ir.Product | Name) -> list[Name]:
+    """Return the names that are looked up for a value, or for a target that a move states."""
+    match value:
+        case ir.Product(names=names):
+            return list(names)
+        case ir.Element(table=table, number=number):
+            return [table, number]
+        case ir.Copy(name=name) | ir.Named(name=name):
+            return [name]
+        case ir.Stated():
+            return ["pi"]
+        case Literal(axes_name=axes_name):
+            return [axes_name] if axes_name else []
+        case ir.Unknown():
+            return []
+    return [value]
+
+
+def list_read_names(op: ir.Op) -> list[Name]:
+    """Return the names, as the program writes them, whose contents an operation looks up."""
+    if isinstance(op, ir.Assign):
+        return list_names(op.value)
+    if not isinstance(op, ir.Move):
+        return []
+    near = op.near_target or op
+    names = [*op.matched_frames, *op.offset_from, *near.offset_from]
+    for value in (*op.targets, *op.bases, *op.tools, *near.bases, *near.tools):
+        names += list_names(value)
+    return names

@@ -1,0 +1,114 @@
+"""The error of reading programs: faults with line, reason and remedy."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+MAX_FAULTS = 20
+"""Most faults that one error lists."""
+WRITE_NUMBERS = "write the numbers of the value, or omit the value"
+"""Remedy for a value that is not given by constant numbers."""
+_MAX_QUOTED = 60
+
+
+# Bytes that are no letters in Latin-1 are parts of letters in UTF-8: in names, letters without a case.
+_LETTERS: Final = {
+    byte: chr(0x4E00 + byte) for byte in (*range(0x80, 0xC0), 0xD7, 0xF7) if not chr(byte).isspace()
+}
+_BYTES: Final = {0x4E00 + byte: chr(byte) for byte in (*_LETTERS, 0x85, 0xA0)}
+_SMALL: Final = re.compile("(?<=\xc3)[\u4ea0-\u4ebe]")  # second bytes of small letters in UTF-8
+
+
+_BLANKS: Final = re.compile("(?<=[\xc3-\xdf])[\x85\xa0]")  # blanks of Latin-1 that end letters in UTF-8
+_CAPITALS: Final = {
+    code: code - 0x20 for code in (*range(ord("a"), ord("z") + 1), *range(0xE0, 0xFF)) if code != 0xF7
+}
+
+
+def decode_text(content: bytes) -> str:
+    """Return the text of a program: one character for each byte, a letter for each one beyond ASCII."""
+    text = content.decode("latin-1")
+    if text.isascii():
+        return text
+    return _BLANKS.sub(lambda match: chr(0x4E00 + ord(match[0])), text.translate(_LETTERS))
+
+
+def encode_text(text: str) -> bytes:
+    """Return the bytes of a text of a program."""
+    return show_text(text).encode("latin-1")
+
+
+def show_text(text: str) -> str:
+    """Return a text of a program with its bytes as characters of Latin-1."""
+    return text if text.isascii() else text.translate(_BYTES)
+
+
+def capitalise(text: str) -> str:
+    """Return a text of a program in capitals, also those of its letters in UTF-8."""
+    if text.isascii():
+        return text.upper()
+    return _SMALL.sub(lambda match: chr(ord(match[0]) - 0x20), text.translate(_CAPITALS))
+
+
+def quote_text(text: str) -> str:
+    """Return text of a program in quotation marks, escaped and cut to 60 characters, for a message."""
+    text = show_text(text.strip())
+    return ascii(text if len(text) <= _MAX_QUOTED else text[:_MAX_QUOTED] + "...")
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Text of a program that was not understood."""
+
+    file: str  # name of the file
+    line: int | None  # line of the file, from 1; None for the whole file
+    reason: str  # what is wrong, in a sentence
+    remedy: str  # what to do
+
+    @property
+    def place(self) -> str:
+        """Name of the file and line, in words."""
+        return quote_text(self.file) if self.line is None else f"{quote_text(self.file)}, line {self.line}"
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.reason}; {self.remedy}"
+
+
+class ReadMove(NamedTuple):
+    """A move as it was understood."""
+
+    line: int  # line of the move, from 1
+    target: str  # names of its targets, or their numbers
+    base: str  # name of the base; empty if it is not known
+    tool: str  # name of the tool; empty if it is not known
+    reason: str = ""  # why the move cannot be corrected; empty if it can be corrected
+    remedy: str = ""  # what to do so that the move can be corrected
+    corrected: bool = False  # whether the move can be corrected
+
+
+class ProgramError(Exception):
+    """Error that a program is not understood or cannot be corrected; the whole program is then refused.
+
+    Attributes:
+        faults: the first faults, at most MAX_FAULTS.
+        count: number of all faults.
+        left_moves: moves that cannot be corrected.
+    """
+
+    def __init__(
+        self, faults: Sequence[Fault], count: int | None = None, left: Sequence[ReadMove] = ()
+    ) -> None:
+        super().__init__(faults, count, left)
+        self.left_moves = tuple(left)
+        self.faults = tuple(faults[:MAX_FAULTS])
+        self.count = len(faults) if count is None else count
+
+    def __str__(self) -> str:
+        unlisted = self.count - len(self.faults)
+        lines = list(map(str, self.faults))
+        if unlisted:
+            lines.append(f"... and {unlisted} more")
+        return "\n".join(lines)

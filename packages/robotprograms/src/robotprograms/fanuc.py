@@ -1,0 +1,629 @@
+"""Programs of FANUC (.LS, ASCII of TP), with programs that they call, translated: /MN and /POS."""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Collection
+from itertools import islice
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from robotprograms import language as ir
+from robotprograms.arrays import IndexArray
+from robotprograms.errors import quote_text
+from robotprograms.language import Line, Misread, Op
+from robotprograms.notation import Notation, Orientation, iterate_integers
+from robotprograms.program import Literal, Motion, Source
+from robotprograms.statements import Statements
+
+POSE: Final = Notation(Orientation.FIXED_XYZ, length_decimals=3, angle_decimals=3)
+JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=3, angle_decimals=3)
+_MOTIONS: Final = {
+    "J": Motion.JOINT, "L": Motion.LINEAR, "C": Motion.CIRCULAR, "A": Motion.CIRCULAR, "S": Motion.SPLINE
+}  # fmt: skip
+_FIELDS: Final = (
+    (POSE, ("X", "Y", "Z", "W", "P", "R"), "mm mm mm deg deg deg"),
+    (JOINTS, ("J1", "J2", "J3", "J4", "J5", "J6"), "deg deg deg deg deg deg"),
+)
+# Facts. Source: FANUC R-30iB, operator's manual (basic operation) B-83284EN, chapter 4; alarm codes
+# B-83284EN-1. A position states its UF and UT; if others are active, the controller stops (INTP-252, 253). F
+# takes the active one. Registers, signals, timers, messages, speeds, collision detection: no position and no
+# frame changes by them.
+_BRACKETS: Final = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
+_REGISTER: Final = rf"A?R{_BRACKETS}"
+# Instructions that switch a process on or off, also behind a target
+_PROCESS: Final = r"(?:SPOT|PRESS_MOTN|TIPDRESS|SS|SE|LS|LE|(?:Arc|Weld) (?:Start|End)(?: E\d)?)"
+_HARMLESS: Final = (
+    r"(?:R|SR|F|[DRGAWUS][IO]|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
+    r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$(?:WAITTMOUT|RMT_MASTER|SVPRG_ENB|UALRM_SEV\[\0\])="
+    r"|\$[\w$.\[\]\0]*(?:OVERRIDE|SPEED|TIMER_VAL)=) ?(.+?)"
+    r"(?:\(sec\)| ?sec| ?%|(?<=ON)[+-]|(?<=OFF)[+-])?"
+    r"|(?:PAUSE|ABORT|MESSAGE|REMARK|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+|(?:UN)?LOCK PREG)"
+    r"|TC_ONLINE(?: (?:EN|DIS)ABLE| ?(\(.+\)))?|CLEAR_RESUME_PROG|RETURN_PATH_DSBL"
+    r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST(?: ?(.+))?"
+    r"|U(?:FRAME|TOOL)_NUM\[GP[2-9](?:,GP[2-9])*\]=(.+)"  # frames of other groups
+    rf"|{_PROCESS}(?:{_BRACKETS})?|LASER (?:ON|OFF)(?:{_BRACKETS})?"
+    # A weave swings about the path. Conditions act on moves that say Skip or Offset, which are left.
+    rf"|Weave (?!Track)[\w\0 ]+(?:{_BRACKETS})?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
+    r"|VISION (?:RUN_FIND|GET_(?:NFOUND|PASSFAIL|READING)|SET_REFERENCE|OVERRIDE|CAMERA_CALIB) "
+    r"(?:(?!JMP|CALL).)*"
+    # A search moves to contact by moves that say Search, which are left; a pattern of a pallet is a register.
+    r"|Search (?:Start|End).*|PALLETIZING-\w+|(?:GUN|BACKUP)=(?:ON|OFF|OPEN|CLOSE)"
+)
+# Instructions of words alone that displace targets, or soften the arm, until others end them
+_LASTING_WORDS: Final = (
+    r"(?i:[JLCAS]|P|PR|TOUCH|TRACK|MP|RPM|SEARCH|SOFTFLOAT|FOLLOW|DEF\w*|LINE|(?:TOOL_|V)?OFFSET"
+    r"|UFRAME|UTOOL|INDEPENDENT|SIMULTANEOUS|FORCE|CALIB|GROUP|IF|FOR|SELECT|JMP|LBL|RUN|CALL|WAIT|END\w*)\b"
+)
+# Words in names of macros that work a hand or a process
+_OF_HAND: Final = re.compile(
+    r"(?i)(?<![a-z])(?:open|close|relax|hand|grip|gripper|greifer|pinza|clamp|vac|vacuum|suction|ventosa|magnet"
+    r"|valve|gun|spindle|laser|dispense|glue)(?![a-z])"
+)
+_MAY_LAST: Final = re.compile(
+    r"(?i)track|offs|sens|soft|float|forc|frame|tool|line|shift|path|touch|search|follow|loop|seam|comp|adj"
+    r"|cal|corr|tcp|guid|group|coord|conv|enc|job|base|vr|mirror|index|pos"
+)
+# Instructions that displace targets, or soften the arm, until their own end
+_KINDS: Final = r"(?P<kind>Track|Touch Offset|MP OFFSET|SOFTFLOAT)"
+# Text behind a target that does not move the target: termination, acceleration, configuration, spots, signals
+_TAIL: Final = re.compile(
+    rf"(?:\0|{_REGISTER})?"
+    r"(?: ?(?:%|(?:mm|cm|inch|deg)/(?:se[ck]|min)|se[ck]|msec|max_speed|WELD_SPEED))?"
+    r"(?: ?(?:FINE|Wjnt|PTH|BREAK|MROT|(?:CNT|CR|CD|ACC|AP_LD|RT_LD|PSPD)(?:\d++| ?\0)"
+    rf"|(?:CNT|ACC|AP_LD|RT_LD|PSPD) ?{_REGISTER}|CNT\(\0\)"
+    r"|EV(?:\d++| ?\0)%"
+    rf"|{_PROCESS} ?{_BRACKETS}|SE(?!\w)"
+    rf"|(?:TB|TA|DB|TIME (?:BEFORE|AFTER)|ZEIT (?:VOR|NACH)) ?(?:\0|{_REGISTER}) ?(?:se[ck]|mm)?,? ?"
+    r"(?:P-SPS|CALL ?\w++(?:\([^()]*\))?"
+    rf"|(?:DO|RO|GO|AO|R|F){_BRACKETS}="
+    rf"(?:PULSE,\0 ?sec|{_REGISTER}|\w++|\0|\((?:(?!\bP\[)[\w\0\[\]!+*/<>= -])*\)))))*"
+)
+# Text behind a target that ends the move before it, and the label where the program continues otherwise
+_SKIP: Final = re.compile(r" ?Skip,LBL ?\[(?P<label>[^\[\]]*)\](?:,PR\[[^\[\]]*\]=\w+)?")
+# Text behind a target that moves this target: an increment, an offset, coordinated motion, a remote tool, a
+# search
+_OFFSETS: Final = (
+    r"(?:INC|RTCP|Search ?\[[^\[\]]*\]|COORD(?:\[[^\[\]]*\])?|(?:Tool_)?Offset(?:,PR\[[^\[\]]*\])?"
+    r"|VOFFSET,VR\[[^\[\]]*\])"
+)
+_OFFSET: Final = re.compile(rf"(?:^| ){_OFFSETS}(?= |$)")
+_REMEDY: Final = (
+    "write the numbers of positions in /POS, without PR[] and P[R[]]; choose frames by number, in a "
+    "line without a condition"
+)
+_UNKNOWN_TAIL: Final = (
+    "the text after the target is unknown or moves the target, so the position in /POS alone is not the "
+    "target"
+)
+# In such a text: jumps, assignments and what lasts, which act behind the move
+_MAY_ACT: Final = re.compile(r"=|LBL|JMP|CALL(?! ?\w)|(?i:track|touch|soft|follow|force)")
+# Arguments of programs and macros are values, never positions.
+_ARGUMENTS: Final = r"(?:\((?:(?!\bP\[)[^()]|\([^()]*\))*\))?"
+_CHOICE: Final = (
+    r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)"
+    r"(?:_NUM(?:\[(?=(?:GP\d,)*?GP1\b)GP\d(?:,GP\d)*\])?|NUM\[\0\])"
+)
+_RECORD_AGAIN: Final = "record the position again"
+# Actions after a condition: jumps, calls, and what changes neither positions nor frames
+_LOGIC: Final = (
+    r"(?P<action>JMP LBL ?\[.*\]|CALL .+|(?:[DRGAW]O|S?R|F|PR|TIMER|UALM)\[.+|OVERRIDE=.+|WAIT .+"
+    r"|PAUSE|ABORT|END|MESSAGE)"
+)
+
+
+def _translate_frame_choice(line: Line) -> list[Op]:
+    """Return the operations of a statement that activates a numbered frame (UFRAME) or tool (UTOOL)."""
+    kind = line["which"]  # FRAME or TOOL; the frames have names such as `UF 3` and `UT 1`
+    return [ir.Assign(f"U{kind}_NUM", ir.Named((f"U{kind[0]} %s", line.first_ordinal("number"))))]
+
+
+def _translate_jump(line: Line) -> list[Op]:
+    """Return the operations of a jump to a numbered label, or to a label whose number is computed.
+
+    A jump after a time of waiting may be skipped.
+    """
+    label = line["label"]
+    # A computed label has the name NUL, which no label has: the jump may lead to each label.
+    name = ("%s", line.first_ordinal("label")) if label == "\0" else "\0"
+    used = [] if label == "\0" else line.read_expression(label)
+    jump = ir.Flow("jump", name)
+    return [*used, *([ir.Flow("if"), jump, ir.Flow("close")] if line["wait"] else [jump])]
+
+
+def _translate_conditional_action(line: Line) -> list[Op]:
+    """Return the operations of an action after IF or SELECT, which may be skipped."""
+    start, end = line.span("action")
+    action = Line(line.language, line["action"], line.ordinals_in(start, end))
+    # SELECT R[1]=2 is not an expression because of its `=`; only the names in it matter.
+    condition = line.read_expression(line["which"].replace("=", "+", 1)) if line["which"] else []
+    return [*condition, ir.Flow("if"), *line.language.apply_rules(action), ir.Flow("close")]
+
+
+def _translate_harmless_instruction(line: Line) -> list[Op]:
+    """Return the operations of an instruction that moves nothing: a use of each variable in its value.
+
+    The value is an expression, `ON`, or a pulse such as `PULSE,0.2sec`, which reads no variable.
+
+    Raises:
+        Misread: the line also chooses a frame by UFRAME or UTOOL, after the value.
+    """
+    value = line["value"].replace("!", "")
+    if re.search(r"(?<=.)U(?:FRAME|TOOL)\w*(?:\[[^\[\]]*\])?=", line.text):
+        return _refuse_computed_frame(line)
+    # In the line, `\0` replaces each number.
+    return line.read_expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
+
+
+def _translate_position_change(line: Line) -> list[Op]:
+    """Return the operation of an assignment to a position P[n], whose numbers become unknown."""
+    name: ir.Name = ("P[%s]", line.first_ordinal("place")) if line["place"] else "P"
+    return [ir.MakeUnknown(frozenset({name}), "the position changes while the program runs", _REMEDY)]
+
+
+def _is_known_tail(tail: str) -> bool:
+    """Return whether the text `tail` after a target, apart from offsets, is known not to move the target."""
+    return _TAIL.fullmatch(_OFFSET.sub("", tail).strip()) is not None
+
+
+def _translate_move(line: Line) -> list[Op]:
+    """Return the operations of a move to one position, or of an arc through one position to another.
+
+    Raises:
+        Misread: the number of positions is wrong, or the text after them is unknown.
+    """
+    letter, skip = line["letter"], _SKIP.search(line["tail"])
+    tail, ordinals = _SKIP.sub("", line["tail"]), list(line.ordinals[:1])  # numbers n of the positions P[n]
+    # An arc has a second position, on the next line; an offset of the first one may come before it.
+    group = "second" if line["second"] or letter != "C" else "tail"
+    second = re.search(rf"{'' if group == 'second' else _OFFSETS} ?(P\[\0\])", line[group])
+    if (second is not None) != (letter == "C"):
+        raise Misread(
+            "an arc needs two positions, the second one on the next line; any other move needs one position"
+        )
+    if second:
+        begin = line.span(group)[0]
+        ordinals += line.ordinals_in(begin + second.start(1), begin + second.end(1))
+        tail = tail.replace(second[1], " ", 1) if group == "tail" else tail
+    offset, is_known = _OFFSET.search(tail), _is_known_tail(tail)
+    if not is_known and _MAY_ACT.search(re.sub(r"\[[^\[\]]*\]", "", tail)):
+        raise Misread(_UNKNOWN_TAIL)
+    names = tuple(("P[%s]", ordinal) for ordinal in ordinals)
+    bases, tools = (
+        tuple(ir.Copy((f"P[%s].{kind}", ordinal), through=True) for ordinal in ordinals)
+        for kind in ("UF", "UT")
+    )
+    reason = "" if is_known else f"{ir.quote_statement(line.text, line.ordinals)}: {_UNKNOWN_TAIL}"
+    if offset and is_known:
+        place = line.span("tail")[0] + line["tail"].index(offset[0].strip())
+        quoted = ir.quote_statement(offset[0], line.ordinals_in(place, len(line.text)))
+        reason = f"{quoted} moves the target"
+    elif skip and is_known:
+        reason = "Skip may end the move before its target"
+    matched_frames = ("UFRAME_NUM", "UTOOL_NUM")
+    move = ir.Move(_MOTIONS[letter], names, bases, tools, matched_frames, reason=reason, remedy=_REMEDY)
+    calls = [ir.Call(name, anytime=True, event=name) for name in re.findall(r"\bCALL ?(\w++)", tail.upper())]
+    if skip is None:
+        return [*calls, move]
+    place = line.span("tail")[0]
+    numbers = line.ordinals_in(place + skip.start("label"), place + skip.end("label"))
+    label: ir.Name = ("%s", numbers[0]) if skip["label"] == "\0" else "\0"
+    return [*calls, move, ir.Flow("if"), ir.Flow("jump", label), ir.Flow("close")]
+
+
+def _translate_copy_to_register(line: Line) -> list[Op]:
+    """Return the use of a position whose numbers a register gets: a correction would change both."""
+    return [ir.Use(frozenset({("P[%s]", line.first_ordinal("place"))}))]
+
+
+def _translate_pallet_move(line: Line) -> list[Op]:
+    """Return the operations of a move to a place of a pallet, which is not corrected.
+
+    Raises:
+        Misread: the text after the place calls a routine.
+    """
+    if re.search(r"LBL|JMP|CALL", line["tail"]):
+        raise Misread(_UNKNOWN_TAIL)
+    return ir.make_uncorrected_move([], "the target is a place of a pallet, not a position in /POS", _REMEDY)
+
+
+def _translate_lasting(line: Line) -> list[Op]:
+    """Return the operation of an instruction that displaces targets until its own end."""
+    statement = ir.quote_statement(line.text, line.ordinals)
+    return [ir.begin_lasting(line["kind"], f"{statement} moves targets", "omit the statement")]
+
+
+def _translate_call(line: Line) -> list[Op]:
+    """Return the call of a program, whose name may be that in a string register.
+
+    Manual: CALL waits for the end of the called program, RUN and MONITOR do not wait.
+    """
+    name = line["name"].replace("\0", "n").upper()
+    prefix = "" if name.startswith("SR[") else None
+    if line["verb"] != "CALL":
+        return [ir.Call(name, anytime=True, event=name, prefix=prefix)]
+    return [ir.Call(name, prefix=prefix)]
+
+
+def _translate_event(line: Line) -> list[Op]:
+    """Return the attachment of a program that runs when an alarm occurs, or when this program resumes."""
+    name = line["name"].upper()
+    return [ir.Call(name, anytime=True, event=name)]
+
+
+def _translate_macro(line: Line) -> list[Op]:
+    """Return the call of a macro, whose name may have several words and a number.
+
+    An instruction of the controller with words alone looks like a macro, and may last. Only macros have
+    arguments in parentheses; and a macro of the hand, such as `Open hand 1`, is delivered with controllers.
+    """
+    name = line["name"].replace("\0", "n")
+    is_macro = line.text.endswith(")") or _OF_HAND.search(name) is not None
+    own = ir.Call(name.upper(), harmless=True)  # names have no case
+    return [own, ir.Call(name, may_last=not is_macro or _MAY_LAST.search(name) is not None)]
+
+
+def _translate_register_move(line: Line) -> list[Op]:
+    """Return the operations of a move to a register or a computed position; the move is not corrected.
+
+    Raises:
+        Misread: the text after the target is unknown, or calls a routine.
+    """
+    if not _is_known_tail(line["tail"]) or "CALL" in line["tail"]:
+        raise Misread("the target is not a position in /POS, and the text after it is unknown")
+    statement = ir.quote_statement(line.text, line.ordinals)
+    reason = f"{statement}: the target is not a position in /POS"
+    text = f"{statement}: the move may go to any position in /POS, and then shifts with its correction"
+    shifts: list[Op] = [ir.Note(text)] if re.match(r"\w P\[", line.text) else []
+    return [*shifts, *ir.make_uncorrected_move([], reason, _REMEDY)]
+
+
+def _translate_assignment(line: Line) -> list[Op]:
+    """Return the operations of an assignment to an unknown name, which can change only what has this name.
+
+    Raises:
+        Misread: the name is that of something that may move targets, or the value is not understood.
+    """
+    if _MAY_LAST.search(line["name"]):
+        raise Misread(ir.UNKNOWN_STATEMENT)
+    statement = ir.quote_statement(line.text, line.ordinals)
+    note = ir.Note(f"{statement} is unknown; it is assumed to change only what it names")
+    return [*_translate_harmless_instruction(line), note]
+
+
+def _translate_frame_change(line: Line) -> list[Op]:
+    """Return the operation of a statement that changes one of the controller's frames, or an unknown one.
+
+    The frame is unknown also before this statement, because the next run begins with the changed frame.
+    """
+    reason = f"{ir.quote_statement(line.text, line.ordinals)}: the frame changes while the program runs"
+    remedy = "set the frames before the program starts, because all of its moves depend on them"
+    frame: ir.Name = ir.MODE
+    if match := re.match(r"U(?:FRAME|TOOL)\[\0\]=", line.text):
+        frame = f"{match[0][0]}{match[0][1]} %s", line.ordinals[0]
+    return [ir.MakeUnknown(frozenset({frame}), reason, remedy, anytime=True)]
+
+
+def _translate_computed_choice(line: Line) -> list[Op]:
+    """Return the operation of a statement that activates a frame or a tool whose number is computed."""
+    reason = f"{ir.quote_statement(line.text, line.ordinals)}: a frame is computed, or chosen in a branch"
+    active: ir.Name = f"U{line['which']}_NUM"
+    return [ir.MakeUnknown(frozenset({active}), reason, _REMEDY)]
+
+
+def _refuse_computed_frame(_line: Line) -> list[Op]:
+    """Raise the error that a statement with a frame is not understood.
+
+    Raises:
+        Misread: always.
+    """
+    raise Misread("a frame is computed, or chosen in a branch")
+
+
+# /POS
+
+_FIELD: Final = re.compile(
+    r"GP(?P<group>\d):|(?P<name>\w++)[:=](?:\0(?: (?P<unit>mm|deg))?|'(?P<text>[^']*+)'"
+    r"|(?P<word>F|\*++)(?:mm|deg)?)"
+    r",? ?(?!\w*[*\0])",
+    re.IGNORECASE,
+)
+_CONFIG: Final = re.compile(r"[^,]*+,\0,\0,\0")
+_Fields: TypeAlias = dict[str, tuple[tuple[int, ...], str]]
+"""Ordinals of the numbers of each field, and its unit or text, by the field's name."""
+
+
+def _declare_position(line: Line) -> list[Op]:
+    """Return the declarations of `P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … };`.
+
+    The declarations give the numbers, base and tool of the position. A position that is not understood gets
+    unknown numbers.
+    """
+    number = line.ordinals[0]
+    name = "P[%s]", number
+    try:
+        fields, others = _split_groups(line)
+        ops: list[Op] = [ir.Assign(name, _read_arm_position(fields, others), "variable")]
+    except Misread as fault:
+        return [ir.MakeUnknown(frozenset({name}), fault.reason, fault.remedy)]
+    for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
+        ordinals, _ = fields[kind]
+        # `F` in place of a number means the active frame.
+        frame = (f"{kind} %s", ordinals[0]) if ordinals else active
+        ops.append(ir.Assign((f"P[%s].{kind}", number), ir.Named(frame), "constant"))
+    return ops
+
+
+def _split_groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
+    """Split a position into the fields of the arm's group, and the ordinals of the other groups' numbers.
+
+    Raises:
+        Misread: a field is unknown or occurs twice.
+    """
+    groups, group = dict[str, _Fields](), "1"  # fields of each group, and the number of the present group
+    place, ordinals = line.text.index("{") + 1, iter(line.ordinals[1:])
+    while place < len(line.text) - 2:
+        match = _FIELD.match(line.text, place)
+        if match is None:
+            raise Misread("a field of the position is unknown", _RECORD_AGAIN)
+        group, place = match["group"] or group, match.end()
+        fields = groups.setdefault(group, {})
+        if match["name"] in fields or (match["group"] and fields):
+            raise Misread("a field or a group occurs twice in a position", _RECORD_AGAIN)
+        if match["name"]:
+            text = (match["unit"] or "").lower() or match["text"] or match["word"] or ""
+            fields[match["name"]] = tuple(islice(ordinals, match[0].count("\0"))), text
+    # Group 1 is the arm.
+    others = (each for key, fields in groups.items() if key != "1" for each in fields.items())
+    other_ordinals = tuple(i for name, (numbers, _) in others if name not in {"UF", "UT"} for i in numbers)
+    return groups.get("1", {}), other_ordinals
+
+
+def _read_arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
+    """Return the target that the fields of the arm's group state.
+
+    `others` are ordinals of the numbers of other groups, which count as external axes.
+
+    Raises:
+        Misread: the position was not recorded, is incomplete, or is not in mm and degrees.
+    """
+    if any(text.startswith("*") and not name.startswith("E") for name, (_, text) in fields.items()):
+        raise Misread(
+            "the position was not recorded (***)", "record the position, or delete the position and its moves"
+        )
+    if not all(kind in fields and (fields[kind][0] or fields[kind][1] == "F") for kind in ("UF", "UT")):
+        raise Misread("the position has no group GP1 with UF and UT", _RECORD_AGAIN)
+    for notation, names, units in _FIELDS:
+        if all(fields.get(name, ((), ""))[0] for name in names):
+            if [fields[name][1] for name in names] != units.split():
+                raise Misread(
+                    "the position is not in mm and deg", "write the program with the controller set to mm"
+                )
+            axes = (fields[name] for name in sorted(fields) if re.fullmatch(r"E\d", name))
+            external = tuple(i for axis_ordinals, _ in axes for i in axis_ordinals)
+            turns, config = fields.get("CONFIG", ((), ""))
+            words = zip(("turn1", "turn4", "turn6"), turns, strict=False) if _CONFIG.fullmatch(config) else ()
+            letters = "".join(config.partition(",")[0].split())  # N U T of `N U T, 0, 0, 0`
+            numbers = tuple(fields[name][0][0] for name in names)
+            return Literal(notation, numbers, external + others, tuple(words), letters)
+    raise Misread("the position is neither X, Y, Z, W, P, R nor J1 ... J6", _RECORD_AGAIN)
+
+
+_POSITION_LANGUAGE: Final = ir.Language(
+    comment=r":[^:\[\]\r\n]*+(?=\])",
+    text=r"(?!)",
+    ignores_case=False,
+    rules=((r"(?s)[\s\S]*", _declare_position),),
+)
+_SECTION_ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
+_SECTION: Final = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)\b.*+")
+_LINE: Final = re.compile(r"\s*+(\d*+)\s*+:")
+_FOLLOWS_CONVEYOR: Final = re.compile(r"LINE_TRACK_SCHEDULE_NUMBER\s*+:\s*+0*+[1-9]")
+_POSITION: Final = re.compile(r"(P.*?\};)|\S[^P]*+", re.DOTALL)
+_SECOND_POSITION: Final = re.compile(r"\s*+P\s*+\[")
+
+
+def read_fanuc(statements: Statements, sources: tuple[Source, ...]) -> None:
+    """Add the statements of a .LS file, and of the programs that it calls, whose moves are not corrected.
+
+    Raises:
+        ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
+    """
+    statements.owners = {i: {"P": f"file{i}"} for i in range(1, len(sources))}  # each has its own positions
+    for index, source in enumerate(sources):
+        section_ends, spans = _find_instructions(statements, index, source)
+        if not index:
+            end = section_ends["END"] - len("/END")
+            positions = _find_positions(statements, source, section_ends["POS"], end)
+            statements.add_statements(0, *positions, translate=_POSITION_LANGUAGE.translate)
+        translate = (
+            _translate_other_groups if _OTHER_GROUPS.search(source.text, 0, section_ends["MN"]) else None
+        )
+        statements.add_statements(index, *_spans_to_arrays(spans), translate=translate if index else None)
+        if not index:
+            _note_conveyor(statements, source.text, section_ends["MN"])
+
+
+_OTHER_GROUPS: Final = re.compile(r"(?m)^DEFAULT_GROUP\s*+=\s*+\*")
+"""Head of a program whose group of axes is not the arm's."""
+
+
+def _translate_other_groups(masked: str) -> list[tuple[int, Op]]:
+    """Return the operations of an instruction that may act on other groups of axes than the arm's."""
+    reason, remedy = "a program for other groups of axes chooses a frame", _REMEDY
+    return [
+        (offset, ir.MakeUnknown(frozenset({op.name}), reason, remedy))
+        if isinstance(op, ir.Assign) and op.name in LANGUAGE.active
+        else (offset, op)
+        for offset, op in LANGUAGE.translate(masked)
+    ]
+
+
+def _find_instructions(
+    statements: Statements, index: int, source: Source
+) -> tuple[dict[str, int], array[int]]:
+    """Return the places behind the heads of sections, and the spans of instructions, heads of /PROG and /POS.
+
+    Raises:
+        ProgramError: a section is missing or misplaced.
+    """
+    section_ends, section = dict[str, int](), ""  # index behind the head of each section; present section
+    spans = array("q")  # first, and last + 1 character of each instruction
+    for line, (start, end) in enumerate(
+        zip(iterate_integers(source.starts), iterate_integers(source.ends), strict=True), 1
+    ):
+        text = source.text[start:end].rstrip("\r\n")
+        if match := _SECTION.match(text):
+            occurs_twice = match[1] in section_ends and match[1] != "APPL"
+            if occurs_twice or _SECTION_ORDER.index(match[1]) < max(
+                map(_SECTION_ORDER.index, section_ends), default=0
+            ):
+                reason = f"the section /{match[1]} occurs twice or in the wrong place"
+                statements.refuse(line, reason, "send each program as a file of its own", index)
+            section = match[1]
+            section_ends[section] = start + len(text)
+            if section in {"PROG", "POS"} and "PROG" in section_ends:
+                spans.extend((start, start + len(text)))
+        elif section == "END" and text.strip():
+            statements.refuse(
+                line, "there is text after /END", "send each program as a file of its own", index
+            )
+        elif section == "MN" and text.strip():
+            _add_instruction(source, spans, start, text)
+    _check_sections(statements, index, section_ends)
+    return section_ends, spans
+
+
+def _check_sections(statements: Statements, index: int, section_ends: Collection[str]) -> None:
+    """Check that a file has all of its sections.
+
+    Raises:
+        ProgramError: a section is missing.
+    """
+    if not {"MN", "POS"} <= set(section_ends):
+        remedy = "write the program as ASCII (.LS), not as binary (.TP)"
+        statements.refuse(None, "the file lacks the section /MN or /POS", remedy, index)
+    if "END" not in section_ends:
+        reason = "the file lacks /END: its end may have been cut off"
+        statements.refuse(None, reason, "send the whole program", index)
+
+
+def _note_conveyor(statements: Statements, text: str, end: int) -> None:
+    """Leave all moves of a program whose head, up to an index of the text, lets it follow a conveyor."""
+    if _FOLLOWS_CONVEYOR.search(text, 0, end):
+        reason = "the program follows a conveyor: its targets move with the conveyor's frame"
+        statements.forget_anytime(frozenset({ir.MODE}), reason, "set LINE_TRACK_SCHEDULE_NUMBER to 0")
+
+
+def _spans_to_arrays(spans: array[int]) -> tuple[IndexArray, IndexArray]:
+    """Return the starts and the ends of spans as two arrays."""
+    starts, ends = np.asarray(memoryview(spans), dtype=np.intp).reshape(-1, 2).T
+    return starts, ends
+
+
+def _add_instruction(source: Source, spans: array[int], start: int, text: str) -> None:
+    """Add the span of a line of /MN to `spans`; a line without a number continues the line before it.
+
+    A line that is not in the controller's form is a statement of its own, which is not understood.
+    """
+    head = _LINE.match(text)
+    if text.lstrip().startswith("--"):  # this line only ends a block of logic
+        return
+    if head is None and not _SECOND_POSITION.match(text):
+        spans.extend((start, start + len(text)))
+        return
+    body = head.end() if head else 0
+    if text[body:].lstrip().startswith(("!", "//", "--")):
+        return
+    last = source.text[spans[-2] : spans[-1]].rstrip() if spans else ";"
+    if not (head and head[1]) and not last.endswith(";"):
+        spans[-1] = start + len(text)
+    else:
+        spans.extend((start + body, start + len(text)))
+
+
+def _find_positions(
+    statements: Statements, source: Source, place: int, end: int
+) -> tuple[IndexArray, IndexArray]:
+    """Return the first and the last + 1 character of each position between two indices of the text.
+
+    Raises:
+        ProgramError: there is a text between positions, or a position has no end.
+    """
+    spans = array("q")
+    for match in _POSITION.finditer(source.text, place, end):
+        if match[1] is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", match[1]):
+            reason = f"{quote_text(match[0])} between positions is unknown or has no end"
+            statements.refuse(source.find_line(match.start()), reason, _RECORD_AGAIN)
+        spans.extend(match.span())
+    return _spans_to_arrays(spans)
+
+
+LANGUAGE: Final = ir.Language(
+    suffixes=".ls",
+    pose=POSE,
+    remark="    :  !",
+    head="/MN",
+    read=read_fanuc,
+    # comment behind a number in brackets, and the text of a message
+    comment=r":[^\[\]\r\n]*+(?=\])|(?<=MESSAGE)\[[^\[\]\r\n]*+\]",
+    blank=r" ?;?:|^[ ;]+|[ ;]+$",
+    text=r"'[^'\r\n]*+'",
+    word=r"[$]?[^\W\d]\w*+",
+    ignores_case=False,
+    operators="AND|OR|NOT|DIV|MOD|STRLEN|FINDSTR|SUBSTR",
+    reserved="JMP|CALL|RUN|LBL|IF|THEN|ELSE|ENDIF|FOR|TO|DOWNTO|ENDFOR|SELECT|INC|OFFSET|Offset|Skip|SKIP|VOFFSET|TOOL_OFFSET"
+    r"|P(?=\[)",
+    functions="WAIT|ABS|SQRT|SIN|COS|TAN|LN|EXP|ROUND|TRUNC|ATAN2|ASIN|ACOS|MOD",
+    motion=r"(?<![\w$.\[])[JLCAS]\s++PR?\s*+\[",
+    remedy=_REMEDY,
+    active={"UFRAME_NUM": "active UFRAME_NUM", "UTOOL_NUM": "active UTOOL_NUM"},
+    constants={"UF 0": np.eye(4), "UT 0": np.eye(4)},  # the robot's own frames: its base and its flange
+    field_endings=(".UF", ".UT"),
+    is_frame=lambda name: name.startswith(("UF ", "UT ")),
+    # Manual, chapter 4: other programs cannot change the positions of this program.
+    is_own=lambda name: name.startswith("P["),
+    positions="P",
+    is_reached=lambda name: name in {"UFRAME_NUM", "UTOOL_NUM"},
+    lasting="",  # offsets, tracking, soft float: what is not understood may last
+    rules=(
+        (r"/PROG (?P<name>\w++)(?: .*)?", lambda line: [ir.Flow("routine", line["name"].upper())]),
+        (r"/PROG.*", lambda line: [ir.Flow("routine", line.text)]),
+        (r"/POS.*", "end"),
+        # Behind the end are positions that people use by hand: what follows may run, too.
+        (r"END", lambda _: [ir.Flow("if"), ir.Flow("return"), ir.Flow("close")]),
+        (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _translate_move),
+        (r"[JL] PAL_\w+\[\w+\] ?(?P<tail>.*)", _translate_pallet_move),
+        (rf"{_KINDS} (?:End|END)", lambda line: [ir.end_lasting(line["kind"])]),
+        (rf"{_KINDS}(?! ?(?:End|END)\b)[ \[].*", _translate_lasting),
+        (r"P?R\[[^\]]*\]=P\[#{place}(?:,\0)?\]", _translate_copy_to_register),
+        (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[(?:\0|GP\d)\]) ?(?P<tail>.*)", _translate_register_move),
+        (rf"(?!\$MN){_CHOICE}=#{{number}}", _translate_frame_choice),
+        # The number in $MNUFRAMENUM[n] is that of a group of axes, which may be another one than the arm.
+        (rf"{_CHOICE}=[\0\w\[\]()+*/-]+", _translate_computed_choice),
+        (r"IF ?(.+?) ?THEN", "if"),
+        (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
+        (r"ELSE", "default"),
+        (r"ENDIF|ENDFOR", "close"),
+        (r"LBL ?\[#{name}\]", "label"),
+        (r"(?:(?P<wait>WAIT) ?(.+?),? ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
+        (
+            r"VISION GET_\w+ [^\[\]]*(?:\[[^\[\]]*\][^\[\]]*?)*(?P<action>JMP LBL ?\[[^\[\]]*\])",
+            _translate_conditional_action,
+        ),
+        (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),
+        (rf"(?P<verb>CALL|RUN|MONITOR) (?P<name>\w++|SR\[\0\]){_ARGUMENTS}", _translate_call),
+        (r"(?:ERROR|MAINT|RESUME)_PROG(?:\[.+\])?=(?P<name>\w++)", _translate_event),
+        (_HARMLESS, _translate_harmless_instruction),
+        (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),
+        (r".*(?:UFRAME|UTOOL).*", _refuse_computed_frame),
+        (
+            rf"(?!{_LASTING_WORDS})(?P<name>[A-Za-z]\w*(?:[ .]\w+)*(?: ?\0)?(?: ?\[[^\[\]]*\])?){_ARGUMENTS}",
+            _translate_macro,
+        ),
+        (rf"(?P<name>(?!P\b)[A-Za-z]\w*)(?:{_BRACKETS})?=(?P<value>.+)", _translate_assignment),
+        (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*(?<!\w)P\[[^=]*=.*", _translate_position_change),
+    ),
+)

@@ -1,0 +1,224 @@
+"""The formats of programs: the reader of all formats, its limits, and comments of the writer."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import PurePath
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from robotprograms import fanuc, krl, rapid, table, ur
+from robotprograms.errors import Fault, ProgramError, ReadMove, quote_text
+from robotprograms.interpreter import Permissions, interpret
+from robotprograms.language import Language
+from robotprograms.notation import Notation, has_decimal_commas
+from robotprograms.own_numbers import insert_numbers
+from robotprograms.program import NUMBERS, ExternalAxes, OwnNumbers, Program, Source
+
+MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
+"""All files of a program together."""
+MAX_LINES: Final = 2_000_000
+MAX_LINE: Final = 4096
+"""Characters of a line."""
+MAX_FILES: Final = 12
+"""Most files of a program in KRL, RAPID or FANUC's language."""
+_MOST_FILES: Final = dict.fromkeys(("krl", "rapid", "fanuc"), MAX_FILES)
+"""Most files of a program, by its format; one in other formats."""
+_UNSUPPORTED_SUFFIXES: Final = {".nc", ".cnc", ".mpf", ".apt", ".cls", ".aptsource", ".gcode"}
+
+
+_MODULES: Final = {"csv": table, "krl": krl, "fanuc": fanuc, "rapid": rapid, "ur": ur}
+FORMATS: Final[Mapping[str, Language]] = MappingProxyType(
+    {name: module.LANGUAGE for name, module in _MODULES.items()}
+)
+
+
+def read_program(
+    files: Sequence[tuple[str, bytes]],
+    name: str | None = None,
+    leave_alone: Collection[str] = (),
+    *,
+    leave_others: bool = False,
+    external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
+    trust_routines: bool = False,
+) -> Program:
+    """Read a program: its targets, its moves that can be corrected, and its moves that are kept unchanged.
+
+    Args:
+        files: names and bytes of the files, first the one whose moves are corrected: for KUKA a .src, its
+            .dat, $config.dat and files with its routines and points; for ABB the modules of a task;
+            for FANUC the .LS and those of the programs that it calls.
+        name: name of the format, one of FORMATS; if None, the first file's name decides.
+        leave_alone: names of routines that neither move the robot nor change its frames.
+        leave_others: whether moves that are not certain are kept unchanged; if not, they raise an error.
+        external_axes: what the user states on external axes; moves with an axis away from zero are kept
+            unchanged, unless the axes are joints of the robot or carry nothing.
+        trust_routines: whether routines of other files are assumed to move neither robot, frames nor points;
+            what the program hands to them by reference may change all the same.
+
+    Raises:
+        ProgramError: the text is not understood; or a move is not certain, and `leave_others` is false.
+    """
+    chosen = _choose_format(files, name)
+    if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
+        _refuse(
+            files[0][0],
+            None,
+            f"the files of the program have more than {MAX_PROGRAM_BYTES // 2**20} MiB",
+            "split the program",
+        )
+    ordered = sorted(
+        files, key=lambda file: file[0].lower().endswith(".dat")
+    )  # stable: only moves of the first file are corrected
+    sources = tuple(_read_source(name, content) for name, content in ordered)
+    commas = chosen == "csv" and has_decimal_commas(sources[0].text)
+    language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]
+    own: tuple[OwnNumbers, ...] = ()
+    permissions = Permissions(leave_alone, trust_routines)
+    while True:
+        # Names and states are not kept: they take as much memory as the targets built next.
+        found = interpret(chosen, sources, language, permissions, own)
+        columns = found.columns
+        columns.settle_targets(found.used, external_axes)
+        own = columns.list_own_numbers()
+        if not own or _exceed_limit(sources, own):
+            break
+        first, own = insert_numbers(sources[0], own)
+        sources = first, *sources[1:]
+    program = columns.build_program(found.causes)
+    if program.faults and not leave_others:
+        raise ProgramError(program.faults, left=program.left_moves)
+    return program
+
+
+def _choose_format(files: Sequence[tuple[str, bytes]], name: str | None) -> str:
+    """Return the name of the format of files, which is `name` if that is given.
+
+    Raises:
+        ProgramError: there is no file, the format is not known, or a program has fewer files.
+    """
+    if not files:
+        _refuse("program", None, "no file was sent", "send a program")
+    suffix = PurePath(files[0][0].lower()).suffix
+    by_suffix = (each for each, language in FORMATS.items() if suffix in language.suffixes.split())
+    chosen = name or next(by_suffix, "")
+    if suffix in _UNSUPPORTED_SUFFIXES and name is None:
+        remedy = "write the program in the controller's own language, or as a table of targets (CSV)"
+        _refuse(files[0][0], None, "programs in the formats CNC, APT and CLS cannot be read", remedy)
+    if chosen not in FORMATS:
+        reason = "the file's name does not show the format"
+        _refuse(files[0][0], None, reason, f"give `format`: one of {', '.join(FORMATS)}")
+    if len(files) > _MOST_FILES.get(chosen, 1):
+        remedy = (
+            "send one program: for KUKA a .src with its .dat and $config.dat, for ABB the modules of one "
+            "task, for FANUC the .LS and those that it calls"
+        )
+        _refuse(files[-1][0], None, "more files were sent than one program has", remedy)
+    return chosen
+
+
+def _exceed_limit(sources: Sequence[Source], own: Sequence[OwnNumbers]) -> bool:
+    """Return whether the files of a program would be too large with own numbers of moves."""
+    added = sum(len(each.numbers) for each in own)
+    return sum(len(each.text) for each in sources) + added > MAX_PROGRAM_BYTES
+
+
+def list_moves(
+    files: Sequence[tuple[str, bytes]],
+    name: str | None = None,
+    leave_alone: Collection[str] = (),
+    external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
+    *,
+    trust_routines: bool = False,
+) -> list[ReadMove]:
+    """Return all moves of a program in order of lines, with target, base, tool and whether each is corrected.
+
+    Raises:
+        ProgramError: the text of the program is not understood.
+    """
+    try:
+        program = read_program(
+            files,
+            name,
+            leave_alone,
+            leave_others=True,
+            external_axes=external_axes,
+            trust_routines=trust_routines,
+        )
+    except ProgramError as error:
+        if not error.left_moves:
+            raise
+        return list(error.left_moves)
+    targets, moves = program.targets, program.moves
+    last = moves.visits[moves.ends - 1]  # index of the last target of each move
+    stored = [  # moves to positions that are stored in the controller
+        ReadMove(each.line, each.target, "", "", each.text, "") for each in program.left_alone if each.target
+    ]
+    read_moves = [*program.left_moves, *stored]
+    for line, target in zip(moves.line.tolist(), last.tolist(), strict=True):
+        numbers = targets.values[target, :NUMBERS]
+        shown_numbers = ", ".join(f"{number:g}" for number in numbers[np.isfinite(numbers)].tolist())
+        base, tool = (targets.frames[index[target]].name for index in (targets.base, targets.tool))
+        read_moves.append(ReadMove(line, targets.names[target] or shown_numbers, base, tool, corrected=True))
+    return sorted(read_moves, key=lambda each: each.line)
+
+
+def _read_source(name: str, content: bytes) -> Source:
+    """Return a file of a program, after checks of its text.
+
+    Raises:
+        ProgramError: the file is not plain text, or exceeds a limit.
+    """
+    if b"\0" in content:
+        reason = "the file is not text with one byte per character"
+        _refuse(name, None, reason, "save the file as plain text, not as UTF-16 or binary")
+    if content.count(b"\n") + content.count(b"\r") > MAX_LINES:
+        _refuse(name, None, f"the file has more than {MAX_LINES:,} lines", "split the program")
+    source = Source.from_bytes(name, content)
+    for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
+        if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:
+            reason = f"a line has more than {MAX_LINE} characters"
+            _refuse(name, i + 1, reason, "break the line into several lines")
+    return source
+
+
+def _refuse(file: str, line: int | None, reason: str, remedy: str) -> None:
+    """Refuse a program because of one fault.
+
+    Raises:
+        ProgramError: always.
+    """
+    raise ProgramError((Fault(file if file.isprintable() else quote_text(file), line, reason, remedy),), 1)
+
+
+def choose_frame_notation(program: Program) -> Notation:
+    """Return the notation in which users of the program's format write frames.
+
+    If the format states no notation, the notation of the program's poses is returned, else that of KUKA.
+    """
+    pose_notations = (notation for notation in program.targets.notations if notation.has_pose)
+    return FORMATS[program.format].pose or next(pose_notations, krl.POSE)
+
+
+def insert_comment(kind: str, content: bytes, parts: Sequence[str]) -> bytes:
+    """Insert a comment behind the head of a program, and return the new bytes.
+
+    The comment is one line; in a FANUC program it is a remark for each part, which has 32 characters at most.
+
+    Args:
+        kind: name of the format.
+        content: bytes of the program's first file.
+        parts: parts of the comment.
+    """
+    language, line_end = FORMATS[kind], "\r\n" if b"\r\n" in content else "\n"
+    lines = [f"{language.remark} {', '.join(parts)}"]
+    if kind == "fanuc":
+        lines = [f"{language.remark}{each} ;" for each in parts]
+    comment = "".join(line + line_end for line in lines).encode("ascii", "replace")
+    head_line = rf"^{language.head}[^\r\n]*+(?:\r\n|\n|\r)".encode()
+    head = re.search(head_line, content, re.MULTILINE) if language.head else None
+    place = head.end() if head else 0
+    return content[:place] + comment + content[place:]

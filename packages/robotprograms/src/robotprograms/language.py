@@ -1,0 +1,720 @@
+"""Words of the intermediate language, and the normal form of a statement that the readers translate.
+
+The normal form has no comments, one blank between words and none elsewhere, and NUL in place of each number:
+statements that differ in their numbers only have the same normal form, which is translated once.
+Possessive quantifiers follow characters only: Python before 3.11.5 keeps the match of a failed group.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from itertools import accumulate
+from typing import Any, Final, NamedTuple, TypeAlias
+
+from robotprograms.arrays import FloatArray
+from robotprograms.errors import WRITE_NUMBERS, capitalise, decode_text, quote_text
+from robotprograms.notation import Notation
+from robotprograms.program import Literal, Motion, Source
+
+_FRACTION: Final = r"(?:\.\d{0,20}+)?"
+# Its first character comes before all else, so that the search passes over what begins no number.
+NUMBER: Final = (
+    r"[+\-.\d](?<!\w[+\-.\d])(?:"
+    rf"(?<=\d)\d{{0,14}}+{_FRACTION}|(?<=[+-])(?:\d{{1,15}}+{_FRACTION}|\.\d{{1,20}}+)|(?<=\.)\d{{1,20}}+"
+    r")(?:[eE][+-]?+\d{1,3}+)?"
+)
+Name: TypeAlias = str | tuple[str, int]
+"""Name of a variable; one with a number in it as a template with `%s`, and the ordinal of the number."""
+
+
+class Copy(NamedTuple):
+    """Value that is a copy of another variable's value."""
+
+    name: Name  # name of the other variable
+    # whether the other variable only holds the name of a third variable, whose value is then copied
+    through: bool = False
+
+
+class Element(NamedTuple):
+    """Copy of an element of a table, whose number is the value of a variable."""
+
+    table: str  # template with `%s` for the number
+    number: str  # name of the variable
+
+
+class Named(NamedTuple):
+    """Value that is known by its name only."""
+
+    name: Name
+
+
+class Stated(NamedTuple):
+    """Frame that never changes, calculated of numbers: it is known by the place of its statement."""
+
+    name: str  # beginning of its name; the line follows
+    notation: Notation
+    expressions: tuple[str, ...]  # of its numbers, with NUL in place of each number
+    ordinals: tuple[int, ...]  # of the numbers in these expressions
+
+
+class Unknown(NamedTuple):
+    """Value that is not known, for a reason."""
+
+    reason: str
+    remedy: str
+
+
+class Product(NamedTuple):
+    """Product of frames; each frame is given in the coordinates of the frame before it."""
+
+    names: tuple[str, ...]  # names of the frames
+
+
+Value: TypeAlias = Literal | Copy | Element | Named | Stated | Unknown
+
+
+class Assign(NamedTuple):
+    """Assignment of a value to a name."""
+
+    name: Name
+    value: Value
+    # `variable` or `constant` if the name has the value before the program runs; else empty
+    declares: str = ""
+    shared: bool = False  # whether other programs certainly know the name
+    private: bool = False  # whether certainly no other program knows the name
+
+
+class Local(NamedTuple):
+    """Declaration of names that belong to the routine only: elsewhere, these names mean other variables."""
+
+    names: frozenset[str]
+
+
+MODE: Final = "\0mode"
+"""Name of all that lasts in a controller and may move targets, such as offsets, tracking or force control.
+
+Its value is unknown behind a statement that may change it, and then no target is certain. What another
+statement can end has a name of its own, which begins with this one: `begin_lasting`, `end_lasting`."""
+
+
+class MakeUnknown(NamedTuple):
+    """Statement that gives unknown values to names; without names, to all that other routines may change."""
+
+    names: frozenset[Name]
+    reason: str
+    remedy: str
+    anytime: bool = False  # whether the values may change at any time, also before this statement
+
+
+class Note(NamedTuple):
+    """Statement about which the user reads a remark."""
+
+    text: str
+
+
+class Call(NamedTuple):
+    """Call of a routine."""
+
+    name: Name
+    passed: frozenset[str] = frozenset()  # names that the routine gets as arguments
+    # whether a routine of the program may run at any time, or more than once
+    anytime: bool = False
+    # name of the event to which the routine is attached; an unknown routine then counts as called here
+    event: Name = ""
+    # whether the call changes nothing, unless the program itself defines a routine with this name
+    harmless: bool = False
+    # whether an unknown routine may also leave something that lasts (`MODE`)
+    may_last: bool = False
+    behind_next: bool = False  # whether the routine runs only behind a move that is the next statement
+    # whether a function of another file is assumed to change no tool that it gets as an argument
+    reads_frames: bool = False
+    # with this text begin the names of the program's routines that may be meant; None if the name is fixed
+    prefix: str | None = None
+
+
+class Use(NamedTuple):
+    """Use of the numbers of variables for something else than the target of a move."""
+
+    names: frozenset[Name]
+    # name that gets what is calculated of the numbers, or routine that gets them: the use is what becomes of
+    # that name; `RESULT` for what the routine returns; empty if the use is not known
+    into: Name = ""
+
+
+RESULT: Final = "\0result"
+"""Name of the value that a routine returns."""
+CONDITION: Final = "\0condition"
+"""Name of all conditions: what decides about branches, loops and waiting."""
+
+
+class Offset(NamedTuple):
+    """Assignment of a pose at an offset from a target: moves to it shift with the target's correction."""
+
+    name: Name
+    target: Name
+
+
+class Move(NamedTuple):
+    """Move to one target, or through one target to another; a move with a reason is not corrected."""
+
+    motion: Motion
+    targets: tuple[Literal | Name, ...]
+    bases: tuple[Value | Product, ...] = ()
+    tools: tuple[Value | Product, ...] = ()
+    # variables of the active base and tool, which must have the frames with which the target is recorded
+    matched_frames: tuple[str, ...] = ()
+    reason: str = ""
+    remedy: str = ""
+    # names of targets near which a move that is not corrected ends: corrections of them shift this move, too
+    offset_from: tuple[Name, ...] = ()
+    # move that takes the place of this one if `offset_from` of that move is a target of any move
+    near_target: Move | None = None
+
+    @property
+    def differs_only_in_target(self) -> bool:
+        """Return whether moves with this masked text can differ only in the numbers of one target."""
+        if len(self.targets) != 1 or not isinstance(self.targets[0], Literal):
+            return False
+        has_other_numbers = any(isinstance(base, Literal) for base in self.bases)
+        return not (self.matched_frames or self.reason or has_other_numbers)
+
+
+class MoveToStored(NamedTuple):
+    """Move to a position that is stored in the controller, not in the program."""
+
+    name: str
+
+
+class Flow(NamedTuple):
+    """Beginning or end of a branch, loop, jump or routine.
+
+    Blocks begin with `if`, `switch` (all its branches are further ones), `loop`, `repeat` (a loop that runs
+    at least once) or `forever` (a loop that only `leave`, a jump or a return ends), and end with `close`;
+    further branches begin with `branch` or `default`. `leave` leaves a loop, `again` begins its next round.
+    Routines begin with `routine`, with `handler` if they may run at any time, or with `undo` if nothing goes
+    on behind them then, and end with `end`.
+    `close_or_end` ends a block or a routine. The other kinds are `label`, `jump`, `return`, `stop`, which
+    ends the whole program, and `resume`, which also ends the interrupted routines.
+    """
+
+    kind: str
+    name: Name = ""
+    shared: bool = False  # whether other programs may call a routine, with frames of their own
+    # ordinals of first value, last value and step between which a `loop` counts; empty if one is no number
+    bounds: tuple[int, ...] = ()
+
+    def settle_bounds(self, numbers: FloatArray) -> Flow:
+        """Return the `Flow`, of kind `repeat` if the loop runs by its bounds among the numbers (n,)."""
+        if not self.bounds:
+            return self
+        first, last, step = [*numbers[list(self.bounds)].tolist(), 1.0][:3]
+        runs = first <= last if step > 0 else first >= last and step < 0
+        return self._replace(kind="repeat" if runs else self.kind)
+
+
+ROUTINES: Final = frozenset({"routine", "handler", "undo"})
+LOOPS: Final = frozenset({"loop", "repeat", "forever"})
+BLOCKS: Final = LOOPS | {"if", "switch"}
+JUMPS: Final = frozenset({"leave", "again", "jump", "return", "resume", "stop"})
+"""Kinds of `Flow` behind which the program does not continue on the next line."""
+
+
+Op: TypeAlias = Assign | Local | MakeUnknown | Note | Call | Use | Offset | Move | MoveToStored | Flow
+
+
+UNKNOWN_STATEMENT: Final = "the statement is unknown: it may move the robot, targets or frames"
+
+
+class Misread(Exception):  # noqa: N818  # a statement that is not understood is no failure of the program
+    """Error that a statement is not understood."""
+
+    def __init__(self, reason: str, remedy: str = "") -> None:
+        super().__init__(reason)
+        self.reason, self.remedy = reason, remedy
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """Statement in normal form, and its match with the pattern of a rule."""
+
+    language: Language
+    text: str  # normal form, with NUL in place of each number
+    ordinals: tuple[int, ...]  # index of each number among those of the statement as it is written
+    line_offset: int = 0  # count of line breaks in the text before the statement
+    match: re.Match[str] | None = None  # None before a rule is applied
+
+    def __getitem__(self, group: str) -> str:
+        """Return the part of the statement that matched a named group; empty if the group did not match."""
+        return (self.match and self.match.groupdict().get(group)) or ""
+
+    def span(self, group: str) -> tuple[int, int]:
+        """Return the indices, first and last + 1 character, of the part that matched a named group."""
+        return self.match.span(group) if self.match else (0, 0)
+
+    def ordinals_in(self, begin: int, end: int) -> tuple[int, ...]:
+        """Return the ordinals of the numbers between two indices of characters of the text.
+
+        The ordinal of a number is its index among all numbers of the statement.
+        """
+        places = _find_numbers(self.text)
+        return self.ordinals[bisect_left(places, begin) : bisect_left(places, end)]
+
+    def first_ordinal(self, group: str) -> int:
+        """Return the ordinal of the first number in the part of the statement that matched a named group."""
+        return self.ordinals_in(*self.span(group))[0]
+
+    def read_expression(self, text: str) -> list[Op]:
+        """Return the operations of an expression: one for all names read, one for each routine call."""
+        return self.language.read_expression(text)
+
+
+@lru_cache(maxsize=4)
+def _find_numbers(text: str) -> tuple[int, ...]:
+    """Return the indices of the numbers in a text in normal form, which has NUL in place of each number.
+
+    The result is cached, because each part of a line needs it.
+    """
+    return tuple(place for place, character in enumerate(text) if character == "\0")
+
+
+Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
+"""Effect of a statement apart from its expressions: the kind of a `Flow`, or a function of the `Line` that
+returns the operations."""
+
+
+@dataclass(frozen=True)
+class Language:
+    """Tokens of a language, its statements by their forms, and facts of its controller."""
+
+    comment: str  # pattern of a comment
+    # forms of statements in normal form: groups with names are for the rule, others are expressions;
+    # `@{name}` is a word of that name that is not reserved, `#{name}` a number
+    rules: tuple[tuple[str, Rule], ...] = ()
+    motion: str = r"(?!)"  # pattern of the words of moves
+    remedy: str = WRITE_NUMBERS  # what to do where a target is not understood
+    undeclared: str = WRITE_NUMBERS  # what to do where no file gives a value to a name
+    text: str = r'"[^"\r\n]*+"'  # pattern of texts and of constants that are no number
+    word: str = r"[^\W\d]\w*+"
+    number: str = NUMBER
+    blank: str = ""  # pattern of text that counts as a blank, such as the end of a line that is continued
+    ignores_case: bool = True  # whether capitals and small letters are the same: the normal form has capitals
+    operators: str = ""  # pattern of words between or before operands
+    reserved: str = r"(?!)"  # pattern of words that begin statements: none of them is a variable
+    functions: str = ""  # pattern of the controller's functions, which return a value and change nothing
+    writers: str = r"(?!)"  # pattern of the controller's functions that write to the last of their arguments
+    # pattern of names of functions of other files that are assumed to change no tool they get as an argument
+    readers: str = r"(?!)"
+    # whether a name means another variable in each routine that assigns to it, unless it is global
+    scopes_by_routine: bool = False
+    # names of the variables of the active frames, and the names of these frames in messages
+    active: Mapping[str, str] = field(default_factory=dict)
+    constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes
+    # function that tells whether a name is that of a frame whose numbers are stored outside of the program
+    is_frame: Callable[[str], bool] = lambda _: False
+    # function that tells whether routines of other files may change a name of the controller's active data;
+    # None if they may change all names
+    is_reached: Callable[[str], bool] | None = None
+    # function that tells whether a name is of this program alone, so that no other program changes it
+    is_own: Callable[[str], bool] = lambda _: False
+    # pattern in statements that are not understood: such a statement may change what lasts (`MODE`)
+    lasting: str = r"(?!)"
+    # pattern in statements that are not understood: behind such a statement all values are unknown; any other
+    # one changes only names that it states, and may call only routines that it states
+    forgets: str = ""
+    # whether a routine is called by its name alone, and a statement that is not understood may be several, on
+    # lines whose ends are missing
+    calls_by_name: bool = False
+    # endings such as `.BASE`, with which the name of a structure becomes the name of one of its fields
+    field_endings: tuple[str, ...] = ()
+    callable_from_outside: bool = False  # whether other programs may call each of the routines
+    positions: str = ""  # name of the array of the program's positions, if there is one
+    # pattern of the text before the first number of a target in numbers; empty if no move can state numbers
+    opening: str = ""
+    end_of_statement: str = ""  # sign at the end of each statement; empty if statements end with their line
+    fixed_words: frozenset[str] = frozenset()  # constants and functions that no program may redefine
+    longest_line: int = 4096  # characters of a line that the controller reads
+    suffixes: str = ""  # suffixes of the names of its files, separated by blanks
+    pose: Notation | None = None  # notation in which users write frames; None for the notation of the program
+    remark: str = "#"  # begin of a remark
+    # pattern of the beginning of the line behind which the mark of a compensated program is inserted; empty
+    # if the mark is inserted before the first line
+    head: str = ""
+    # function that adds the statements of the files; None if each line is a statement
+    read: Callable[[Any, tuple[Source, ...]], None] | None = None
+
+    @cached_property
+    def numbers(self) -> re.Pattern[str]:
+        """Pattern of numbers, also of those in comments and texts."""
+        return re.compile(self.number)
+
+    @cached_property
+    def _token(self) -> re.Pattern[str]:
+        """Pattern of one token: a blank, a comment, a text, a word or a sign."""
+        return re.compile(
+            rf"(?P<blank>\s++)|(?P<comment>{self.comment}|{_MARK})|(?P<text>{self.text})"
+            rf"|(?P<word>\0|{self.word})|(?P<sign>.)",
+            re.DOTALL,
+        )
+
+    @cached_property
+    def _rules(self) -> tuple[tuple[re.Pattern[str], Rule], ...]:
+        """Compiled patterns of the rules, with `@{name}` and `#{name}` replaced by groups."""
+        patterns = {"@": rf"(?!(?:{self.reserved})(?![\w$])){self.word}", "#": r"\0"}
+        return tuple(
+            (
+                re.compile(_PLACEHOLDER.sub(lambda match: f"(?P<{match[2]}>{patterns[match[1]]})", pattern)),
+                rule,
+            )
+            for pattern, rule in self.rules
+        )
+
+    @cached_property
+    def _motion(self) -> re.Pattern[str]:
+        """Pattern of the words of moves."""
+        return re.compile(self.motion, re.IGNORECASE if self.ignores_case else 0)
+
+    @cached_property
+    def _words(self) -> tuple[re.Pattern[str], ...]:
+        """Patterns of operators, of reserved words, and of the controller's functions."""
+        flags = re.IGNORECASE if self.ignores_case else 0
+        return (
+            re.compile(rf" ?(?<![\w$.])(?:{self.operators})\b ?", flags),
+            re.compile(rf"(?<![\w$.])(?:{self.reserved})(?![\w$])", flags),
+            re.compile(self.functions, flags),
+        )
+
+    def normalise(self, masked: str) -> Line:
+        """Return the normal form of a statement; `masked` is its text with NUL in place of each number."""
+        pieces, ordinals = list[str](), list[int]()
+        number, line_offset = 0, 0  # numbers, and line breaks before the statement, that were passed
+        is_after_word = False
+        for match in self._token.finditer(masked):
+            kind, piece = match.lastgroup, match[0]
+            count = piece.count("\0")
+            if kind in {"blank", "comment"}:
+                # CR and LF together are one line break.
+                line_offset += 0 if pieces else piece.count("\n") or piece.count("\r")
+            else:
+                if piece == "\0":
+                    ordinals.append(number)
+                pieces += [" "] if is_after_word and kind != "sign" else []
+                # A number in a text is not a number of the statement.
+                pieces.append(piece.replace("\0", "0") if kind == "text" else piece)
+                is_after_word = kind != "sign"
+            number += count
+        text = "".join(pieces)
+        text = capitalise(text) if self.ignores_case else text
+        text = re.sub(self.blank, " ", text).strip() if self.blank else text
+        return Line(self, text, tuple(ordinals), line_offset)
+
+    def blank_comments(self, text: str) -> str:
+        """Return a text with blanks in place of comments and quotations; line breaks remain."""
+        return self._token.sub(
+            lambda match: (
+                _NO_LINE_BREAK.sub(" ", match[0]) if match.lastgroup in {"comment", "text"} else match[0]
+            ),
+            text,
+        )
+
+    def translate(self, masked: str) -> list[tuple[int, Op]]:
+        """Return the operations of a statement, each with its number of lines below the first line.
+
+        `masked` is the statement with NUL in place of each number. After a statement that is not understood,
+        the values that it may change are unknown.
+
+        Raises:
+            Misread: braces are nested too deep.
+        """
+        line = self.normalise(masked)
+        depths = accumulate((character == "{") - (character == "}") for character in line.text)
+        if max(depths, default=0) > _MAX_DEPTH:
+            reason = f"braces are nested more than {_MAX_DEPTH} deep"
+            raise Misread(reason, "declare inner structures on their own")
+        try:
+            ops = self.apply_rules(line) if line.text else []
+        except Misread as fault:
+            lines = self._translate_lines(masked, line, fault) if self.calls_by_name else []
+            return lines or self._translate_unknown(masked, line, fault)
+        # Each word of a motion must have become a move: no move may be overlooked.
+        moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
+        if len(self._motion.findall(_QUOTED.sub("", line.text))) > moves:
+            unexpected = Misread("a move is in a place where no move is expected")
+            return self._translate_unknown(masked, line, unexpected)
+        return [(line.line_offset, op) for op in ops]
+
+    def apply_rules(self, line: Line) -> list[Op]:
+        """Return the operations of a statement, from the first rule that fits the whole statement.
+
+        Raises:
+            Misread: no rule fits the statement, or a part of it is not understood.
+        """
+        for pattern, rule in self._rules:
+            if match := pattern.fullmatch(line.text):
+                # Groups with names are for the rule; the other groups of a pattern match expressions.
+                named = set(pattern.groupindex.values())
+                expressions = [each for k, each in enumerate(match.groups(), 1) if each and k not in named]
+                used = [op for each in expressions for op in self.read_expression(each)]
+                matched = replace(line, match=match)
+                if isinstance(rule, str):
+                    return self._apply_flow_rule(matched, rule, used)
+                return [*used, *rule(matched)]
+        raise Misread(UNKNOWN_STATEMENT)
+
+    def _apply_flow_rule(self, line: Line, kind: str, used: list[Op]) -> list[Op]:
+        """Return the operations `used` of the statement's expressions, then a `Flow` of this kind, if any."""
+        # The condition of a loop or of a further branch may be computed again, or not at all.
+        used = mark_anytime(used, "\0loop" if kind == "loop" else "") if kind in {"branch", "loop"} else used
+        used = pass_uses(used, RESULT if kind == "return" else CONDITION)
+        # A name that is a number is masked as NUL: the number is looked up by its ordinal.
+        name = ("%s", line.first_ordinal("name")) if line["name"] == "\0" else line["name"]
+        return [*used, *([Flow(kind, name)] if kind else [])]
+
+    def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
+        """Return the operations of a statement whose lines are statements without ends; [] if one is none.
+
+        Moves in the statement are not corrected. `whole` is its normal form.
+        """
+        reason = f"{quote_statement(whole.text, whole.ordinals)}: {fault.reason}"
+        ops, numbers, lines = list[tuple[int, Op]](), 0, 0
+        for text in masked.splitlines(keepends=True):
+            line = self.normalise(text)
+            line = replace(line, ordinals=tuple(numbers + each for each in line.ordinals))
+            try:
+                found = self.apply_rules(line) if line.text else []
+            except Misread:
+                return []
+            for op in found:
+                if isinstance(op, Move):
+                    names = tuple(each for each in op.targets if not isinstance(each, Literal))
+                    words = reason, fault.remedy or self.remedy
+                    op = Move(op.motion, (), op.bases[:1], op.tools[:1], (), *words, op.offset_from + names)
+                ops.append((lines, op))
+            numbers, lines = numbers + text.count("\0"), lines + 1
+        return ops if lines > 1 else []
+
+    def _translate_unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
+        """Return the operations of a statement that is not understood, and may therefore change values.
+
+        Each word of a motion in the statement becomes a move that is not corrected. Each operation has its
+        number of lines below the first line of the statement's text.
+        """
+        reason = f"{quote_statement(line.text, line.ordinals)}: {fault.reason}"
+        remedy, text = fault.remedy or self.remedy, _QUOTED.sub("_", line.text)
+        names: set[Name] = set(_NAME.findall(text))
+        if self.positions:  # only those elements of the array that the statement names may change
+            names.discard(self.positions)
+            for match in re.finditer(rf"(?<![\w$]){self.positions}\[(\0\])?", line.text):
+                ordinals = line.ordinals_in(match.start(), match.end())
+                names.add((f"{self.positions}[%s]", ordinals[0]) if ordinals else self.positions)
+        # Without names, `MakeUnknown` makes all values unknown. The names of the statement are listed as
+        # well, because their values change while the program runs; `_` keeps the list from being empty.
+        ops: list[tuple[int, Op]] = []
+        if re.search(self.forgets, text):
+            ops.append((line.line_offset, MakeUnknown(frozenset(), reason, remedy)))
+        ops.append((line.line_offset, MakeUnknown(frozenset([*names, "_"]), reason, remedy)))
+        is_lasting = re.search(self.lasting, line.text) is not None
+        if is_lasting:
+            ops.append((line.line_offset, MakeUnknown(frozenset({MODE}), reason, remedy)))
+        if self.calls_by_name or not re.search(self.forgets, text):
+            ops += [(line.line_offset, op) for op in self._find_calls(text)]
+            if not (is_lasting or self._motion.search(text)):
+                note = Note(
+                    f"{reason}; it is assumed that the statement changes only the values that it names"
+                )
+                ops.append((line.line_offset, note))
+        plain = self.blank_comments(masked)  # words of motions in comments and texts mean nothing
+        line_offset, place = 0, 0
+        for match in self._motion.finditer(plain):
+            line_offset += len(_LINE_END.findall(plain, place, match.start()))
+            place = match.start()
+            ops.append((line_offset, Move(Motion.LINEAR, (), reason=reason, remedy=remedy)))
+        return ops
+
+    def _find_calls(self, text: str) -> Iterator[Op]:
+        """Yield the operations of the calls in a statement that is not understood.
+
+        Each call may be skipped; or it may be an attachment, whose routine runs at any time.
+        """
+        for name in dict.fromkeys(match[1] for match in _CALLED.finditer(text)):
+            if not self._motion.fullmatch(name):
+                harmless = self._words[2].fullmatch(name) is not None
+                passed = frozenset() if harmless else frozenset(_NAME.findall(text)) - {name}
+                call = Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
+                yield from (Flow("if"), call, Flow("close"))
+
+    def read_expression(self, text: str) -> list[Op]:
+        """Return the operations of an expression: one for all names that it reads, one for each routine call.
+
+        Operands and operators have to alternate, so that no unknown statement passes for an expression.
+
+        Raises:
+            Misread: the text is not an expression.
+        """
+        operators, reserved, functions = self._words
+        plain = operators.sub("+", _QUOTED.sub('""', text))
+        if reserved.search(plain) or _NO_EXPRESSION.search(plain) or not _is_balanced(plain):
+            raise Misread("this text is not understood, or is not complete")
+        names = frozenset(_NAME.findall(plain))
+        ops: list[Op] = [Use(names)] if names else []
+        for name in dict.fromkeys(match[1] for match in _CALLED.finditer(plain)):
+            harmless = functions.fullmatch(name) is not None
+            passed = names - {name}
+            call = Call(name, passed, harmless=harmless)
+            if re.fullmatch(self.writers, name):  # a routine of the program with this name may write others
+                ops.append(call._replace(harmless=True))
+                passed &= frozenset(_NAME.findall(_find_last_argument(plain, name)))
+            reads_frames = re.fullmatch(self.readers, name) is not None
+            call = call._replace(passed=passed, reads_frames=reads_frames)
+            is_whole_text = plain.startswith(f"{name}(") and plain.count("(") == 1
+            # A call in a larger expression may be skipped, and several calls may run in any order.
+            ops += [call] if harmless or is_whole_text else [Flow("if"), call, Flow("close")]
+        return ops
+
+
+def quote_statement(text: str, ordinals: Iterable[int]) -> str:
+    """Return a statement in quotation marks, with NUL, ordinal, NUL in place of each number.
+
+    The interpreter replaces these places by the numbers when it makes a message of the text.
+    """
+    numbers = iter(ordinals)
+    # `quote_text` would escape NUL: another text marks the numbers in between.
+    return re.sub("@#@", lambda _: f"\0{next(numbers)}\0", quote_text(text.replace("\0", "@#@")))
+
+
+def calls_routine(ops: list[Op]) -> bool:
+    """Return whether operations call a routine that is not a function of the controller."""
+    return any(isinstance(op, Call) and not op.harmless for op in ops)
+
+
+def pass_uses(ops: list[Op], into: Name) -> list[Op]:
+    """Return the operations with each use marked: what is calculated of the numbers goes into a name."""
+    return [op._replace(into=into) if isinstance(op, Use) else op for op in ops]
+
+
+def omit_uses(ops: list[Op]) -> list[Op]:
+    """Return the operations of an expression that is shown or sent, and gives its value to no name."""
+    return [op for op in ops if not isinstance(op, Use)]
+
+
+def mark_anytime(ops: list[Op], event: Name = "") -> list[Op]:
+    """Return the operations with each call marked: its routine may run at any time, or more than once.
+
+    With the name of an event, an unknown routine counts as called at the statement.
+    """
+    return [op._replace(anytime=True, event=event) if isinstance(op, Call) else op for op in ops]
+
+
+def begin_lasting(kind: str, reason: str, remedy: str) -> MakeUnknown:
+    """Return the operation by which something of a kind lasts until a statement ends it."""
+    return MakeUnknown(frozenset({f"{MODE} {kind}"}), reason, remedy)
+
+
+def end_lasting(kind: str) -> Assign:
+    """Return the operation that ends what lasts of a kind, and nothing of another kind."""
+    return Assign(f"{MODE} {kind}", Named(""))
+
+
+def make_uncorrected_move(
+    expressions: list[Op], reason: str, remedy: str, motion: Motion = Motion.LINEAR
+) -> list[Op]:
+    """Return the operations of a move that is not corrected, for a reason.
+
+    `expressions` are the operations of the expressions in the move, which come first.
+    """
+    return [*expressions, Move(motion, (), reason=reason, remedy=remedy)]
+
+
+def begin_counted_loop(line: Line, remedy: str) -> list[Op]:
+    """Return the operations of the beginning of a loop that counts with the variable `name` of a line.
+
+    The loop counts from `first` to `last` in steps of `step`, groups of the line.
+    """
+    bounds = [line.span(each) for each in ("first", "last", "step") if line[each]]
+    are_numbers = all(line.text[slice(*each)].strip() == "\0" for each in bounds)
+    ordinals = tuple(ordinal for each in bounds for ordinal in line.ordinals_in(*each)) if are_numbers else ()
+    used = [op for each in bounds for op in line.read_expression(line.text[slice(*each)])]
+    counter = MakeUnknown(frozenset({line["name"]}), f"{line['name']} counts a loop", remedy)
+    return [*used, Flow("loop", bounds=ordinals), counter]
+
+
+IS_PARAMETER: Final = "the value is a parameter of the routine"
+"""Reason why the value of a parameter is unknown."""
+
+
+def begin_routine(
+    name: str, parameters: Iterable[str], remedy: str, *, handler: bool = False, shared: bool = False
+) -> list[Op]:
+    """Return the operations of the beginning of a routine, whose parameters have unknown values.
+
+    `handler` marks a routine that may run at any time, `shared` a routine that other programs may call.
+    `remedy` is the advice in messages on the parameters.
+    """
+    names = frozenset(parameters)
+    unknown: list[Op] = [Local(names), MakeUnknown(names, IS_PARAMETER, remedy)] if names else []
+    return [Flow("handler" if handler else "routine", name, shared=shared), *unknown]
+
+
+# What occurs in no expression. A sign before a number belongs to the number, so that a number may follow an
+# operand without an operator.
+_NO_EXPRESSION: Final = re.compile(
+    r"[\w\0\"'] [\w\"'$#]|[)\]}] ?[\w\"$#]|[^\w\0\s$#\"'.+\-*/<>=:,()\[\]{}\\!%?&|;]|[=*/.<>,+-]$"
+)
+_NAME: Final = re.compile(r"(?<![\w$.#'\"])\$?[^\W\d]\w*+")
+_CALLED: Final = re.compile(r"(?<![\w$.])(\$?[^\W\d][\w.]*+) ?\(")
+_PAIRS: Final = {")": "(", "]": "[", "}": "{"}
+
+
+def _is_balanced(text: str) -> bool:
+    """Return whether each bracket and each quotation of a text is closed."""
+    open_brackets: list[str] = []
+    for character in re.findall(r"[()\[\]{}\"]", _QUOTED.sub("", text)):
+        if character == '"':  # closed quotations were removed
+            return False
+        if character in "([{":
+            open_brackets.append(character)
+        elif not open_brackets or open_brackets.pop() != _PAIRS[character]:
+            return False
+    return not open_brackets
+
+
+def _find_last_argument(text: str, name: str) -> str:
+    """Return the last argument of a function that is called once in a text; else the whole text."""
+    if text.count(f"{name}(") != 1:
+        return text
+    begin, depth = text.index(f"{name}(") + len(name) + 1, 1
+    for match in re.finditer(r"[()]", text[begin:]):
+        depth += 1 if match[0] == "(" else -1
+        if depth == 0:
+            *_, (first, last) = split_outside_brackets(text[: begin + match.start()], begin)
+            return text[first:last]
+    return text
+
+
+_MARK: Final = decode_text(b"\xef\xbb\xbf")  # of a file in UTF-8
+_MAX_DEPTH: Final = 16
+"""Largest depth of braces within one another; structures of controllers need a depth of three."""
+_QUOTED: Final = re.compile(r'"[^"]*+"')
+_PLACEHOLDER: Final = re.compile(r"([@#])\{(\w+)\}")
+_NO_LINE_BREAK: Final = re.compile(r"[^\r\n]")
+_LINE_END: Final = re.compile(r"\r\n?|\n")
+
+
+def split_outside_brackets(text: str, begin: int = 0, separator: str = ",") -> Iterator[tuple[int, int]]:
+    """Yield the span of each part of a text between separators that are not in brackets or quotations.
+
+    A span is the index of the first character, and of the last + 1. The first part begins at index `begin`.
+    """
+    depth, first = 0, begin
+    for match in re.finditer(rf'"[^"]*+"|[()\[\]{{}}]|{re.escape(separator)}', text[begin:]):
+        if match[0] in "([{":
+            depth += 1
+        elif match[0] in ")]}":
+            depth -= 1
+        elif match[0] == separator and not depth:
+            yield first, begin + match.start()
+            first = begin + match.end()
+    yield first, len(text)

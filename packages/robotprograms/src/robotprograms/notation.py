@@ -1,0 +1,422 @@
+"""Numbers of a program: all numbers of a text, poses in SI units that they state, and other numbers."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+import re
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from robotprograms.arrays import BoolArray, FloatArray, IndexArray
+from robotprograms.rotations import (
+    matrices_from_quaternions,
+    matrices_from_vectors,
+    quaternions_from_matrices,
+    vectors_from_matrices,
+)
+
+MM: Final = 1e-3
+DEGREE: Final = float(np.pi / 180)
+
+
+class Orientation(Enum):
+    """Convention by which a format writes the orientation of the tool's frame in the base's."""
+
+    EULER_ZYX = "A, B, C about Z, Y', X''"
+    FIXED_XYZ = "W, P, R about the fixed X, Y, Z"
+    QUATERNION = "quaternion, scalar first"
+    ROTATION_VECTOR = "rotation vector"
+    TOOL_AXIS = "unit vector of the tool's axis, from the tip to the spindle"
+    NONE = "position only"
+    JOINTS = "the controller's joint angles"
+
+
+_ORIENTATION_COUNTS: Final = {Orientation.QUATERNION: 4, Orientation.NONE: 0}
+_UNIT_TOLERANCE: Final = 1e-3
+"""Largest difference of a quaternion's length from 1 that the rounding of a program explains."""
+_GIMBAL_COSINE: Final = 1e-9
+"""|cos| of the middle angle below which the two other angles turn about the same axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Notation:
+    """Meaning of the numbers of a target."""
+
+    orientation: (
+        Orientation  # convention of the numbers after the position; JOINTS if all numbers are joint angles
+    )
+    length: float = MM  # metres in the unit of position
+    angle: float = DEGREE  # radians in the unit of angles (1 where there are none)
+    length_decimals: int = 4  # digits behind the point that a changed position gets at least
+    angle_decimals: int = 5  # fewest decimals of a changed angle or component of an orientation
+
+    @property
+    def count(self) -> int:
+        """Count of the numbers after the position: 4 for a quaternion, 0 for a position only, else 3."""
+        return _ORIENTATION_COUNTS.get(self.orientation, 3)
+
+    def to_pose(self, values: Sequence[float] | FloatArray) -> FloatArray:
+        """Return the pose (4, 4) [m] of the tool in the base that the numbers of a target state."""
+        return np.asarray(self.to_poses(np.array([values], dtype=float))[0], dtype=float)
+
+    @property
+    def has_pose(self) -> bool:
+        """Return whether the numbers state a position and a full orientation."""
+        return self.orientation not in {Orientation.JOINTS, Orientation.TOOL_AXIS, Orientation.NONE}
+
+    @property
+    def is_joints(self) -> bool:
+        """Return whether the numbers are joint angles."""
+        return self.orientation is Orientation.JOINTS
+
+    def is_valid_orientation(self, values: FloatArray) -> BoolArray:
+        """Return a mask (...) of the targets whose numbers (..., 3 + count) state a valid orientation.
+
+        A quaternion must have unit length, and a tool's axis must not be zero.
+        """
+        sizes = np.linalg.norm(values[..., 3 : 3 + self.count], axis=-1)
+        if self.orientation is Orientation.TOOL_AXIS:
+            return np.asarray(sizes > 0.0)
+        return np.asarray(
+            (self.orientation is not Orientation.QUATERNION) | (np.abs(sizes - 1.0) <= _UNIT_TOLERANCE)
+        )
+
+    @property
+    def decimals(self) -> tuple[int, ...]:
+        """Fewest decimals of each number of a target when it is rewritten."""
+        if self.is_joints:
+            return (self.angle_decimals,) * 6
+        return (self.length_decimals,) * 3 + (self.angle_decimals,) * self.count
+
+    def to_poses(self, values: FloatArray) -> FloatArray:
+        """Return the poses (m, 4, 4) [m], tool in base, that the numbers (m, 3 + count) of m targets state.
+
+        Raises:
+            ValueError: the notation states no full pose.
+        """
+        if not self.has_pose:
+            raise ValueError(f"{self.orientation.value} is no full pose")
+        poses = np.tile(np.eye(4), (len(values), 1, 1))
+        poses[:, :3, 3] = values[:, :3] * self.length
+        numbers = values[:, 3:]
+        if self.orientation is Orientation.QUATERNION:
+            poses[:, :3, :3] = matrices_from_quaternions(numbers)
+        elif self.orientation is Orientation.ROTATION_VECTOR:
+            poses[:, :3, :3] = matrices_from_vectors(numbers * self.angle)
+        else:
+            poses[:, :3, :3] = _to_rotation_matrices(self.angle * self._reorder_to_zyx(numbers))
+        return poses
+
+    def _reorder_to_zyx(self, angles: FloatArray) -> FloatArray:
+        """Convert angles (m, 3) from the order of this notation to the order Z, Y', X'', or back.
+
+        Rotations about the fixed X, Y, Z are the same rotations in reverse order.
+        """
+        return angles if self.orientation is Orientation.EULER_ZYX else angles[:, ::-1]
+
+    def from_poses(self, poses: FloatArray, near: FloatArray) -> FloatArray:
+        """Return the numbers (m, 3 + count) by which this notation writes poses (m, 4, 4) [m].
+
+        One pose can be written by different numbers; the numbers nearest to the old numbers `near`
+        (m, 3 + count) are returned.
+        """
+        if not len(poses):
+            return near.copy()
+        numbers = np.empty_like(near)
+        numbers[:, :3] = poses[:, :3, 3] / self.length
+        rotations, old = poses[:, :3, :3], near[:, 3:]
+        if self.orientation is Orientation.QUATERNION:
+            new = quaternions_from_matrices(rotations)
+            # The old quaternion has a rounded length: with the same length, an unchanged quaternion keeps its
+            # numbers. A quaternion and its negative state the same orientation.
+            new *= np.linalg.norm(old, axis=1, keepdims=True)
+            numbers[:, 3:] = np.where(np.sum(new * old, axis=1, keepdims=True) < 0, -new, new)
+        elif self.orientation is Orientation.ROTATION_VECTOR:
+            numbers[:, 3:] = (
+                _find_nearest_vectors(vectors_from_matrices(rotations), old * self.angle) / self.angle
+            )
+        else:
+            angles = _find_nearest_angles(rotations, self.angle * self._reorder_to_zyx(old))
+            numbers[:, 3:] = self._reorder_to_zyx(angles) / self.angle
+        return numbers
+
+
+def _find_nearest_vectors(vectors: FloatArray, near: FloatArray) -> FloatArray:
+    """Return rotation vectors (m, 3) [rad] with full turns added that bring them nearest to `near` (m, 3)."""
+    angle = np.linalg.norm(vectors, axis=1, keepdims=True)
+    is_zero = angle < 1e-12
+    near_angle = np.linalg.norm(near, axis=1, keepdims=True)
+    near_axis = near / np.where(near_angle > 0, near_angle, 1)
+    # A zero rotation has no axis: full turns are added about the axis of `near`.
+    axis = np.where(is_zero, near_axis, vectors / np.where(is_zero, 1, angle))
+    along = np.sum(axis * near, axis=1, keepdims=True)
+    turns = np.round((along - angle) / (2 * np.pi))
+    return np.where(turns == 0, vectors, axis * (angle + 2 * np.pi * turns))
+
+
+def _to_rotation_matrices(angles: FloatArray) -> FloatArray:
+    """Return the matrices (m, 3, 3) of rotations by angles (m, 3) [rad] about Z, Y', X''."""
+    # Sines and cosines of the angles a, b, c about Z, Y', X''
+    (sa, sb, sc), (ca, cb, cc) = np.sin(angles).T, np.cos(angles).T
+    rotations = np.empty((len(angles), 3, 3))
+    rotations[:, 0] = np.stack([ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc], axis=1)
+    rotations[:, 1] = np.stack([sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc], axis=1)
+    rotations[:, 2] = np.stack([-sb, cb * sc, cb * cc], axis=1)
+    return rotations
+
+
+def _find_nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
+    """Return the angles (m, 3) [rad] about Z, Y', X'' of rotations (m, 3, 3), as near to `near` as possible.
+
+    Each rotation has two solutions, up to full turns. In a gimbal lock, the last angle is that of `near`.
+    """
+    r = rotations
+    cosine = np.hypot(r[:, 0, 0], r[:, 1, 0])
+    sines = np.stack([r[:, 1, 0], -r[:, 2, 0], r[:, 2, 1]], axis=1)
+    first = np.arctan2(sines, np.stack([r[:, 0, 0], cosine, r[:, 2, 2]], axis=1))
+    other = np.column_stack([first[:, 0] + np.pi, np.pi - first[:, 1], first[:, 2] + np.pi])
+    locked = cosine < _GIMBAL_COSINE
+    if locked.any():
+        # Only the sum or difference of first and last angle is known: the last angle keeps its value.
+        solution = first[locked]
+        sign = np.where(solution[:, 1] > 0, 1.0, -1.0)
+        solution[:, 0] = np.arctan2(-r[locked, 0, 1], r[locked, 1, 1]) + sign * near[locked, 2]
+        solution[:, 2] = near[locked, 2]
+        first[locked] = other[locked] = solution
+    candidates = [angles + 2 * np.pi * np.round((near - angles) / (2 * np.pi)) for angles in (first, other)]
+    distances = [np.sum((angles - near) ** 2, axis=1) for angles in candidates]
+    nearest: FloatArray = np.where((distances[0] <= distances[1])[:, None], candidates[0], candidates[1])
+    return nearest
+
+
+def calculate(expression: str) -> float | None:
+    """Return the value of an expression of numbers, pi and d2r(); None if there is none."""
+    try:
+        value = _calculate(ast.parse(expression.strip(), mode="eval").body)
+    except (SyntaxError, ValueError, ZeroDivisionError, OverflowError, RecursionError, MemoryError):
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _calculate(node: ast.expr) -> float:
+    """Return the value of a part of an expression.
+
+    Raises:
+        ValueError: the part is none of numbers, pi, d2r() and their sums, products and quotients.
+    """
+    match node:
+        case ast.Constant(value=int() | float() as number):
+            return float(number)
+        case ast.Name(id="pi"):
+            return math.pi
+        case ast.Call(func=ast.Name(id="d2r"), args=[angle], keywords=[]):
+            return math.radians(_calculate(angle))
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=operand):
+            return -_calculate(operand) if isinstance(sign, ast.USub) else _calculate(operand)
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() as sign, right=right):
+            return _OPERATIONS[type(sign)](_calculate(left), _calculate(right))
+    raise ValueError(ast.dump(node))
+
+
+_OPERATIONS: Final[dict[type[ast.operator], Callable[[float, float], float]]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv
+}  # fmt: skip
+_MOST_BLANKS: Final = 32
+"""Most blanks before a number that are used to keep columns aligned."""
+_BLOCK_LENGTH: Final = 1 << 16
+"""Characters whose numbers are held as texts at a time."""
+Places: TypeAlias = npt.NDArray[np.int32]
+"""Places in a text; 32 bits are enough, because programs are limited in size."""
+Characters: TypeAlias = npt.NDArray[np.uint8]
+"""A text in one byte a character."""
+Edit: TypeAlias = tuple[int, int, str]
+"""First and last + 1 character, and the text in their place."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Numerals:
+    """All N numbers of a text, and the text with NUL in place of each number."""
+
+    values: FloatArray  # (N,) numbers
+    starts: Places  # (N,) first character of each number
+    ends: Places  # (N,) last character + 1 of each number
+    masked_text: str  # the text with `\0` in place of each number
+
+    @classmethod
+    def from_text(cls, text: str, pattern: str) -> Numerals:
+        r"""Find the numbers in a text without `\0` by a pattern; no number spans two lines."""
+        split = re.compile(f"({pattern})").split
+        # Growing arrays: many small ones would leave gaps in the memory, as large as the numbers themselves.
+        values, starts, ends, masked, begin = array("d"), array("i"), array("i"), list[str](), 0
+        while begin < len(text):
+            end = text.find("\n", begin + _BLOCK_LENGTH) + 1 or len(text)
+            pieces = split(text[begin:end])  # text, number, text, number, …, text
+            values.frombytes(_parse_numbers(pieces[1::2]).tobytes())
+            lengths = np.fromiter(map(len, pieces), dtype=np.int32, count=len(pieces))
+            piece_ends = begin + np.cumsum(lengths, dtype=np.int32)
+            starts.frombytes(piece_ends[:-1:2].tobytes())
+            ends.frombytes(piece_ends[1::2].tobytes())
+            masked.append("\0".join(pieces[::2]))
+            begin = end
+        numbers, first, last = (np.asarray(memoryview(each)) for each in (values, starts, ends))
+        return cls(numbers, first, last, "".join(masked))
+
+    def masked_texts(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
+        """Return k parts of the text, with NUL in place of each number.
+
+        Args:
+            starts: (k,) first character of each part.
+            ends: (k,) last character + 1 of each part.
+
+        Returns:
+            Texts of the parts with NUL in place of each number; index (k,) of the first number of each part.
+        """
+        # Characters that are missing in the masked text before each number
+        missing = np.zeros(len(self.values) + 1, dtype=np.int32)
+        np.subtract(self.ends, self.starts, out=missing[1:])  # arrays in place: long programs fill the memory
+        missing[1:] -= 1
+        np.cumsum(missing, out=missing)
+        first, last = np.searchsorted(self.starts, starts), np.searchsorted(self.starts, ends)
+        begins, stops, text = starts - missing[first], ends - missing[last], self.masked_text
+        spans = zip(iterate_integers(begins), iterate_integers(stops), strict=True)
+        return (text[begin:stop] for begin, stop in spans), first
+
+
+def iterate_integers(values: IndexArray) -> Iterator[int]:
+    """Yield the integers of an array in blocks: a list of all of them would take five times its memory."""
+    for start in range(0, len(values), _BLOCK):
+        yield from values[start : start + _BLOCK].tolist()
+
+
+_BLOCK: Final = 4096
+
+
+def _parse_numbers(numbers: Sequence[str]) -> FloatArray:
+    """Return the values of numbers, which may have decimal commas, or be binary such as KUKA's 'B010'."""
+    try:
+        return np.fromiter(map(float, numbers), dtype=np.float64, count=len(numbers))
+    except ValueError:  # a binary number or a decimal comma: the slower way
+        commas = [each.replace(",", ".") for each in numbers]
+        plain = [float(int(each[2:-1], 2)) if each[0] == "'" else float(each) for each in commas]
+        return np.array(plain, dtype=np.float64)
+
+
+_CELL: Final = r"(?:^|[;\t])[ \"]*+{}[ \"]*+(?=[;\t\r\n]|\Z)"
+_CELL_WITH_POINT: Final = re.compile(_CELL.format(r"[+-]?\d*+\.\d++"), re.MULTILINE)
+_CELL_WITH_COMMA: Final = re.compile(
+    _CELL.format(r"[+-]?(?:0,\d++|\d{4,15},\d++|\d{1,3},(?:\d\d?|\d{4,15}))"), re.MULTILINE
+)
+"""A comma with other than three digits behind it, or more than three before it, separates no thousands."""
+
+
+_SEARCHED_LENGTH: Final = 1 << 16
+"""Number of characters of a table in which decimal commas are looked for."""
+
+
+def has_decimal_commas(table: str) -> bool:
+    """Return whether a table has numbers with decimal commas, and no number with a decimal point."""
+    begin = table[:_SEARCHED_LENGTH]
+    return _CELL_WITH_COMMA.search(begin) is not None and _CELL_WITH_POINT.search(begin) is None
+
+
+def format_new_numbers(
+    characters: Characters, spans: Places, new: FloatArray, old: FloatArray, digits: IndexArray
+) -> tuple[list[str], BoolArray]:
+    """Format new numbers like the old ones in a text.
+
+    Args:
+        characters: text with the old numbers, one byte per character.
+        spans: (m, 2) first and last + 1 character of each old number.
+        new: (m,) new numbers.
+        old: (m,) old numbers.
+        digits: (m,) fewest decimals of each new number; an old number with more decimals keeps them.
+
+    Returns:
+        Texts of the new numbers; mask (m,) of the new numbers that differ from the old numbers at these
+        decimals.
+    """
+    digits = np.maximum(digits, _count_decimals(characters, spans))
+    counts = np.unique(digits).tolist()
+    if len(counts) == 1:
+        numbers = _format_numbers(new, counts[0])
+    else:
+        texts = np.empty(len(new), dtype=object)
+        for count in counts:
+            rows = np.flatnonzero(digits == count)
+            texts[rows] = _format_numbers(new[rows], count)
+        numbers = texts.tolist()
+    differ = np.ones(len(new), dtype=np.bool_)
+    # Only numbers near the old number or near zero need a comparison of texts.
+    for i in np.flatnonzero(np.minimum(np.abs(new - old), np.abs(new)) < 2.0 * 10.0**-digits).tolist():
+        old_number = f"{old[i]:.{digits[i]}f}"
+        differ[i] = numbers[i] != old_number and not float(numbers[i]) == float(old_number) == 0.0
+        if numbers[i][0] == "-" and float(numbers[i]) == 0.0:
+            numbers[i] = numbers[i][1:]
+    # A number that had a plus sign keeps it.
+    for i in np.flatnonzero(characters[spans[:, 0]] == ord("+")).tolist():
+        numbers[i] = numbers[i] if numbers[i][0] == "-" else f"+{numbers[i]}"
+    return numbers, differ
+
+
+def _format_numbers(numbers: FloatArray, digits: int) -> list[str]:
+    """Return numbers as texts with `digits` decimals; one format for all numbers is faster than many."""
+    return ("\n".join([f"%.{digits}f"] * len(numbers)) % tuple(numbers.tolist())).split("\n")
+
+
+def _count_decimals(characters: Characters, spans: Places) -> IndexArray:
+    """Return the counts of decimals (m,) of m numbers, which are at the spans (m, 2) of a text."""
+    starts, ends = spans.T
+    powers = np.flatnonzero((characters | 32) == ord("e"))  # | 32 makes capitals small letters
+    points = np.flatnonzero((characters == ord(".")) | (characters == ord(",")))
+    # Cut each number before its exponent, then before its point: the decimals are between these two ends.
+    for places in (powers, points):
+        first = np.append(places, len(characters))[np.searchsorted(places, starts)]
+        ends, end_of_decimals = np.minimum(first, ends), ends
+    decimals: IndexArray = np.maximum(end_of_decimals - ends - 1, 0)
+    return decimals
+
+
+def pad_number(characters: Characters, start: int, end: int, number: str) -> Edit:
+    """Return the edit that replaces a number and keeps its end in the same column of the text.
+
+    Blanks before the number are removed or added. If there are too few blanks, the number ends further right.
+    """
+    before = characters[max(start - _MOST_BLANKS, 0) : start].tobytes()
+    blanks = len(before) - len(before.rstrip(b" "))
+    growth = len(number) - (end - start)
+    if growth > 0:  # replace blanks before the number, but keep one blank
+        return start - min(growth, max(blanks - 1, 0)), end, number
+    return start, end, " " * -growth + number if blanks else number
+
+
+def splice_texts(characters: Characters, spans: Places, texts: Sequence[str]) -> bytes:
+    """Return the bytes of a text in which some parts are replaced.
+
+    Args:
+        characters: the text, one byte per character.
+        spans: (m, 2) first and last + 1 character of each part that is replaced, in order.
+        texts: m texts in place of these parts.
+    """
+    starts, ends = spans.T
+    lengths = np.fromiter(map(len, texts), dtype=np.intp, count=len(texts))
+    gaps = np.append(starts, len(characters)) - np.concatenate([[0], ends])
+    # Gaps and parts alternate. Masks of the characters of the parts: in the new text, and in the old text
+    is_new, is_old = (
+        np.repeat(
+            np.arange(len(gaps) + len(part_lengths)) % 2 == 1,
+            np.insert(gaps, np.arange(1, len(gaps)), part_lengths),
+        )
+        for part_lengths in (lengths, ends - starts)
+    )
+    result = np.empty(len(is_new), dtype=np.uint8)
+    result[is_new] = np.frombuffer("".join(texts).encode("latin-1"), dtype=np.uint8)
+    result[~is_new] = characters[~is_old]
+    return result.tobytes()

@@ -1,0 +1,32 @@
+"""The files of programs as they are stored: compressed, in base64, with size and digest."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import zlib
+from typing import Final
+
+from jointstiff.schemas.program import ProgramFile
+from jointstiff.solver.errors import RequestError
+
+_MAX_UNPACKED: Final = 256 * 1024 * 1024
+"""Greatest size of a file after decompression, which protects the memory."""
+
+
+def compress_file(name: str, content: bytes) -> ProgramFile:
+    """Return a file to store: compressed content in base64, with size and SHA-256 digest of the content."""
+    text = base64.b64encode(zlib.compress(content, 1)).decode("ascii")
+    digest = hashlib.sha256(content).hexdigest()
+    return ProgramFile(name=name, bytes=len(content), content=text, sha256=digest)
+
+
+def decompress_file(file: ProgramFile) -> bytes:
+    """Return the decompressed content of a stored file, at most `_MAX_UNPACKED` bytes.
+
+    Raises:
+        RequestError: the file has no content.
+    """
+    if file.content is None:
+        raise RequestError("the file has no content", where="files", remedy="send the file itself")
+    return zlib.decompressobj().decompress(base64.b64decode(file.content), _MAX_UNPACKED)
