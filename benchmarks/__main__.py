@@ -46,7 +46,9 @@ BENCHMARKS = {
     "plan": Benchmark("performance.plan", "optimal designs beside cvxpy"),
     "maps": Benchmark("performance.maps", "beside a loop of Pinocchio calls"),
     "year": Benchmark("performance.year", "lists, searches and trends of 100,000 runs; 10 minutes"),
-    "archive": Benchmark("performance.archive", "10,000 runs and 50,000 sets; restores killed; an hour"),
+    "archive": Benchmark(
+        "performance.archive", "10,000 runs and 50,000 sets; restores killed; half an hour", in_parts=True
+    ),
     "exactness": Benchmark("studies.exactness", "against exact rational arithmetic", always=True),
     "coverage": Benchmark("studies.coverage", "how often intervals hold the truth; some minutes"),
     "prismatic": Benchmark("studies.prismatic", "a SCARA and an arm on a rail beside exact springs"),

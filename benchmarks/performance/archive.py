@@ -1,4 +1,7 @@
-"""Archives: processor time and memory at 10,000 runs and 50,000 sets; restores that are killed."""
+"""Archives: processor time and memory at 10,000 runs and 50,000 sets; restores that are killed.
+
+By name only: half an hour, or one study of one database with `--part` of 1/4 to 4/4.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,13 @@ import time
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import IO, Final
 
 from benchmarks.campaigns import small_campaign
-from benchmarks.report import Figure, Section
+from benchmarks.report import Figure, Part, Section
 from benchmarks.services import databases
 from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.api.runs import _store_robot_once, _store_set_once
@@ -51,23 +55,22 @@ class _Size:
     kills: int
 
 
-def run(*, quick: bool) -> list[Section]:
-    """Measure both databases."""
+def run(*, quick: bool, part: Part) -> list[Section]:
+    """Measure both databases, or those studies of them that belong to a part."""
     size = _Size(20, 100, 50, 50, 5) if quick else _Size(1_000, 50_000, 10_000, 10_000, 50)
     with tempfile.TemporaryDirectory(prefix="jointstiff-archive-") as temporary, databases() as kinds:
         folder = Path(temporary)
-        large = _make_archive(folder, "large.zip", size.robots, size.sets, size.runs)
-        small = _make_archive(folder, "small.zip", size.robots, size.robots, size.killed_runs)
-        sections = []
+        studies: list[Callable[[], Section]] = []
         for name, new in kinds.items():
-            sections.append(_measure(name, new(), large, folder, size))
-            sections.append(_kill(name, new, small, folder, size))
-        return sections
+            studies.append(partial(_measure, name, new, folder, size))
+            studies.append(partial(_kill, name, new, folder, size))
+        return [studies[number]() for number in part.of(len(studies))]
 
 
-def _measure(name: str, url: str, large: Path, folder: Path, size: _Size) -> Section:
+def _measure(name: str, new: Callable[[], str], folder: Path, size: _Size) -> Section:
     """Restore an archive into a new database, and archive the database."""
-    again = folder / f"{name}.zip"
+    large = _make_archive(folder, f"{name}-large.zip", size.robots, size.sets, size.runs)
+    again, url = folder / f"{name}.zip", new()
     restored = _cost("restore", str(large), "--database", url)
     archived = _cost("archive", str(again), "--database", url, "--with-key-hashes")
     is_equal = _manifest_of(again) == _manifest_of(large)
@@ -88,8 +91,9 @@ def _measure(name: str, url: str, large: Path, folder: Path, size: _Size) -> Sec
     return Section(title, ("command", "processor", "peak memory"), rows, figures, notes)
 
 
-def _kill(name: str, new: Callable[[], str], small: Path, folder: Path, size: _Size) -> Section:
+def _kill(name: str, new: Callable[[], str], folder: Path, size: _Size) -> Section:
     """Kill restores at random moments; each is continued by the next, and the last ends."""
+    small = _make_archive(folder, f"{name}-small.zip", size.robots, size.robots, size.killed_runs)
     draw, kills, ends, different = random.Random(1), 0, 0, 0  # noqa: S311 - of moments
     command = [sys.executable, "-m", "jointstiff", "restore", str(small), "--database"]
     began = time.perf_counter()
