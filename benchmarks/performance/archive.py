@@ -6,13 +6,9 @@ By name only: half an hour, or one study of one database with `--part` of 1/4 to
 from __future__ import annotations
 
 import json
-import os
-import random
-import signal
 import subprocess
 import sys
 import tempfile
-import time
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -42,6 +38,34 @@ _, status, used = os.wait4(pid, 0)
 print("USED", json.dumps([status, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]))
 """
 """A small process between: a child inherits the peak of a large parent (Linux books it at exec)."""
+
+_KILLED: Final = """
+import json, os, random, signal, sys, time
+from pathlib import Path
+from jointstiff.service.archive.restoring import restore_archive
+
+path, url, kills, longest = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), float(sys.argv[4])
+killed, draw = 0, random.Random(url)
+while True:
+    began = time.monotonic()
+    child = os.fork()
+    if not child:
+        restored = restore_archive(path, url)
+        os._exit(int(restored.refused > 0))
+    moment = began + (draw.uniform(0.0, longest) if killed < kills else 1e9)
+    ended, status = os.waitpid(child, os.WNOHANG)
+    while not ended and time.monotonic() < moment:
+        time.sleep(0.005)
+        ended, status = os.waitpid(child, os.WNOHANG)
+    if ended:
+        break
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    killed += 1
+print(json.dumps([killed, time.monotonic() - began]))
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+"""Restores that are killed, each in a process that need not import anything."""
 
 
 @dataclass(frozen=True)
@@ -92,33 +116,35 @@ def _measure(name: str, new: Callable[[], str], folder: Path, size: _Size) -> Se
 
 
 def _kill(name: str, new: Callable[[], str], folder: Path, size: _Size) -> Section:
-    """Kill restores at random moments; each is continued by the next, and the last ends."""
+    """Kill restores at random moments; each is continued by the next, until a restore ends."""
     small = _make_archive(folder, f"{name}-small.zip", size.robots, size.robots, size.killed_runs)
-    draw, kills, ends, different = random.Random(1), 0, 0, 0  # noqa: S311 - of moments
-    command = [sys.executable, "-m", "jointstiff", "restore", str(small), "--database"]
-    began = time.perf_counter()
-    url = new()
-    subprocess.run([*command, url], check=True, stdout=subprocess.DEVNULL)
-    whole = time.perf_counter() - began
-    url = new()
+    whole = _restore_killed(small, new(), 0, 1e9).seconds
+    kills, databases_of_killed, different = 0, 0, 0
     while kills < size.kills:
-        process = subprocess.Popen([*command, url], stdout=subprocess.DEVNULL)
-        try:
-            process.wait(draw.uniform(0.0, 0.5 * whole))
-        except subprocess.TimeoutExpired:
-            os.kill(process.pid, signal.SIGKILL)
-            process.wait()
-            kills += 1
-            continue
-        ends += 1
-        different += _differs(url, small, folder / f"{name}-{ends}.zip")
         url = new()
-    subprocess.run([*command, url], check=True, stdout=subprocess.DEVNULL)
-    different += _differs(url, small, folder / f"{name}-last.zip")
+        kills += _restore_killed(small, url, size.kills - kills, 0.1 * whole).kills
+        databases_of_killed += 1
+        different += _differs(url, small, folder / f"{name}-{databases_of_killed}.zip")
     figures = (Figure.none(f"{name}: databases that differ after {kills} kills", different),)
-    rows = ((str(kills), str(ends + 1), str(different)),)
+    rows = ((str(kills), str(databases_of_killed), str(different)),)
     title = f"{name}: restores of {size.killed_runs:,} runs, killed at random moments"
     return Section(title, ("kills", "databases", "that differ"), rows, figures)
+
+
+@dataclass(frozen=True)
+class _Killed:
+    """A restore that was killed, and continued until it ended."""
+
+    kills: int
+    seconds: float  # of the last process
+
+
+def _restore_killed(path: Path, url: str, kills: int, longest: float) -> _Killed:
+    """Restore an archive by one process after the other; kill each within a time [s], but the last."""
+    command = [sys.executable, "-c", _KILLED, str(path), url, str(kills), str(longest)]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+    killed, seconds = json.loads(done.stdout)
+    return _Killed(killed, seconds)
 
 
 def _differs(url: str, original: Path, path: Path) -> bool:
