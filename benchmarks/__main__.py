@@ -94,6 +94,11 @@ BENCHMARKS = {
     "versions": Benchmark(
         "attacks.versions", "two versions on one database, with posts; 20 minutes", in_parts=True
     ),
+    "lost_writes": Benchmark(
+        "attacks.lost_writes",
+        "writes of PostgreSQL that are cut at random bytes; half an hour",
+        in_parts=True,
+    ),
     "queue": Benchmark(
         "attacks.queue", "stopped processes, many runs, large jobs beside small ones", in_parts=True
     ),

@@ -305,6 +305,11 @@ class PostgresqlServer:
         """Stop it at once, as a power failure would."""
         _control(self._programs.with_name("pg_ctl"), self._folder, "stop", "-w", "-m", "immediate")
 
+    def version(self) -> str:
+        """Return the version of the server."""
+        with psycopg.connect(f"postgresql://postgres@/postgres?host={self._folder}") as connection:
+            return connection.info.parameter_status("server_version") or ""
+
     def say(self, statement: str) -> None:
         """Carry out a statement."""
         address = f"postgresql://postgres@/postgres?host={self._folder}"
@@ -314,9 +319,11 @@ class PostgresqlServer:
 
 @contextmanager
 def postgresql() -> Iterator[PostgresqlServer]:
-    """A PostgreSQL server of our own."""
+    """A PostgreSQL server of our own; JOINTSTIFF_POSTGRESQL_PROGRAMS is the folder of other programs."""
     installed = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[-3]))
     found = installed[-1] if installed else shutil.which("initdb")
+    if stated := os.environ.get("JOINTSTIFF_POSTGRESQL_PROGRAMS"):
+        found = Path(stated) / "initdb"
     if not found:
         raise ServiceError("no PostgreSQL server here: apt-get install postgresql")
     folder = Path(tempfile.mkdtemp(prefix="jointstiff-benchmark-pg-"))
