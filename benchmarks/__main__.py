@@ -99,6 +99,11 @@ BENCHMARKS = {
         "writes of PostgreSQL that are cut at random bytes; half an hour",
         in_parts=True,
     ),
+    "stuck": Benchmark(
+        "attacks.stuck",
+        "six kinds of jobs that do not move, as root; 20 minutes",
+        in_parts=True,
+    ),
     "queue": Benchmark(
         "attacks.queue", "stopped processes, many runs, large jobs beside small ones", in_parts=True
     ),

@@ -39,6 +39,7 @@ __all__ = [
     "descriptors",
     "ended",
     "followed",
+    "free_port",
     "locked",
     "numbers",
     "post_campaign",
@@ -46,7 +47,9 @@ __all__ = [
     "postgresql",
     "running",
     "size_of",
+    "start_worker",
     "undisturbed",
+    "worker",
 ]
 
 _START_SECONDS: Final = 60.0
@@ -79,7 +82,7 @@ class Service:
             limits: of the process (`resource.RLIMIT_…`).
             environment: variables beside those of this process.
         """
-        self.port = port or _free_port()
+        self.port = port or free_port()
         self.url = f"http://127.0.0.1:{self.port}"
         command = [sys.executable, "-m", "jointstiff", "serve", "--port", str(self.port)]
         command += ["--database", database, "--workers", str(workers), *options]
@@ -138,6 +141,30 @@ class Service:
                 return
         self.process.kill()
         raise ServiceError(f"the service did not start: {log()}")
+
+
+def start_worker(
+    database: str, name: str, environment: Mapping[str, str] | None = None
+) -> subprocess.Popen[bytes]:
+    """Start a worker; `environment` are variables beside those of this process."""
+    command = [sys.executable, "-m", "jointstiff", "worker", "--database", database, "--name", name]
+    return subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | dict(environment or {}),
+    )
+
+
+@contextmanager
+def worker(database: str, name: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A worker, until the block ends."""
+    process = start_worker(database, name)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait(60)
 
 
 def post_campaign(client: httpx2.Client, configurations: int) -> str:
@@ -222,7 +249,7 @@ def caddy(service: Service) -> Iterator[tuple[int, int]]:
     Raises:
         ServiceError: Caddy is not there, or does not start.
     """
-    program, port = shutil.which("caddy"), _free_port()
+    program, port = shutil.which("caddy"), free_port()
     if program is None:
         raise ServiceError("no Caddy here: scripts/caddy installs it")
     with tempfile.TemporaryDirectory(prefix="jointstiff-caddy-") as folder:
@@ -356,7 +383,8 @@ def _new_database(folder: Path) -> str:
     return f"postgresql://postgres@/{name}?host={folder}"
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """Return a port that no program listens on."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         return int(listener.getsockname()[1])
 

@@ -12,11 +12,10 @@ import random
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -29,7 +28,14 @@ from uuid import uuid4
 import httpx2
 
 from benchmarks.report import Figure, Part, Section
-from benchmarks.services import PostgresqlServer, Service, post_campaign, postgresql
+from benchmarks.services import (
+    PostgresqlServer,
+    Service,
+    post_campaign,
+    postgresql,
+    start_worker,
+    worker,
+)
 from tests.support.silent_proxy import SilentProxy
 
 __all__ = ["run"]
@@ -187,7 +193,7 @@ class _Victim:
             service = Service(self._database, 0, environment=environment)
             self.url = service.url
             return service.process
-        return _start_worker(self._database, _NAME, environment)
+        return start_worker(self._database, _NAME, environment)
 
     def stop(self) -> None:
         """Stop the process by SIGSTOP."""
@@ -207,13 +213,6 @@ class _Victim:
         self.process.wait()
 
 
-def _start_worker(database: str, name: str, environment: Mapping[str, str]) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "jointstiff", "worker", "--database", database, "--name", name]
-    return subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | dict(environment)
-    )
-
-
 @contextmanager
 def _victim(write: _Write, proxy: SilentProxy, folder: Path, port: int) -> Iterator[_Victim]:
     victim = _Victim(write, proxy, folder, port)
@@ -221,17 +220,6 @@ def _victim(write: _Write, proxy: SilentProxy, folder: Path, port: int) -> Itera
         yield victim
     finally:
         victim.end()
-
-
-@contextmanager
-def _helper(database: str) -> Iterator[None]:
-    """A worker that nothing disturbs."""
-    process = _start_worker(database, "other", {})
-    try:
-        yield
-    finally:
-        process.terminate()
-        process.wait(60)
 
 
 def _study(server: PostgresqlServer, write: _Write, cuts: int) -> _Outcome:
@@ -243,7 +231,7 @@ def _study(server: PostgresqlServer, write: _Write, cuts: int) -> _Outcome:
         proxy = stack.enter_context(SilentProxy(database))
         control = stack.enter_context(_Control(proxy))
         victim = stack.enter_context(_victim(write, proxy, folder, control.port))
-        stack.enter_context(_helper(database))
+        stack.enter_context(worker(database, "other"))
         client = stack.enter_context(httpx2.Client(base_url=service.url, timeout=60))
         case = _Case(write, victim, client, proxy, control)
         outcome.size = case.measure()
