@@ -52,7 +52,7 @@ __all__ = [
     "worker",
 ]
 
-_START_SECONDS: Final = 60.0
+_START_SECONDS: Final = 180.0
 _CADDYFILE: Final = Path(__file__).parents[1] / "docker" / "Caddyfile"
 
 
