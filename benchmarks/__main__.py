@@ -45,7 +45,9 @@ BENCHMARKS = {
     "width": Benchmark("performance.width", "1,000 campaigns on two processes beside one; 10 minutes"),
     "plan": Benchmark("performance.plan", "optimal designs beside cvxpy"),
     "maps": Benchmark("performance.maps", "beside a loop of Pinocchio calls"),
-    "year": Benchmark("performance.year", "lists, searches and trends of 100,000 runs; 10 minutes"),
+    "year": Benchmark(
+        "performance.year", "lists, searches and trends of 100,000 runs; 10 minutes", in_parts=True
+    ),
     "archive": Benchmark(
         "performance.archive", "10,000 runs and 50,000 sets; restores killed; half an hour", in_parts=True
     ),

@@ -38,10 +38,10 @@ _SETS: Final = 2_000
 _RUNS: Final = 200
 """Ordinary runs during which there must be no alarm."""
 _END_SECONDS: Final = 1_200.0
-_LONG: Final = {"size": 100, "repetitions": 400_000}
-"""A hundred steps."""
+_LONG: Final = {"size": 1_000, "repetitions": 100_000}
+"""Hundreds of steps."""
 _SHORT: Final = {"size": 100, "repetitions": 8_000}
-_CONFIGURATIONS: Final = 200
+_CONFIGURATIONS: Final = 1_000
 _BEHIND: Final = 40
 """Long runs before the one that waits in the queue."""
 
@@ -301,7 +301,7 @@ def _post_fleet(client: httpx2.Client, database: str, sets: int) -> None:
 
 
 def _post_runs(client: httpx2.Client, runs: int) -> None:
-    body = {"measurement_set_id": post_campaign(client, _CONFIGURATIONS), "resampling": _SHORT}
+    body = {"measurement_set_id": post_campaign(client, 200), "resampling": _SHORT}
     addresses = list[str]()
     for _ in range(runs):
         answer = client.post("/v1/runs?wait=0", json=body).raise_for_status()
