@@ -98,7 +98,7 @@ BENCHMARKS = {
     ),
     "lost_writes": Benchmark(
         "attacks.lost_writes",
-        "writes of PostgreSQL that are cut at random bytes; half an hour",
+        "writes of PostgreSQL that are cut at random bytes; an hour",
         in_parts=True,
     ),
     "stuck": Benchmark(

@@ -1,7 +1,7 @@
 """Writes of services and workers that are cut in PostgreSQL: how soon their job and the next ones end.
 
 A proxy between the database and the process falls silent after a random number of bytes of a write. The
-process then goes on with new connections, or is stopped by SIGSTOP. By name only: half an hour, or one write
+process then goes on with new connections, or is stopped by SIGSTOP. By name only: an hour, or one write
 with `--part` of 1/6 to 6/6. JOINTSTIFF_POSTGRESQL_PROGRAMS is the folder of another PostgreSQL's programs.
 """
 
@@ -42,6 +42,8 @@ __all__ = ["run"]
 
 CUTS: Final = 20
 """Cuts of each write, of each kind."""
+_AT_ONCE: Final = 3
+"""Writes that are cut at the same time, each in a database of its own."""
 _NEXT: Final = 2
 """Runs that are posted right after the cut."""
 _REQUIRED_SECONDS: Final = 45.0
@@ -108,7 +110,7 @@ def run(*, quick: bool, part: Part) -> list[Section]:
     """Cut each write on a PostgreSQL server of our own, each in a database of its own."""
     cuts = 1 if quick else CUTS
     writes = [_WRITES[number] for number in part.of(len(_WRITES))]
-    with postgresql() as server, ThreadPoolExecutor(len(writes)) as pool:
+    with postgresql() as server, ThreadPoolExecutor(_AT_ONCE) as pool:
         version = server.version().split()[0]
         tasks = {write: pool.submit(_study, server, write, cuts) for write in writes}
         outcomes = {write: task.result() for write, task in tasks.items()}
@@ -280,6 +282,7 @@ class _Case:
         addresses.append(first.result() or self._post(self._client))
         states = self._wait(addresses)
         seconds = time.monotonic() - began
+        self._proxy.close_silent()  # or each cut would leave some sessions, and the server has a hundred
         if is_stopped:
             self._victim.go_on()
             expected = 1 if self._write.is_of_service else 2
@@ -295,7 +298,7 @@ class _Case:
                 if has_ended:
                     time.sleep(0.5)
                     return self._proxy.is_cut
-            time.sleep(0.002)
+            time.sleep(0.01)
         return True
 
     def _post_or_rename(self) -> Future[str | None]:
@@ -338,4 +341,4 @@ class _Case:
 def _until(condition: Callable[[], bool]) -> None:
     deadline = time.monotonic() + _LONGEST_SECONDS
     while not condition() and time.monotonic() < deadline:
-        time.sleep(0.1)
+        time.sleep(0.2)
