@@ -140,6 +140,7 @@ class _Control:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = int(self._listener.getsockname()[1])
         self._cut_after: int | None = None
+        self._has_begun = False  # the write that is chosen
         self.sizes: list[int] = []  # bytes of the writes that ended
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -153,7 +154,13 @@ class _Control:
 
     def cut_next(self, count: int) -> None:
         """Cut the next write after so many bytes."""
+        self._has_begun = False
         self._cut_after = count
+
+    @property
+    def is_cut(self) -> bool:
+        """True once the chosen write was cut."""
+        return self._has_begun and self._proxy.is_cut
 
     def forget(self) -> None:
         """Cut no write."""
@@ -172,6 +179,7 @@ class _Control:
             before = self._proxy.sent
             if count is not None:
                 self._proxy.cut_after(count)
+                self._has_begun = True
             writer.sendall(b"!")
             if writer.recv(1) == b"." and count is None:
                 self.sizes.append(self._proxy.sent - before)
@@ -291,13 +299,13 @@ class _Case:
 
     def _wait_for_cut(self, first: Future[str | None]) -> bool:
         """Wait until the write was cut; return False if the other worker has made it."""
-        while not self._proxy.is_cut:
+        while not self._control.is_cut:
             if self._write.name != "heartbeat" and first.done():
                 address = first.result()
                 has_ended = address is None or self._state(address) not in {"queued", "running"}
                 if has_ended:
                     time.sleep(0.5)
-                    return self._proxy.is_cut
+                    return self._control.is_cut
             time.sleep(0.01)
         return True
 
