@@ -130,20 +130,26 @@ class _Service:
 
     def times_until_said(self, kind: str, address: str, began: float) -> dict[str, float]:
         """Return the times until health, job and metric tell a kind of stuck [s]."""
-        signs, found = _KINDS[kind], dict.fromkeys(("health", "job", "metric"), float("inf"))
+        found = dict.fromkeys(("health", "job", "metric"), float("inf"))
         while time.monotonic() - began < _LONGEST_SECONDS and max(found.values()) == float("inf"):
             now = time.monotonic() - began
-            if signs.in_health(self.client.get("/health"), signs.words):
-                found["health"] = min(found["health"], now)
-            answer = self.client.get(address)
-            progress = answer.json().get("progress") or {}
-            if answer.is_success and signs.words in (progress.get("waits") or ""):
-                found["job"] = min(found["job"], now)
-            value = self.value_of(signs.metric)
-            if value >= signs.least if signs.least else value == 0:
-                found["metric"] = min(found["metric"], now)
+            with suppress(httpx2.TimeoutException):
+                for sign in self._read_signs(_KINDS[kind], address):
+                    found[sign] = min(found[sign], now)
             time.sleep(0.5)
         return found
+
+    def _read_signs(self, signs: _Signs, address: str) -> Iterator[str]:
+        """Yield which of health, job and metric tell a kind of stuck now."""
+        if signs.in_health(self.client.get("/health"), signs.words):
+            yield "health"
+        answer = self.client.get(address)
+        progress = answer.json().get("progress") or {}
+        if answer.is_success and signs.words in (progress.get("waits") or ""):
+            yield "job"
+        value = self.value_of(signs.metric)
+        if value >= signs.least if signs.least else value == 0:
+            yield "metric"
 
     def progress(self, address: str) -> int:
         """Return the number of finished units of a job."""
