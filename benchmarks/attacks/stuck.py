@@ -40,6 +40,8 @@ _RUNS: Final = 200
 _END_SECONDS: Final = 1_200.0
 _LONG: Final = {"size": 1_000, "repetitions": 100_000}
 """Hundreds of steps."""
+_ONE_PART: Final = {"size": 1_000, "repetitions": 36_000}
+"""Less than twelve steps."""
 _SHORT: Final = {"size": 100, "repetitions": 8_000}
 _CONFIGURATIONS: Final = 1_000
 _BEHIND: Final = 40
@@ -108,7 +110,7 @@ def _kinds() -> Section:
         figures=(
             Figure(f"kinds of stuck that are said within {REQUIRED_SECONDS:.0f} s", in_time, "at least", 6),
         ),
-        notes=("from the last progress of the job, or from the fault if the job makes none",),
+        notes=("from the fault; of a part that is handed back, from that moment",),
     )
 
 
@@ -167,23 +169,29 @@ def _serving(database: str, workers: int = 0) -> Iterator[_Service]:
         yield _Service(client, f"http://127.0.0.1:{port}/metrics")
 
 
-def _begun(service: _Service) -> str:
+def _begun(service: _Service, resampling: dict[str, int] = _LONG) -> str:
     """Post a long run; return its address once it has progress."""
-    address = begin_run(service.client, _CONFIGURATIONS, _LONG)
+    address = begin_run(service.client, _CONFIGURATIONS, resampling)
     while service.progress(address) == 0:
         time.sleep(0.1)
     return address
 
 
 def _locked(database: str, kind: str) -> dict[str, float]:
-    """Lock the row of a run from another program."""
+    """Lock the row of a run from another program; if its part is to be handed back, wait until it is."""
+    is_handed_back = kind == "part handed back"
     with ExitStack() as stack:
         service = stack.enter_context(_serving(database))
         stack.enter_context(worker(database, "one"))
-        address = _begun(service)
-        with psycopg.connect(database) as other:
+        address = _begun(service, _ONE_PART if is_handed_back else _LONG)
+        with psycopg.connect(database) as other, psycopg.connect(database, autocommit=True) as looking:
             other.execute("SELECT 1 FROM jobs WHERE id = %s FOR UPDATE", [address.rpartition("/")[2]])
+            while is_handed_back and looking.execute(_HANDED_BACK).fetchone() is None:
+                time.sleep(0.2)
             return service.times_until_said(kind, address, time.monotonic())
+
+
+_HANDED_BACK: Final = "SELECT 1 FROM jointstiff_queue.workflow_status WHERE status = 'DELAYED'"
 
 
 def _silent(database: str) -> dict[str, float]:
