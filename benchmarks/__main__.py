@@ -45,8 +45,12 @@ BENCHMARKS = {
     "width": Benchmark("performance.width", "1,000 campaigns on two processes beside one; 10 minutes"),
     "plan": Benchmark("performance.plan", "optimal designs beside cvxpy"),
     "maps": Benchmark("performance.maps", "beside a loop of Pinocchio calls"),
-    "year": Benchmark("performance.year", "lists, searches and trends of 100,000 runs; 10 minutes"),
-    "archive": Benchmark("performance.archive", "10,000 runs and 50,000 sets; restores killed; an hour"),
+    "year": Benchmark(
+        "performance.year", "lists, searches and trends of 100,000 runs; 10 minutes", in_parts=True
+    ),
+    "archive": Benchmark(
+        "performance.archive", "10,000 runs and 50,000 sets; restores killed; half an hour", in_parts=True
+    ),
     "exactness": Benchmark("studies.exactness", "against exact rational arithmetic", always=True),
     "coverage": Benchmark("studies.coverage", "how often intervals hold the truth; some minutes"),
     "prismatic": Benchmark("studies.prismatic", "a SCARA and an arm on a rail beside exact springs"),
@@ -93,6 +97,16 @@ BENCHMARKS = {
     ),
     "versions": Benchmark(
         "attacks.versions", "two versions on one database, with posts; 20 minutes", in_parts=True
+    ),
+    "lost_writes": Benchmark(
+        "attacks.lost_writes",
+        "writes of PostgreSQL that are cut at random bytes; an hour",
+        in_parts=True,
+    ),
+    "stuck": Benchmark(
+        "attacks.stuck",
+        "six kinds of jobs that do not move, as root; 20 minutes",
+        in_parts=True,
     ),
     "queue": Benchmark(
         "attacks.queue", "stopped processes, many runs, large jobs beside small ones", in_parts=True

@@ -39,6 +39,7 @@ __all__ = [
     "descriptors",
     "ended",
     "followed",
+    "free_port",
     "locked",
     "numbers",
     "post_campaign",
@@ -46,10 +47,12 @@ __all__ = [
     "postgresql",
     "running",
     "size_of",
+    "start_worker",
     "undisturbed",
+    "worker",
 ]
 
-_START_SECONDS: Final = 60.0
+_START_SECONDS: Final = 180.0
 _CADDYFILE: Final = Path(__file__).parents[1] / "docker" / "Caddyfile"
 
 
@@ -79,7 +82,7 @@ class Service:
             limits: of the process (`resource.RLIMIT_…`).
             environment: variables beside those of this process.
         """
-        self.port = port or _free_port()
+        self.port = port or free_port()
         self.url = f"http://127.0.0.1:{self.port}"
         command = [sys.executable, "-m", "jointstiff", "serve", "--port", str(self.port)]
         command += ["--database", database, "--workers", str(workers), *options]
@@ -138,6 +141,30 @@ class Service:
                 return
         self.process.kill()
         raise ServiceError(f"the service did not start: {log()}")
+
+
+def start_worker(
+    database: str, name: str, environment: Mapping[str, str] | None = None
+) -> subprocess.Popen[bytes]:
+    """Start a worker; `environment` are variables beside those of this process."""
+    command = [sys.executable, "-m", "jointstiff", "worker", "--database", database, "--name", name]
+    return subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | dict(environment or {}),
+    )
+
+
+@contextmanager
+def worker(database: str, name: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A worker, until the block ends."""
+    process = start_worker(database, name)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait(60)
 
 
 def post_campaign(client: httpx2.Client, configurations: int) -> str:
@@ -222,7 +249,7 @@ def caddy(service: Service) -> Iterator[tuple[int, int]]:
     Raises:
         ServiceError: Caddy is not there, or does not start.
     """
-    program, port = shutil.which("caddy"), _free_port()
+    program, port = shutil.which("caddy"), free_port()
     if program is None:
         raise ServiceError("no Caddy here: scripts/caddy installs it")
     with tempfile.TemporaryDirectory(prefix="jointstiff-caddy-") as folder:
@@ -305,6 +332,11 @@ class PostgresqlServer:
         """Stop it at once, as a power failure would."""
         _control(self._programs.with_name("pg_ctl"), self._folder, "stop", "-w", "-m", "immediate")
 
+    def version(self) -> str:
+        """Return the version of the server."""
+        with psycopg.connect(f"postgresql://postgres@/postgres?host={self._folder}") as connection:
+            return connection.info.parameter_status("server_version") or ""
+
     def say(self, statement: str) -> None:
         """Carry out a statement."""
         address = f"postgresql://postgres@/postgres?host={self._folder}"
@@ -314,9 +346,11 @@ class PostgresqlServer:
 
 @contextmanager
 def postgresql() -> Iterator[PostgresqlServer]:
-    """A PostgreSQL server of our own."""
+    """A PostgreSQL server of our own; JOINTSTIFF_POSTGRESQL_PROGRAMS is the folder of other programs."""
     installed = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[-3]))
     found = installed[-1] if installed else shutil.which("initdb")
+    if stated := os.environ.get("JOINTSTIFF_POSTGRESQL_PROGRAMS"):
+        found = Path(stated) / "initdb"
     if not found:
         raise ServiceError("no PostgreSQL server here: apt-get install postgresql")
     folder = Path(tempfile.mkdtemp(prefix="jointstiff-benchmark-pg-"))
@@ -349,7 +383,8 @@ def _new_database(folder: Path) -> str:
     return f"postgresql://postgres@/{name}?host={folder}"
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """Return a port that no program listens on."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         return int(listener.getsockname()[1])
 

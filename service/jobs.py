@@ -398,13 +398,32 @@ class Jobs:
         self.records.end(job_id, state, final_columns, lock_timeout)
 
 
-def _order_version(version: str | None) -> tuple[tuple[int, ...], str]:
-    """Return the key that orders versions from the oldest to the newest; None is the oldest version.
+_VERSION: Final = re.compile(r"(?P<release>\d+(\.\d+)*)(?P<stage>a|b|rc|\.dev)?", re.ASCII)
+_STAGES: Final = {".dev": 0, "a": 1, "b": 2, "rc": 3, None: 4}
+"""Stage of a version (PEP 440) → its place: a release is newer than its candidates."""
+
+
+@dataclass(frozen=True, order=True)
+class _Age:
+    """Key that orders versions from the oldest to the newest.
 
     Two different versions never have equal keys: each would begin a job again that the other began.
     """
-    text = version or ""
-    return tuple(int(number) for number in re.findall(r"[0-9]+", text)), text
+
+    release: tuple[int, ...] = ()
+    stage: int = 0
+    numbers: tuple[int, ...] = ()  # all numbers of the version, which order versions of one stage
+    text: str = ""
+
+
+def _order_version(version: str | None) -> _Age:
+    """Return the key of a version; None is the oldest version."""
+    found = _VERSION.match(version or "")
+    if version is None or found is None:
+        return _Age(text=version or "")
+    release = tuple(map(int, found["release"].split(".")))
+    numbers = tuple(map(int, re.findall(r"[0-9]+", version)))
+    return _Age(release, _STAGES[found["stage"]], numbers, version)
 
 
 def make_record(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:

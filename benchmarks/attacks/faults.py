@@ -37,7 +37,7 @@ from benchmarks.services import (
     undisturbed,
 )
 
-__all__ = ["run"]
+__all__ = ["full", "run", "small_disk"]
 
 Fault = Callable[[Service], AbstractContextManager[object]]
 
@@ -65,9 +65,9 @@ def run(*, quick: bool, part: Part) -> list[Section]:
     """Let services of our own meet each fault."""
     seconds = 3.0 if quick else 8.0
     expected = undisturbed(CONFIGURATIONS, RESAMPLING)
-    with _disk() as folder, postgresql() as server:
+    with small_disk() as folder, postgresql() as server:
         sqlite: dict[str, Callable[[Path], Fault]] = {
-            "disk full": lambda path: partial(_full, path.parent),
+            "disk full": lambda path: lambda _: full(path.parent),
             "no file may grow": lambda _: _no_growth,
             "locked": lambda path: lambda _: locked(path),
         }
@@ -160,7 +160,7 @@ def _recovered(created: list[str]) -> float:
 
 
 @contextmanager
-def _disk() -> Iterator[Path]:
+def small_disk() -> Iterator[Path]:
     """A small disk of our own."""
     folder = Path(tempfile.mkdtemp(prefix="jointstiff-faults-"))
     subprocess.run(["/bin/mount", "-t", "tmpfs", "-o", f"size={_DISK}", "tmpfs", folder], check=True)
@@ -172,7 +172,8 @@ def _disk() -> Iterator[Path]:
 
 
 @contextmanager
-def _full(folder: Path, _: Service) -> Iterator[None]:
+def full(folder: Path) -> Iterator[None]:
+    """Fill the disk of a folder."""
     ballast = folder / "ballast"
     with ballast.open("wb", buffering=0) as file:
         block = 1 << 20

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,6 +31,7 @@ from benchmarks.services import (
     postgresql,
     running,
     undisturbed,
+    worker,
 )
 
 __all__ = ["run"]
@@ -96,24 +95,13 @@ def run(*, quick: bool, part: Part) -> list[Section]:
 # Many runs
 
 
-@contextmanager
-def _worker(database: str, number: int) -> Iterator[subprocess.Popen[bytes]]:
-    command = [sys.executable, "-m", "jointstiff", "worker", "--database", database]
-    process = subprocess.Popen([*command, "--name", f"bench-{number}"], stdout=subprocess.DEVNULL)
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.wait(30)
-
-
 def _many(database: str, count: int) -> Section:
     """Carry out runs by two services and three workers, of which one each is killed."""
     with ExitStack() as stack:
         services = [Service(database, 0) for _ in range(SERVICES)]
         stack.enter_context(services[0])
         clients = [stack.enter_context(httpx2.Client(base_url=each.url, timeout=60)) for each in services]
-        workers = [stack.enter_context(_worker(database, number)) for number in range(WORKERS)]
+        workers = [stack.enter_context(worker(database, f"bench-{number}")) for number in range(WORKERS)]
         set_id = post_campaign(clients[0], CONFIGURATIONS)
         body = {"measurement_set_id": set_id, "resampling": RESAMPLING}
 

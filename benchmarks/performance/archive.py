@@ -1,24 +1,24 @@
-"""Archives: processor time and memory at 10,000 runs and 50,000 sets; restores that are killed."""
+"""Archives: processor time and memory at 10,000 runs and 50,000 sets; restores that are killed.
+
+By name only: half an hour, or one study of one database with `--part` of 1/4 to 4/4.
+"""
 
 from __future__ import annotations
 
 import json
-import os
-import random
-import signal
 import subprocess
 import sys
 import tempfile
-import time
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import IO, Final
 
 from benchmarks.campaigns import small_campaign
-from benchmarks.report import Figure, Section
+from benchmarks.report import Figure, Part, Section
 from benchmarks.services import databases
 from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.api.runs import _store_robot_once, _store_set_once
@@ -39,6 +39,34 @@ print("USED", json.dumps([status, used.ru_utime + used.ru_stime, used.ru_maxrss 
 """
 """A small process between: a child inherits the peak of a large parent (Linux books it at exec)."""
 
+_KILLED: Final = """
+import json, os, random, signal, sys, time
+from pathlib import Path
+from jointstiff.service.archive.restoring import restore_archive
+
+path, url, kills, longest = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), float(sys.argv[4])
+killed, draw = 0, random.Random(url)
+while True:
+    began = time.monotonic()
+    child = os.fork()
+    if not child:
+        restored = restore_archive(path, url)
+        os._exit(int(restored.refused > 0))
+    moment = began + (draw.uniform(0.0, longest) if killed < kills else 1e9)
+    ended, status = os.waitpid(child, os.WNOHANG)
+    while not ended and time.monotonic() < moment:
+        time.sleep(0.005)
+        ended, status = os.waitpid(child, os.WNOHANG)
+    if ended:
+        break
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    killed += 1
+print(json.dumps([killed, time.monotonic() - began]))
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+"""Restores that are killed, each in a process that need not import anything."""
+
 
 @dataclass(frozen=True)
 class _Size:
@@ -51,23 +79,22 @@ class _Size:
     kills: int
 
 
-def run(*, quick: bool) -> list[Section]:
-    """Measure both databases."""
+def run(*, quick: bool, part: Part) -> list[Section]:
+    """Measure both databases, or those studies of them that belong to a part."""
     size = _Size(20, 100, 50, 50, 5) if quick else _Size(1_000, 50_000, 10_000, 10_000, 50)
     with tempfile.TemporaryDirectory(prefix="jointstiff-archive-") as temporary, databases() as kinds:
         folder = Path(temporary)
-        large = _make_archive(folder, "large.zip", size.robots, size.sets, size.runs)
-        small = _make_archive(folder, "small.zip", size.robots, size.robots, size.killed_runs)
-        sections = []
+        studies: list[Callable[[], Section]] = []
         for name, new in kinds.items():
-            sections.append(_measure(name, new(), large, folder, size))
-            sections.append(_kill(name, new, small, folder, size))
-        return sections
+            studies.append(partial(_measure, name, new, folder, size))
+            studies.append(partial(_kill, name, new, folder, size))
+        return [studies[number]() for number in part.of(len(studies))]
 
 
-def _measure(name: str, url: str, large: Path, folder: Path, size: _Size) -> Section:
+def _measure(name: str, new: Callable[[], str], folder: Path, size: _Size) -> Section:
     """Restore an archive into a new database, and archive the database."""
-    again = folder / f"{name}.zip"
+    large = _make_archive(folder, f"{name}-large.zip", size.robots, size.sets, size.runs)
+    again, url = folder / f"{name}.zip", new()
     restored = _cost("restore", str(large), "--database", url)
     archived = _cost("archive", str(again), "--database", url, "--with-key-hashes")
     is_equal = _manifest_of(again) == _manifest_of(large)
@@ -88,33 +115,36 @@ def _measure(name: str, url: str, large: Path, folder: Path, size: _Size) -> Sec
     return Section(title, ("command", "processor", "peak memory"), rows, figures, notes)
 
 
-def _kill(name: str, new: Callable[[], str], small: Path, folder: Path, size: _Size) -> Section:
-    """Kill restores at random moments; each is continued by the next, and the last ends."""
-    draw, kills, ends, different = random.Random(1), 0, 0, 0  # noqa: S311 - of moments
-    command = [sys.executable, "-m", "jointstiff", "restore", str(small), "--database"]
-    began = time.perf_counter()
-    url = new()
-    subprocess.run([*command, url], check=True, stdout=subprocess.DEVNULL)
-    whole = time.perf_counter() - began
-    url = new()
+def _kill(name: str, new: Callable[[], str], folder: Path, size: _Size) -> Section:
+    """Kill restores at random moments; each is continued by the next, until a restore ends."""
+    small = _make_archive(folder, f"{name}-small.zip", size.robots, size.robots, size.killed_runs)
+    whole = _restore_killed(small, new(), 0, 1e9).seconds
+    kills, databases_of_killed, different = 0, 0, 0
     while kills < size.kills:
-        process = subprocess.Popen([*command, url], stdout=subprocess.DEVNULL)
-        try:
-            process.wait(draw.uniform(0.0, 0.5 * whole))
-        except subprocess.TimeoutExpired:
-            os.kill(process.pid, signal.SIGKILL)
-            process.wait()
-            kills += 1
-            continue
-        ends += 1
-        different += _differs(url, small, folder / f"{name}-{ends}.zip")
         url = new()
-    subprocess.run([*command, url], check=True, stdout=subprocess.DEVNULL)
-    different += _differs(url, small, folder / f"{name}-last.zip")
+        kills += _restore_killed(small, url, size.kills - kills, 0.1 * whole).kills
+        databases_of_killed += 1
+        different += _differs(url, small, folder / f"{name}-{databases_of_killed}.zip")
     figures = (Figure.none(f"{name}: databases that differ after {kills} kills", different),)
-    rows = ((str(kills), str(ends + 1), str(different)),)
+    rows = ((str(kills), str(databases_of_killed), str(different)),)
     title = f"{name}: restores of {size.killed_runs:,} runs, killed at random moments"
     return Section(title, ("kills", "databases", "that differ"), rows, figures)
+
+
+@dataclass(frozen=True)
+class _Killed:
+    """A restore that was killed, and continued until it ended."""
+
+    kills: int
+    seconds: float  # of the last process
+
+
+def _restore_killed(path: Path, url: str, kills: int, longest: float) -> _Killed:
+    """Restore an archive by one process after the other; kill each within a time [s], but the last."""
+    command = [sys.executable, "-c", _KILLED, str(path), url, str(kills), str(longest)]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+    killed, seconds = json.loads(done.stdout)
+    return _Killed(killed, seconds)
 
 
 def _differs(url: str, original: Path, path: Path) -> bool:

@@ -1,4 +1,7 @@
-"""A year of data: lists, searches and trends at 100,000 runs, their size, and an idle worker at 1,000,000."""
+"""A year of data: lists, searches and trends at 100,000 runs, their size, and an idle worker at 1,000,000.
+
+By name only: ten minutes, or one study with `--part` of 1/7 to 7/7.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from statistics import median
 from typing import Any, Final
 
@@ -16,7 +20,7 @@ import sqlalchemy as sa
 from fastapi import FastAPI
 
 from benchmarks.campaigns import small_campaign
-from benchmarks.report import Figure, Section
+from benchmarks.report import Figure, Part, Section
 from benchmarks.services import PostgresqlServer, ServiceError, cpu, databases
 from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.api.runs import _store_robot_once, _store_set_once
@@ -43,24 +47,27 @@ class _Size:
     """Size of the tables."""
 
     runs: int
+    sets: int  # of the robot whose trend is measured
     worker: tuple[int, int]  # jobs at which an idle worker is measured
 
 
-def run(*, quick: bool) -> list[Section]:
-    """Measure both databases, and the plans of SQLite on new files."""
-    size = _Size(2_000, (1_000, 4_000)) if quick else _Size(100_000, (10_000, 1_000_000))
-    sections = []
+def run(*, quick: bool, part: Part) -> list[Section]:
+    """Measure both databases, and the plans of SQLite on new files, or the studies of a part."""
+    size = _Size(2_000, 100, (1_000, 4_000)) if quick else _Size(100_000, 2_000, (10_000, 1_000_000))
+    studies: list[Callable[[], Section]] = []
     with databases() as kinds:
         for name, new in kinds.items():
             server = new if isinstance(new, PostgresqlServer) else None
-            sections.append(_lists(name, new(), server, size.runs))
-            sections.append(_worker(name, new, server, size.worker))
-        sections.append(_plans([kinds["SQLite"]() for _ in range(_FILES)]))
-    return sections
+            studies.append(partial(_lists, name, new, server, size.runs))
+            studies.append(partial(_trend, name, new, server, size.sets))
+            studies.append(partial(_worker, name, new, server, size.worker))
+        studies.append(lambda: _plans([kinds["SQLite"]() for _ in range(_FILES)]))
+        return [studies[number]() for number in part.of(len(studies))]
 
 
-def _lists(name: str, url: str, server: PostgresqlServer | None, runs: int) -> Section:
+def _lists(name: str, new: Callable[[], str], server: PostgresqlServer | None, runs: int) -> Section:
     """Measure the lists of one database, and the bytes of a run in it."""
+    url = new()
     with Store.open(url) as store:
         kilobytes = _fill(store, url, runs)
         found = store.robots.page(limit=1, filters={"name": "KR 240 cell 7"}).records[0].id
@@ -102,6 +109,41 @@ def _lists(name: str, url: str, server: PostgresqlServer | None, runs: int) -> S
         tuple(figures),
         ("processor time; the first request of robots derives their last campaigns, which rows keep",),
     )
+
+
+def _trend(name: str, new: Callable[[], str], server: PostgresqlServer | None, sets: int) -> Section:
+    """Measure the trend of a robot with many sets, each with a run."""
+    url = new()
+    with Store.open(url) as store:
+        copies = Copies(_templates(store), 1, sets, 1)
+        engine = make_engine(url)
+        copies.add_robots_and_sets(engine)
+        copies.add_runs(engine)
+        _vacuum(engine)
+        robot = store.robots.page(limit=1, filters={"name": "KR 240 cell 0"}).records[0].id
+        address = f"/v1/robots/{robot}/trend"
+        app = create_app(store)
+        first, service, database = _used(app, {"trend": address}, server)["trend"]
+        kilobytes = anyio.run(_read_size, app, address) / 1e3
+    seconds = service + database
+    return Section(
+        title=f"{name}: trend of {sets:,} sets",
+        columns=("first [ms]", "service [ms]", "database [ms]", "answer [kB]"),
+        rows=((f"{1e3 * first:.0f}", f"{1e3 * service:.1f}", f"{1e3 * database:.1f}", f"{kilobytes:.0f}"),),
+        figures=(
+            Figure(f"{name}: trend of {sets:,} sets, processor time", 1e3 * seconds, "at most", 50, " ms"),
+            Figure(f"{name}: trend of {sets:,} sets, answer", kilobytes, "at most", 100, " kB"),
+        ),
+        notes=("the first trend after the start of a service reads the runs of all sets",),
+    )
+
+
+async def _read_size(app: FastAPI, address: str) -> int:
+    """Return the size of an answer [bytes]."""
+    transport = httpx2.ASGITransport(app)
+    async with httpx2.AsyncClient(transport=transport, base_url="http://localhost:8000") as client:
+        answer = await client.get(address)
+        return len(answer.raise_for_status().content)
 
 
 def _used(

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
 MOST_ROWS: Final = 200  # of a portion
 _MOST_CHARACTERS: Final = 4_000_000  # of the documents of a portion; a larger document is a portion by itself
+_LINES_AT_ONCE: Final = 50  # lines that are looked up together; a line may have many megabytes
 _MOST_NAMED: Final = 20  # rows that are named in the outcome of a table
 
 
@@ -148,17 +150,38 @@ def _find_tables(url: str, opened: ExitStack) -> Database | None:
 def _restore_table(archive: Archive, table: str, target: Target, dropped: Counter[str]) -> TableOutcome:
     """Store the lines of the file of a table, portion by portion."""
     outcome = TableOutcome()
-    for portion in _make_portions(_build_rows(archive, table, outcome, dropped), table):
+    lines = _skip_present(enumerate(archive.lines(table), 1), table, target, outcome)
+    for portion in _make_portions(_build_rows(lines, table, outcome, dropped), table):
         target.store(table, portion, outcome)
     return outcome
 
 
+def _skip_present(
+    lines: Iterator[tuple[int, dict[str, Any]]], table: str, target: Target, outcome: TableOutcome
+) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield the lines whose ids the database lacks, each with its number.
+
+    The others are not checked, so a restore that is continued soon comes to where the one before ended.
+    """
+    if _IDENTITIES[table] != ("id",):
+        yield from lines
+        return
+    while batch := list(islice(lines, _LINES_AT_ONCE)):
+        ids = {values["id"] for _, values in batch if isinstance(values.get("id"), str)}
+        present = target.find_present(table, ids)
+        for number, values in batch:
+            if isinstance(values.get("id"), str) and values["id"] in present:
+                outcome.present += 1
+            else:
+                yield number, values
+
+
 def _build_rows(
-    archive: Archive, table: str, outcome: TableOutcome, dropped: Counter[str]
+    lines: Iterator[tuple[int, dict[str, Any]]], table: str, outcome: TableOutcome, dropped: Counter[str]
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of a table, without the copies of names; lines that cannot be used are refused."""
     build = BUILDERS[table]
-    for number, values in enumerate(archive.lines(table), 1):
+    for number, values in lines:
         try:
             built = build(values)
         except (ValueError, DamagedError) as error:
@@ -202,6 +225,11 @@ class Target:
         self._database = database
         self._open_queue = cache(open_queue)  # opens the queue of workers once
 
+    def find_present(self, table: str, ids: set[str]) -> set[str]:
+        """Return those of some ids that a table of the database has."""
+        column = metadata.tables[table].c.id
+        return {row.id for row in self._database.rows(sa.select(column).where(column.in_(ids)))}
+
     def store(self, table: str, rows: Sequence[dict[str, Any]], outcome: TableOutcome) -> None:
         """Store the rows of a portion that the database lacks, in one transaction.
 
@@ -226,6 +254,12 @@ class DryTarget(Target):
 
     def __init__(self, database: Database | None) -> None:
         self._existing = database
+
+    def find_present(self, table: str, ids: set[str]) -> set[str]:
+        """Return those of some ids that a table of the database has."""
+        column = metadata.tables[table].c.id
+        query = sa.select(column).where(column.in_(ids))
+        return set() if self._existing is None else {row.id for row in self._existing.rows(query)}
 
     def store(self, table: str, rows: Sequence[dict[str, Any]], outcome: TableOutcome) -> None:
         """Count the rows that the database lacks."""

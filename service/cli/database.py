@@ -43,19 +43,14 @@ _REPORT_SECONDS = 2.0  # between two lines of progress
 @database.command()
 def status(*, database: DatabaseUrl = "sqlite:///jointstiff.db") -> None:
     """Print the layout of a database, the steps that are due, and the number of documents to rewrite."""
-    from jointstiff.service.store.database import open_existing
     from jointstiff.service.store.layouts import LAYOUT, can_upgrade
     from jointstiff.service.store.store import Store
-    from jointstiff.service.store.tables import read_layout
-    from jointstiff.service.store.upgrading import list_due_steps
 
-    with closing(open_existing(database)) as opened, opened.reading() as connection:
-        layout = read_layout(connection)
+    layout = _read_layout_of(database)
     if layout is None:
         typer.echo(f"the database has no tables yet; this version will make layout {LAYOUT}")
     elif can_upgrade(layout):
-        due = ", ".join(step.layout for step in list_due_steps(layout))
-        typer.echo(f"layout {layout}; steps to the layout of this version: {due}")
+        typer.echo(_describe_earlier(layout))
     else:
         with Store.open(database) as store:
             typer.echo(_describe(store))
@@ -63,19 +58,46 @@ def status(*, database: DatabaseUrl = "sqlite:///jointstiff.db") -> None:
 
 @database.command()
 def check(*, database: DatabaseUrl = "sqlite:///jointstiff.db") -> None:
-    """Check tables and references, and read every document; exit with status 1 after a fault."""
+    """Check tables and references, and read every document; exit with status 1 after a fault.
+
+    Nothing is changed. A database of an earlier layout is checked, too, if this version can upgrade it.
+    """
     from jointstiff.service.store.checking import check_database
     from jointstiff.service.store.database import open_existing
-    from jointstiff.service.store.store import Store
+    from jointstiff.service.store.layouts import can_upgrade, refuse_unusable
 
-    open_existing(database).close()
-    with Store.open(database), closing(open_existing(database)) as opened:
+    layout = _read_layout_of(database)
+    if layout is None:
+        typer.echo("the database has no tables yet: there is nothing to check")
+        return
+    with closing(open_existing(database)) as opened:
+        if can_upgrade(layout):
+            typer.echo(f"{_describe_earlier(layout)}; the tables are compared after an upgrade")
+        else:
+            refuse_unusable(layout, opened.dialect)
         checked = check_database(opened)
-    for fault in checked.faults:
-        typer.echo(fault)
+    for sentence in checked.remarks + checked.faults:
+        typer.echo(sentence)
     typer.echo(f"{checked.documents} documents read, {len(checked.faults)} faults")
     if checked.faults:
         raise typer.Exit(1)
+
+
+def _read_layout_of(url: str) -> str | None:
+    """Return the name of the layout of an existing database; None if it has no tables of ours."""
+    from jointstiff.service.store.database import open_existing
+    from jointstiff.service.store.tables import read_layout
+
+    with closing(open_existing(url)) as opened, opened.reading() as connection:
+        return read_layout(connection)
+
+
+def _describe_earlier(layout: str) -> str:
+    """Return the state of a database of an earlier layout in words, with what an upgrade would do."""
+    from jointstiff.service.store.upgrading import list_due_steps
+
+    due = ", ".join(step.layout for step in list_due_steps(layout))
+    return f"layout {layout} of an earlier version; `jointstiff database upgrade` would lead to: {due}"
 
 
 def _describe(store: Store) -> str:

@@ -15,7 +15,8 @@ from jointstiff.service.problems import DamagedError
 from jointstiff.service.store.compression import decompress
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.documents import CompressedBytes, CompressedText, read_text
-from jointstiff.service.store.tables import layouts, metadata
+from jointstiff.service.store.layouts import LAYOUT
+from jointstiff.service.store.tables import layouts, metadata, read_layout
 
 _PORTION: Final = 10  # rows that are read at a time; a row may have many megabytes
 
@@ -26,10 +27,14 @@ class Checked:
 
     documents: int = 0  # number of documents that were read
     faults: list[str] = field(default_factory=list)  # sentences
+    remarks: list[str] = field(default_factory=list)  # sentences about what is no fault
 
 
 def check_database(database: Database) -> Checked:
-    """Check a database of the layout of this program; nothing is changed."""
+    """Check a database of the layout of this program, or of one that it can upgrade; nothing is changed.
+
+    Only tables of the layout of this program are compared.
+    """
     checked = Checked()
     with database.reading() as connection:
         if database.dialect == "sqlite":
@@ -37,7 +42,9 @@ def check_database(database: Database) -> Checked:
             checked.faults += [f"SQLite: {line}" for line in integrity if line != "ok"]
             references = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
             checked.faults += [f"a row of {row[0]} refers to a missing row of {row[2]}" for row in references]
-        checked.faults += list_differences(connection)
+        if read_layout(connection) == LAYOUT:
+            checked.faults += list_differences(connection)
+            checked.remarks += _list_foreign_indexes(connection)
     for table in metadata.sorted_tables:
         kinds = (CompressedText, CompressedBytes)
         compressed = [column for column in table.c if isinstance(column.type, kinds)]
@@ -47,9 +54,14 @@ def check_database(database: Database) -> Checked:
 
 
 def list_differences(connection: sa.Connection, tables: sa.MetaData = metadata) -> list[str]:
-    """Return how the tables of a database differ from those of this program, one sentence each."""
+    """Return how the tables of a database differ from those of this program, one sentence each.
+
+    Tables and indexes that other programs added are no difference.
+    """
 
     def is_ours(_: object, name: str | None, kind: str, *__: object) -> bool:
+        if kind == "index":
+            return name in _names_of_indexes(tables)
         return kind != "table" or (name in tables.tables and name != layouts.name)
 
     options = {
@@ -60,6 +72,22 @@ def list_differences(connection: sa.Connection, tables: sa.MetaData = metadata) 
     }
     differences = compare_metadata(MigrationContext.configure(connection, opts=options), tables)
     return [f"the tables differ from those of this version: {difference}" for difference in differences]
+
+
+def _list_foreign_indexes(connection: sa.Connection) -> list[str]:
+    """Return a sentence for each index that others have added to a table of this program."""
+    ours, inspector = _names_of_indexes(metadata), sa.inspect(connection)
+    return [
+        f"{table}: the index {index['name']} is not of Jointstiff, and remains as it is"
+        for table in metadata.tables
+        for index in inspector.get_indexes(table)
+        if index["name"] not in ours and "duplicates_constraint" not in index
+    ]
+
+
+def _names_of_indexes(tables: sa.MetaData) -> set[str]:
+    """Return the names of all indexes of some tables."""
+    return {str(index.name) for table in tables.sorted_tables for index in table.indexes}
 
 
 def _check_documents(

@@ -8,7 +8,7 @@ import sqlalchemy as sa
 from pydantic_core import from_json, to_json
 
 from jointstiff.service.history.raising import raise_document
-from jointstiff.service.store.compression import compress, decode, decompress
+from jointstiff.service.store.compression import compress, compress_text, decode, decompress
 from jointstiff.service.store.packing import is_packed, unpack_text
 
 
@@ -45,7 +45,7 @@ class CompressedText(sa.TypeDecorator[str]):
 
     def process_bind_param(self, value: str | None, _: sa.Dialect) -> bytes | None:
         """Compress a text for the database."""
-        return None if value is None else compress(value.encode())
+        return None if value is None else compress_text(value)
 
     def process_result_value(self, value: Any | None, _: sa.Dialect) -> str | None:  # noqa: ANN401 - of either driver
         """Decompress a text from the database."""

@@ -26,6 +26,7 @@ MOST_ROWS: Final = 200
 """Greatest number of rows that one transaction rewrites."""
 _MOST_BYTES: Final = 4 * 1024 * 1024  # of one portion, compressed; a larger document is a portion by itself
 _TABLES: Final = (robots, measurement_sets, open_sets, jobs)
+_NAMES: Final = {"robots": "robot", "measurement_sets": "measurement set", "open_sets": "live campaign"}
 
 
 class OldDocuments:
@@ -34,16 +35,32 @@ class OldDocuments:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def count(self, *, with_unfinished: bool = False) -> int:
-        """Return the number of rows with an old form, of jobs that have not ended only `with_unfinished`."""
+    def count(self) -> int:
+        """Return the number of rows with an old form, without jobs that have not ended."""
         counts = [
             sa.select(sa.func.count())
             .select_from(table)
-            .where(_is_old(SCHEMA), sa.true() if with_unfinished else _is_final(table))
+            .where(_is_old(SCHEMA), _is_final(table))
             .scalar_subquery()
             for table in _TABLES
         ]
         return sum(self._database.rows(sa.select(*counts))[0])
+
+    def list_left(self) -> list[str]:
+        """Return the rows with an old form after all others were rewritten, with the reason, in words.
+
+        Deleted rows are left out: they are removed in their time, whether they can be read or not.
+        """
+        left = list[str]()
+        for table in _TABLES:
+            kind = jobs.c.kind if table is jobs else sa.literal(_NAMES[table.name])
+            is_open = sa.literal_column(OPEN) if table is jobs else sa.false()
+            query = sa.select(kind.label("kind"), table.c.id, is_open.label("is_open"))
+            query = query.where(_is_old(SCHEMA), table.c.deleted_at.is_(None)).order_by(table.c.sequence)
+            for row in self._database.rows(query):
+                state = "has not ended" if row.is_open else "is damaged"
+                left.append(f"{row.kind} {row.id} {state}")
+        return left
 
     def rewrite(self, seconds: float) -> int:
         """Rewrite old documents until none is left or the time is over; return the number of rows.

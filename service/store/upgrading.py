@@ -44,6 +44,7 @@ _LOCKED_STATES: Final = frozenset({"55P03", "40P01"})  # SQLSTATE: a lock is not
 SPARE_BYTES: Final = 16 * 1024 * 1024
 """Bytes that must remain free on the disk after a copy."""
 _PART: Final = ".part"  # ends the name of a copy until its step is committed
+_MOST_NAMED: Final = 10  # documents that a refusal names
 _REWRITE_SECONDS: Final = 2.0  # between two reports of progress
 
 
@@ -316,11 +317,14 @@ def _rewrite_all_documents(database: Database) -> None:
     old_documents = OldDocuments(database)
     while old_documents.rewrite(_REWRITE_SECONDS):
         pass
-    if left := old_documents.count(with_unfinished=True):
+    left = old_documents.list_left()
+    if left:
+        further = f"; and {len(left) - _MOST_NAMED} more" if len(left) > _MOST_NAMED else ""
         raise StoreError(
-            f"documents of an earlier form remain that cannot be rewritten: {left}",
-            "let unfinished jobs end with the version before, and delete what `jointstiff database check` "
-            "names as damaged",
+            f"documents of an earlier form cannot be rewritten ({len(left)}): "
+            f"{'; '.join(left[:_MOST_NAMED])}{further}",
+            "start a service of the version before, let the jobs end there that have not ended, delete there "
+            "what is damaged (on the page, or by `DELETE /v1/jobs/ID`), stop the service, and upgrade again",
         )
 
 

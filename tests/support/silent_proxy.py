@@ -45,6 +45,16 @@ class SilentProxy:
             self._left = count
             self._is_silent = set(self._sockets)
 
+    def close_silent(self) -> None:
+        """Close the connections that are silent, as the system does after a time without a sign of life."""
+        with self._lock:
+            silent, self._is_silent = self._is_silent, set()
+            self._sockets = [each for each in self._sockets if each not in silent]
+        for each in silent:
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+            each.close()
+
     @property
     def is_cut(self) -> bool:
         """True once all bytes were forwarded."""

@@ -155,6 +155,24 @@ def compare_rows(table: str, before: list[dict[str, Any]], now: list[dict[str, A
     assert rows[0] == rows[1], table
 
 
+def test_a_restore_that_is_continued_checks_only_what_is_not_there(
+    today: Path, empty: Callable[[], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = empty()
+    first = restore_archive(today, url)
+    with_ids = ("robots", "measurement_sets", "open_sets", "jobs", "access_keys")
+
+    def refuse(_: object) -> None:
+        raise ValueError("is checked again")
+
+    monkeypatch.setattr(restoring, "BUILDERS", {**restoring.BUILDERS, **dict.fromkeys(with_ids, refuse)})
+    again = restore_archive(today, url)
+    assert reasons(again) == []
+    assert {table: again.tables[table].present for table in with_ids} == {
+        table: first.tables[table].added for table in with_ids
+    }
+
+
 class TestEqual:
     def test_an_archive_of_a_restored_archive_has_the_same_manifest(
         self, today: Path, new_postgresql_database: Callable[[], str], tmp_path: Path

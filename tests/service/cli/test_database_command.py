@@ -23,10 +23,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_database_is_upgraded_by_hand(folder: Path) -> None:
     kept.restore("0018", "sqlite:///jointstiff.db")
     status = run("database", "status")
-    assert status.stdout == f"layout {LAYOUTS[0]}; steps to the layout of this version: {LAYOUTS[1]}\n"
-    refused = run("database", "check")
-    assert refused.exit_code == 2
-    assert "jointstiff database upgrade --database URL" in refused.stderr
+    due = f"`jointstiff database upgrade` would lead to: {LAYOUTS[1]}"
+    earlier = f"layout {LAYOUTS[0]} of an earlier version; {due}"
+    assert status.stdout == f"{earlier}\n"
+    before = (folder / "jointstiff.db").read_bytes()
+    assert run("database", "check").stdout.splitlines() == [
+        f"{earlier}; the tables are compared after an upgrade",
+        "48 documents read, 0 faults",
+    ]
+    assert (folder / "jointstiff.db").read_bytes() == before
     lines = run("database", "upgrade").stdout.splitlines()
     assert lines == [
         f"upgraded the database from layout {LAYOUTS[0]} to {LAYOUTS[1]}; a copy of the database before the "
@@ -59,6 +64,49 @@ def test_a_check_names_each_fault() -> None:
     assert "a row of jobs refers to a missing row of robots" in found.stdout
     assert "ix_jobs_name" in found.stdout
     assert f"jobs: document of {identifier} is damaged" in found.stdout
+
+
+def test_a_damaged_document_of_an_earlier_layout_is_named() -> None:
+    kept.restore("0018", "sqlite:///jointstiff.db")
+    with closing(sqlite3.connect("jointstiff.db", isolation_level=None)) as connection:
+        connection.execute("UPDATE jobs SET document = x'00' WHERE sequence = 1")
+        ((identifier,),) = connection.execute("SELECT id FROM jobs WHERE sequence = 1")
+    found = run("database", "check")
+    assert found.exit_code == 1
+    assert f"jobs: document of {identifier} is damaged" in found.stdout
+
+
+def test_an_index_of_others_is_named_and_is_no_fault() -> None:
+    kept.restore("0018", "sqlite:///jointstiff.db")
+    run("database", "upgrade")
+    with closing(sqlite3.connect("jointstiff.db", isolation_level=None)) as connection:
+        connection.execute("CREATE INDEX grafana_by_day ON jobs (created_at, verdict)")
+    found = run("database", "check")
+    assert (found.exit_code, found.stdout.splitlines()) == (
+        0,
+        [
+            "jobs: the index grafana_by_day is not of Jointstiff, and remains as it is",
+            "48 documents read, 0 faults",
+        ],
+    )
+
+
+def test_an_index_of_ours_that_others_changed_is_a_fault() -> None:
+    kept.restore("0018", "sqlite:///jointstiff.db")
+    run("database", "upgrade")
+    with closing(sqlite3.connect("jointstiff.db", isolation_level=None)) as connection:
+        connection.execute("DROP INDEX ix_jobs_name")
+        connection.execute("CREATE INDEX ix_jobs_name ON jobs (verdict)")
+    found = run("database", "check")
+    assert found.exit_code == 1
+    assert "ix_jobs_name" in found.stdout
+
+
+def test_a_check_makes_no_tables(folder: Path) -> None:
+    (folder / "jointstiff.db").touch()
+    assert run("database", "check").stdout == "the database has no tables yet: there is nothing to check\n"
+    with closing(sqlite3.connect("jointstiff.db")) as connection:
+        assert connection.execute("SELECT name FROM sqlite_schema").fetchall() == []
 
 
 @pytest.mark.parametrize("command", ["upgrade", "status", "check"])

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -403,7 +404,7 @@ class TestContract:
 
     def test_documents_are_rewritten_before_a_step_that_removes_something(self, restored: Restore) -> None:
         url = restored()
-        with pytest.raises(StoreError, match="cannot be rewritten: 1"):
+        with pytest.raises(StoreError, match=r"cannot be rewritten \(1\): run \w+ has not ended"):
             upgrading.upgrade_tables(url, lambda _: None)
         assert layout_of(url) == LAYOUT
         with closing(Database.open(url)) as database:
@@ -414,6 +415,25 @@ class TestContract:
                 column["name"] for column in sa.inspect(database._reader).get_columns("idempotency_keys")
             }
             assert len(database.rows(sa.text("SELECT * FROM idempotency_keys"))) == 2, "one row is lost"
+
+    def test_a_damaged_document_that_stops_the_step_is_named_and_no_more_once_it_is_deleted(
+        self, restored: Restore
+    ) -> None:
+        url = restored()
+        with closing(Database.open(url)) as database:
+            database.change(sa.text("DELETE FROM jobs WHERE state = 'queued'"))
+            ended = "SELECT id, kind FROM jobs WHERE deleted_at IS NULL ORDER BY sequence LIMIT 1"
+            ((damaged, kind),) = database.rows(sa.text(ended))
+            damage = sa.text("UPDATE jobs SET document = :document WHERE id = :id")
+            database.change(damage.bindparams(document=b"nothing", id=damaged))
+        with pytest.raises(StoreError, match=rf"rewritten \(1\): {kind} {damaged} is damaged") as caught:
+            upgrading.upgrade_tables(url, lambda _: None)
+        assert "DELETE /v1/jobs/ID" in caught.value.remedy
+        with closing(Database.open(url)) as database:  # as the version before deletes it
+            delete = sa.update(jobs).where(jobs.c.id == damaged).values(deleted_at=datetime.now(UTC))
+            database.change(delete)
+        upgrading.upgrade_tables(url, lambda _: None)
+        assert layout_of(url) != LAYOUT
 
 
 class TestDocuments:

@@ -143,19 +143,34 @@ def test_one_version_computes_all_steps_of_a_job_whichever_versions_take_its_par
     assert [len(versions) for versions in computed_by] == [1]
 
 
-def test_a_newer_version_begins_a_job_again_and_an_older_one_leaves_it(store, claims, runs, post, working_as):
+@pytest.mark.parametrize(
+    ("older", "newer"),
+    [
+        ("0.9.2", "0.10.0"),
+        ("1.2.0rc1", "1.2.0"),
+        ("1.2.0rc9", "1.2.0rc10"),
+        ("1.2.0b2", "1.2.0rc1"),
+        ("1.2.0.dev3", "1.2.0a1"),
+        ("1.2.0", "1.2.1rc1"),
+        ("1.2.0", "1.2.0.post1"),
+        ("1.2.0", "1.2.0+hall3"),
+    ],
+)
+def test_a_newer_version_begins_a_job_again_and_an_older_one_leaves_it(
+    store, claims, runs, post, working_as, older, newer
+):
     run = post()
-    working_as("0.9.2")
+    working_as(older)
     assert claims.work(lambda _: runs)
-    assert store.steps.list_versions(run.id) == {"0.9.2"}
-    working_as("0.10.0")
+    assert store.steps.list_versions(run.id) == {older}
+    working_as(newer)
     assert claims.work(lambda _: runs)
-    assert store.steps.list_versions(run.id) == {"0.10.0"}
-    working_as("0.9.2")
+    assert store.steps.list_versions(run.id) == {newer}
+    working_as(older)
     assert claims.work(lambda _: runs)
-    assert store.steps.list_versions(run.id) == {"0.10.0"}
-    assert not store.steps.store_result(run.id, (0, 1), b"of an older version", "0.9.2")
-    working_as("0.10.0")
+    assert store.steps.list_versions(run.id) == {newer}
+    assert not store.steps.store_result(run.id, (0, 1), b"of an older version", older)
+    working_as(newer)
     claims.work_all(lambda _: runs)
     assert runs.current(run.id).state == "succeeded"
 

@@ -91,7 +91,12 @@ def rewrite(row: Mapping[str, Any]) -> dict[str, Any]:
 
 def _compress(text: str) -> bytes:
     """Compress a text as documents of layout 0019 are compressed."""
-    return zlib.compress(text.encode(), 6)
+    content = text.encode()
+    if len(content) < 12_000:
+        return zlib.compress(content, 6)
+    # A long text is mostly numbers of 17 digits, whose short repetitions cost more than they save.
+    stream = zlib.compressobj(6, zlib.DEFLATED, zlib.MAX_WBITS, 5, zlib.Z_FILTERED)
+    return stream.compress(content) + stream.flush()
 
 
 def _extract_numbers(run: Mapping[str, Any]) -> dict[str, Any]:
