@@ -34,7 +34,7 @@ HIGHEST = 20_000
 """Most that a view is high [px]."""
 ASKING = (
     *("/report", "}/map", "/program", "/process", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
-    *("of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
+    *("#/archive", "of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
     *("{cancelled}", "{deleted}", "{running}", "{queued}", "{empty_map}", "{live_fresh}"),
 )
 """Views that ask, hand out files, or have nothing to show: they have no number of their own to show first."""

@@ -61,12 +61,13 @@ export const later = {
       jobs: "Runs and other work",
       idempotency_keys: "Idempotency keys",
       access_keys: "keys",
-      audit: "entries of the audit",
+      audit: "audit",
     } as Record<string, string>,
     begin: (count: number) => `Restore ${plural(count, "record", "records")}`,
     nothing: "The service has all records of this archive already.",
     finished: (count: number) => `${plural(count, "record was", "records were")} added.`,
-    leftOut: (count: number, name: string) => `Not restored on the page: ${count} ${name}. Use jointstiff restore.`,
+    leftOut: (name: string, count: number) =>
+      `Not restored on the page: ${name} (${count}). Use \`jointstiff restore\`.`,
     unplaced: (name: string, count: number) =>
       `This version has no place for ${plural(count, "record", "records")} of ${name.replaceAll("_", " ")}: they remain in the archive.`,
     dropped: (name: string, count: number) =>

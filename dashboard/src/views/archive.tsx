@@ -84,7 +84,7 @@ function Restore() {
       )}
       {file && (
         <p>
-          <Name>{report?.layout ? words.ofArchive(file.name, report.layout) : file.name}</Name>
+          <Name>{report?.layout ? words.ofArchive(file.name, report.layout.split("_")[0] ?? "") : file.name}</Name>
         </p>
       )}
       {check.problem && <ProblemNote problem={check.problem} />}
@@ -131,12 +131,12 @@ function Counted({ report, added }: { report: RestoreReport; added: string }) {
   const whole = (title: string) => ({ title, show: (value: number) => fixed(value, 0) });
   const rows = Object.entries(report.tables).map(([name, table]) => [
     words.tables[name] ?? name,
-    table.lines,
     table.added,
     table.present,
     table.refused,
+    table.lines,
   ]);
-  const columns = [words.records, ...[words.inArchive, added, words.present, words.refused].map(whole)];
+  const columns = [words.records, ...[added, words.present, words.refused, words.inArchive].map(whole)];
   return <DataTable caption={words.records} table={{ columns, rows }} />;
 }
 
@@ -148,7 +148,7 @@ function Skipped({ report }: { report: RestoreReport }) {
   const lines = [
     ...Object.entries(left)
       .filter(isSome)
-      .map(([name, count]) => words.leftOut(count, words.tables[name] ?? name)),
+      .map(([name, count]) => words.leftOut(words.tables[name] ?? name, count)),
     ...Object.entries(unplaced)
       .filter(isSome)
       .map(([name, count]) => words.unplaced(name, count)),
@@ -169,7 +169,9 @@ function Skipped({ report }: { report: RestoreReport }) {
         </div>
       )}
       {lines.map((line) => (
-        <p class="soft">{line}</p>
+        <p class="soft">
+          <Prose text={line} />
+        </p>
       ))}
     </>
   );

@@ -151,6 +151,7 @@ def test_a_newer_version_begins_a_job_again_and_an_older_one_leaves_it(store, cl
     working_as("0.10.0")
     assert claims.work(lambda _: runs)
     assert store.steps.list_versions(run.id) == {"0.10.0"}
+    assert runs.current(run.id).progress.activity == "resampling, begun anew by version 0.10.0"
     working_as("0.9.2")
     assert claims.work(lambda _: runs)
     assert store.steps.list_versions(run.id) == {"0.10.0"}
