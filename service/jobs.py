@@ -56,6 +56,8 @@ from jointstiff.solver.errors import JointstiffError, RequestError
 
 MAX_OPEN: Final = 1_000
 """Maximum number of unfinished jobs of a kind; concurrent posts may exceed it by a few."""
+_BEGUN_ANEW: Final = ", begun anew by version "
+"""Words between the activity of a job and the newer version that began the job again."""
 _COLUMNS: Final = (
     "measurement_set_id",
     "second_set_id",
@@ -283,9 +285,21 @@ class Jobs:
             return False
         if others:
             steps.keep_version(part.job_id, version)
+            self._note_restart(part.job_id, version)
             numbers = [number for number in range(part_count) if number != part.number]
             queue.offer_again([Part(part.job_id, number, 0) for number in numbers])
         return True
+
+    def _note_restart(self, job_id: str, version: str) -> None:
+        """Let the activity of a job say why its progress has fallen."""
+        record = self.records.get(job_id)
+        job = self._read_job(record)
+        if job.progress is None:
+            return
+        activity, _, _ = job.progress.activity.partition(_BEGUN_ANEW)  # of an earlier restart
+        progress = job.progress.model_copy(update={"activity": f"{activity}{_BEGUN_ANEW}{version}"})
+        changed = job.model_copy(update={"progress": progress})
+        self.records.note(job_id, self._changing_columns(changed, record.robot_id))
 
     def _leave_to_one_version(self, part: Part, queue: PartQueue) -> None:
         """Offer a part again whose step was not stored; do nothing if the job has ended."""

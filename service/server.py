@@ -23,6 +23,7 @@ from uvicorn.config import LOGGING_CONFIG
 
 from jointstiff.service.api.connections import ConnectionLimits, Connections, count_by_address
 from jointstiff.service.app import create_app
+from jointstiff.service.archive.serving import ServedArchives
 from jointstiff.service.limited import LimitedChildren, Template
 from jointstiff.service.problems import ServiceError, StoreError
 from jointstiff.service.process import LogFormat, give_memory_back, jointstiff_version, set_log_format
@@ -125,6 +126,7 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
         children = stack.enter_context(closing(LimitedChildren(template, database, quota)))
         children.prepare_later()
         app.state.answer_elsewhere = children.answer
+        app.state.archives = ServedArchives(database, store.quota.refuse_full)
         app.state.failing_workers = lambda: supervisor.failing
         ports = [listener.getsockname()[1] for listener in listeners]
         has_metrics_port = len(ports) > 1

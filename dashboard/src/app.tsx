@@ -28,6 +28,7 @@ import {
   type Standing,
   Viewer,
   isViewer,
+  mayArchive,
   needsKey,
   signOut,
   useSession,
@@ -93,6 +94,7 @@ const FleetView = lazy(async () => (await import("./views/fleets")).FleetView);
 const PlansView = lazy(async () => (await import("./views/plans")).PlansView);
 const PlanView = lazy(async () => (await import("./views/plans")).PlanView);
 const MeasureView = lazy(async () => (await import("./views/measure")).MeasureView);
+const ArchiveView = lazy(async () => (await import("./views/archive")).ArchiveView);
 const LiveView = lazy(async () => (await import("./views/live")).LiveView);
 
 const SECTIONS = [
@@ -173,6 +175,7 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["measure", [MeasureView, LiveView, ""]],
   ["robots", [({ query }) => <RobotsView list="robots" query={query} />, OneRobot]],
   ["compare", [Compared, Compared]],
+  ["archive", [ArchiveView, ArchiveView]],
 ]);
 
 const sectionOf = ({ parts: [first = ""] }: Route): string => VIEWS.get(first)?.[2] ?? first;
@@ -268,6 +271,7 @@ function Display({ settings, session }: { settings: Settings; session: Standing 
           change={(unit) => settings.change({ unit: unit as StiffnessUnit })}
           options={UNIT_NAMES.map((value) => ({ value, label: STIFFNESS_UNITS[value].label }))}
         />
+        {mayArchive(session) && <LinkButton href="#/archive">{text.app.archive}</LinkButton>}
         {typeof session === "object" && session.key_name !== null && (
           <>
             <p>{text.signIn.as(session.key_name, session.role ?? "")}</p>

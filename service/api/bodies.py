@@ -59,7 +59,7 @@ class BodyRoute(AccessRoute):
 
         async def handle_parsed(request: Request) -> Response:
             """Parse the body and let FastAPI handle the request, unless the child process answers it."""
-            _require_media_type(request, *media_type_and_words)
+            require_media_type(request, *media_type_and_words)
             if (child_answer := await _answer_by_child(request)) is not None:
                 return await self.finish_child_answer(request, child_answer)
             if is_form:  # FastAPI takes the form or the JSON that Starlette's request has stored
@@ -127,7 +127,7 @@ Key = Annotated[IdempotencyKey | None, Depends(_read_idempotency_key)]
 """Idempotency key of a request, bound to the bytes of its body."""
 
 
-def _require_media_type(request: Request, media_type: str, words: str) -> None:
+def require_media_type(request: Request, media_type: str, words: str) -> None:
     """Refuse (415) a compressed body or one of another media type; `words` names the type in the error."""
     coding = request.headers.get("content-encoding", "identity").strip().lower()
     if coding != "identity":

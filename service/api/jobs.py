@@ -48,6 +48,7 @@ class _FollowedJob:
     jobs: Jobs  # all jobs of the same kind
     followers: int = 0  # number of clients that follow the job
     job: Job | None = None  # the job as it was last read from the store
+    done: int = 0  # units of work at the last poll
     event: ServerSentEvent | None = None  # the latest event
     has_ended: bool = False  # no further event comes
     # set when `event` or `has_ended` changes, which wakes the waiting streams; then replaced by a new one
@@ -56,11 +57,13 @@ class _FollowedJob:
     def make_event(self, job_id: str, status: JobStatus | None) -> ServerSentEvent | None:
         """Return the event for a job's present status; None if the job no longer exists.
 
-        The whole job is read from the store only at first and when it has ended.
+        The whole job is read from the store only at first, when it has ended, and when it has begun anew.
         """
         if status is None:
             return None
-        is_read = self.job is None or not status.is_active
+        has_fallen = status.done < self.done
+        self.done = status.done
+        is_read = self.job is None or has_fallen or not status.is_active
         if is_read:
             try:
                 self.job = self.jobs.current(job_id)

@@ -194,6 +194,8 @@ UNCOMPRESSED_TYPES: Final = (
     *DEFAULT_EXCLUDED_CONTENT_TYPES,  # streams of events, pictures
     "application/octet-stream",
     "application/pdf",
+    "application/x-ndjson",  # reports, each sent at once
+    "application/zip",
     "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
 )
 """Media types of answers that are not compressed, whatever their size."""

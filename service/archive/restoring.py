@@ -6,7 +6,7 @@ Rows are stored in portions, one transaction each. A restore that ends early is 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import cache
@@ -54,6 +54,7 @@ _MOST_NAMED: Final = 20  # rows that are named in the outcome of a table
 class TableOutcome:
     """Numbers of the lines of a table that were stored, were there, or cannot be stored."""
 
+    lines: int = 0  # of the archive
     added: int = 0  # rows that were stored; with `dry_run`, that would be stored
     present: int = 0  # rows that were in the database already
     refused: int = 0  # lines that cannot be stored
@@ -75,6 +76,7 @@ class Restored:
     tables: dict[str, TableOutcome] = field(default_factory=dict)
     dropped: Counter[str] = field(default_factory=Counter)  # field without a place → number of documents
     unplaced: dict[str, int] = field(default_factory=dict)  # table without a place → number of lines
+    left_out: dict[str, int] = field(default_factory=dict)  # table that was not requested → number of lines
 
     @property
     def refused(self) -> int:
@@ -83,7 +85,13 @@ class Restored:
 
 
 def restore_archive(
-    path: Path, url: str, *, dry_run: bool = False, notify: Callable[[str], object] = lambda _: None
+    path: Path,
+    url: str,
+    *,
+    dry_run: bool = False,
+    without: Collection[str] = (),
+    notify: Callable[[str], object] = lambda _: None,
+    watch: Callable[[Restored], object] = lambda _: None,
 ) -> Restored:
     """Store the rows of an archive that a database lacks.
 
@@ -91,7 +99,9 @@ def restore_archive(
         path: the archive.
         url: URL of the database; tables are created if it has none.
         dry_run: True to change nothing, and to return what would be stored.
+        without: tables that are not restored.
         notify: function that is called with a sentence for each table.
+        watch: function that is called with the outcome so far, after each portion.
 
     Returns:
         The numbers of rows that were stored, were there already, or cannot be stored.
@@ -105,12 +115,23 @@ def restore_archive(
         target = DryTarget(_find_tables(url, opened)) if dry_run else _open_target(url, opened)
         restored = Restored(archive.manifest.layout)
         for table in RESTORED:
-            restored.tables[table] = _restore_table(archive, table, target, restored.dropped)
+            if table in without:
+                restored.left_out[table] = _count_lines(archive, table)
+                continue
+            restored.tables[table] = TableOutcome(_count_lines(archive, table))
+        for table in restored.tables:
+            _restore_table(archive, table, target, restored, watch)
             notify(_describe(table, restored.tables[table], dry_run=dry_run))
         for table in OF_EARLIER_LAYOUTS:
-            if entry := archive.manifest.files.get(file_of(table)):
-                restored.unplaced[table] = entry.lines
+            if file_of(table) in archive.manifest.files:
+                restored.unplaced[table] = _count_lines(archive, table)
         return restored
+
+
+def _count_lines(archive: Archive, table: str) -> int:
+    """Return the number of lines of a table in an archive; 0 if the archive does not have the table."""
+    entry = archive.manifest.files.get(file_of(table))
+    return 0 if entry is None else entry.lines
 
 
 def _describe(table: str, outcome: TableOutcome, *, dry_run: bool) -> str:
@@ -147,13 +168,15 @@ def _find_tables(url: str, opened: ExitStack) -> Database | None:
         return database if has_tables(connection) else None
 
 
-def _restore_table(archive: Archive, table: str, target: Target, dropped: Counter[str]) -> TableOutcome:
+def _restore_table(
+    archive: Archive, table: str, target: Target, restored: Restored, watch: Callable[[Restored], object]
+) -> None:
     """Store the lines of the file of a table, portion by portion."""
-    outcome = TableOutcome()
+    outcome = restored.tables[table]
     lines = _skip_present(enumerate(archive.lines(table), 1), table, target, outcome)
-    for portion in _make_portions(_build_rows(lines, table, outcome, dropped), table):
+    for portion in _make_portions(_build_rows(lines, table, outcome, restored.dropped), table):
         target.store(table, portion, outcome)
-    return outcome
+        watch(restored)
 
 
 def _skip_present(

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, BinaryIO, Final, Literal
 
 from pydantic_core import from_json
 
@@ -65,13 +65,37 @@ def write_archive(
     try:
         with read_snapshot(url, form.ARCHIVED) as snapshot:
             _refuse_unknown_layout(snapshot.layout)
-            archived = _write_file(part, snapshot, keys, notify)
+            descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+            with os.fdopen(descriptor, "wb") as target:
+                archived = _write_zip(target, snapshot, keys, notify)
+                target.flush()
+                os.fsync(target.fileno())
         part.rename(path)
     except BaseException:
         with suppress(OSError):
             part.unlink(missing_ok=True)
         raise
     return archived
+
+
+def write_stream(url: str, target: BinaryIO, keys: Keys = "names") -> Archived:
+    """Write all records of a database to a stream, as `write_archive` writes them to a file.
+
+    Args:
+        url: URL of the database, of any layout from 0009 on.
+        target: stream, such as a pipe.
+        keys: what the archive has of access keys.
+
+    Returns:
+        The manifest, and what could not be read.
+
+    Raises:
+        StoreError: the database has no layout that can be archived.
+        OSError: the stream cannot be written.
+    """
+    with read_snapshot(url, form.ARCHIVED) as snapshot:
+        _refuse_unknown_layout(snapshot.layout)
+        return _write_zip(target, snapshot, keys, lambda _: None)
 
 
 def _refuse_unknown_layout(layout: str) -> None:
@@ -83,15 +107,11 @@ def _refuse_unknown_layout(layout: str) -> None:
         )
 
 
-def _write_file(part: Path, snapshot: Snapshot, keys: Keys, notify: Callable[[str], object]) -> Archived:
+def _write_zip(target: BinaryIO, snapshot: Snapshot, keys: Keys, notify: Callable[[str], object]) -> Archived:
     """Write the zip file; return its manifest and what could not be read."""
     damaged = list[str]()
     files = dict[str, FileEntry]()
-    descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    with (
-        os.fdopen(descriptor, "wb") as target,
-        zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as file,
-    ):
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as file:
         for table in snapshot.tables:
             if keys == "none" and table == "access_keys":
                 continue
@@ -106,8 +126,6 @@ def _write_file(part: Path, snapshot: Snapshot, keys: Keys, notify: Callable[[st
             files=files,
         )
         file.writestr(_name_entry(form.MANIFEST), manifest.model_dump_json(indent=1))
-        target.flush()
-        os.fsync(target.fileno())
     return Archived(manifest, damaged)
 
 

@@ -96,6 +96,11 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         queued = sa.update(jobs).where(*self._id_conditions(job_id), jobs.c.state == "queued")
         self._database.change(queued.values(**changes))
 
+    def note(self, job_id: str, changes: JobChanges) -> None:
+        """Set columns of a running job, and do nothing if the job has ended."""
+        running = sa.update(jobs).where(*self._id_conditions(job_id), jobs.c.state == "running")
+        self._database.change(running.values(**changes))
+
     def end(
         self,
         job_id: str,

@@ -10,7 +10,7 @@ import httpx2
 import pytest
 from playwright.sync_api import Page, expect
 from support import everything
-from support.browsing import DASHBOARD, VIEWS, Visit, file_of
+from support.browsing import DASHBOARD, MOST_SHIFT, SHIFTS, VIEWS, Visit, file_of
 from support.processes import Service, alone
 
 pytestmark = pytest.mark.timeout(900, func_only=True)
@@ -32,17 +32,9 @@ WORDS = {"phone": 200, "desk": 400}
 """Most words above the fold."""
 HIGHEST = 20_000
 """Most that a view is high [px]."""
-MOST_SHIFT = 0.1
-"""Most that what is shown already moves while a view is loaded, as browsers measure layout shift."""
-SHIFTS = """
-window.shifted = 0;
-new PerformanceObserver((list) => {
-  for (const entry of list.getEntries()) if (!entry.hadRecentInput) window.shifted += entry.value;
-}).observe({ type: "layout-shift", buffered: true });
-"""
 ASKING = (
     *("/report", "}/map", "/program", "/process", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
-    *("of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
+    *("#/archive", "of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
     *("{cancelled}", "{deleted}", "{running}", "{queued}", "{empty_map}", "{live_fresh}"),
 )
 """Views that ask, hand out files, or have nothing to show: they have no number of their own to show first."""
@@ -165,7 +157,8 @@ class Eyes:
         self.page.evaluate(LOOK)
         self.page.evaluate("drawn()")
         if act is None and (shift := self.page.evaluate("window.shifted")) > MOST_SHIFT:
-            self._note(view, "loading", [f"what is shown moves by {shift:.2f}"])
+            moved = self.page.evaluate("window.moved")
+            self._note(view, "loading", [f"what is shown moves by {shift:.2f}: {moved}"])
         limits_at_first = limits_of_first(view, self.width)
         self._note(view, "loading", self.page.evaluate("(limits) => first(...limits)", limits_at_first))
         for media in self.media:

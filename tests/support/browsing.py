@@ -120,3 +120,20 @@ def campaign(**options: Any) -> dict[str, Any]:
 
 VIEWS = Path(__file__).with_name("views.txt").read_text(encoding="utf-8").splitlines()
 """Every view, an error among them."""
+MOST_SHIFT = 0.1
+"""Most that what is shown already moves while a view is loaded, as browsers measure layout shift."""
+SHIFTS = """
+window.shifted = 0;
+window.moved = "";
+new PerformanceObserver((list) => {
+  for (const { hadRecentInput, value, sources } of list.getEntries()) {
+    if (hadRecentInput) continue;
+    window.shifted += value;
+    for (const { node, previousRect, currentRect } of sources) {
+      const words = (node?.textContent ?? "").slice(0, 30);
+      window.moved += `"${words}" from ${previousRect.y} to ${currentRect.y} px; `;
+    }
+  }
+}).observe({ type: "layout-shift", buffered: true });
+"""
+"""Script that adds up in `shifted` how far what is shown moves, and names in `moved` what moves."""

@@ -6,7 +6,7 @@ import { queries } from "../api/queries";
 import type { MeasurementSetSummary, RobotSummary } from "../api/types";
 import { text } from "../i18n";
 import { FROM_FILE, ROBOTS, robotsToldApart, SETS, setsToldApart } from "../state/choices";
-import { useQuery } from "../state/query";
+import { isKnown, useQuery } from "../state/query";
 import { Busy, Choice } from "./basics";
 import { Select, TextField } from "./fields";
 
@@ -36,17 +36,13 @@ function useSearch(count: number, total: number | null | undefined, q: string, f
   return q !== "" || (total ?? 0) > count ? { q, find } : null;
 }
 
-/** Whether a query has its first answer, or a problem instead. */
-export const isKnown = ({ data, problem }: { data: unknown; problem: unknown }): boolean =>
-  data !== undefined || problem !== null;
-
 type Fits = (robot: Pick<RobotSummary, "joints">) => boolean;
 const anyRobot: Fits = () => true;
 
 /** Robots to choose from, if they fit; the chosen one is among them however many there are. */
 export function useRobotChoices(chosen: string, fits = anyRobot): Choices {
   const [q, find] = useState("");
-  const listed = useQuery({ ...queries.robots({ ...ROBOTS, q: q || null }), placeholderData: keepPreviousData });
+  const listed = useQuery({ ...queries.robots(q ? { ...ROBOTS, q } : ROBOTS), placeholderData: keepPreviousData });
   const { data } = listed;
   const items = data?.items ?? [];
   const isMissing =
@@ -62,7 +58,7 @@ export function useRobotChoices(chosen: string, fits = anyRobot): Choices {
 /** Sets to choose from, with their robots; the chosen one is among them however many there are. */
 export function useSetChoices(chosen: string): Choices & { items: MeasurementSetSummary[] } {
   const [q, find] = useState("");
-  const listed = useQuery({ ...queries.sets({ ...SETS, q: q || null }), placeholderData: keepPreviousData });
+  const listed = useQuery({ ...queries.sets(q ? { ...SETS, q } : SETS), placeholderData: keepPreviousData });
   const listedRobots = useQuery(queries.robots(ROBOTS));
   const { data } = listed;
   const robots = listedRobots.data?.items ?? [];

@@ -1,10 +1,10 @@
 /** Fields of a form: what is typed, its unit, one sentence of help, and the faults that the service found in it. */
 import { type ComponentChildren, createContext } from "preact";
-import { useContext, useId } from "preact/hooks";
+import { useContext, useId, useRef } from "preact/hooks";
 import type { Problem } from "../api/types";
 import type { Action } from "../state/action";
 import { faultsAt } from "../lib/json";
-import { type Options, optionsOf, Prose } from "./basics";
+import { Busy, type Options, optionsOf, Prose } from "./basics";
 
 interface Hints {
   help?: string | undefined;
@@ -18,15 +18,25 @@ export const FormProblem = createContext<Problem | null>(null);
 interface RequestFieldsProps {
   action: Action<never>;
   look: string;
+  /** Whether everything is known that the form begins with: its fields, names and preset values. */
+  known: boolean;
   children: ComponentChildren;
 }
 
-/** Fields of a request: each says what the service said against it. */
-export const RequestFields = ({ action, look, children }: RequestFieldsProps) => (
-  <FormProblem.Provider value={action.problem}>
-    <div class={look}>{children}</div>
-  </FormProblem.Provider>
-);
+/**
+ * Fields of a request: each says what the service said against it. The form is drawn once everything is known that it
+ * begins with, so that no late answer moves what is shown. A drawn form stays.
+ */
+export function RequestFields({ action, look, known, children }: RequestFieldsProps) {
+  const isDrawn = useRef(false);
+  isDrawn.current ||= known;
+  if (!isDrawn.current) return <Busy />;
+  return (
+    <FormProblem.Provider value={action.problem}>
+      <div class={look}>{children}</div>
+    </FormProblem.Provider>
+  );
+}
 
 /** What it says against the field at a place. */
 function useFaults(path: string | undefined): string[] {

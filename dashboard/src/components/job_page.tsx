@@ -69,7 +69,7 @@ export function Going({ job, ended }: { job: Standing; ended: () => void }) {
 export function Bar({ standing: { progress } }: { standing: Standing }) {
   if (!progress || progress.total <= 0) return <ProgressBar />;
   if (progress.done >= progress.total) return <ProgressBar>{text.run.finishing}</ProgressBar>;
-  return <ProgressBar {...progress}>{text.run.progressOf(progress)}</ProgressBar>;
+  return <ProgressBar {...progress}>{`${text.run.progressOf(progress)}: ${progress.activity}`}</ProgressBar>;
 }
 
 /** Whether the service has no worker; it is only asked while nothing moves. */

@@ -10,7 +10,7 @@ import { isUnread, type Fields, faultsAt } from "../lib/json";
 import { sentence } from "../lib/said";
 import { queries } from "../api/queries";
 import { formUnit, radians } from "../lib/stiffness";
-import { useQuery } from "../state/query";
+import { isKnown, useQuery } from "../state/query";
 import { useSettings } from "../state/session";
 import { text } from "../i18n";
 import { Button, Choice, type Options, Show, Toggle } from "./basics";
@@ -139,6 +139,9 @@ interface SchemaFieldsProps {
   change: (value: Fields) => void;
   terms?: Terms;
 }
+
+/** Whether the description of all fields is known: a form of `SchemaFields` begins with it. */
+export const useDescribed = (): boolean => isKnown(useQuery(queries.schemas));
 
 /** The fields `show` of the request that the service calls `of`. */
 export function SchemaFields({ of, show, value, change, terms = {} }: SchemaFieldsProps) {

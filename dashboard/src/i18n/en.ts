@@ -40,6 +40,7 @@ export const en = {
     compare: "Compare",
     robots: "Robots",
     settings: "Display",
+    archive: "Archive and restore",
     docs: "Documentation",
     noAccessControl:
       "No access control: everyone who reaches this address can read, post and delete, unless a proxy prevents it.",

@@ -63,6 +63,10 @@ export interface Query<Value> {
   refetch: () => void;
 }
 
+/** Whether a query has its first answer, or a problem instead. */
+export const isKnown = ({ data, problem }: Pick<Query<unknown>, "data" | "problem">): boolean =>
+  data !== undefined || problem !== null;
+
 /** The options of a query whose data are shown as they came. */
 export type QueryOptions<Value> = QueryObserverOptions<Value, Error, Value, Value, QueryKey>;
 

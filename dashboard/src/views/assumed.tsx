@@ -3,7 +3,7 @@ import { api } from "../api/calls";
 import type { MeasurementSet } from "../api/types";
 import { ActionButton } from "../components/basics";
 import { RequestFields } from "../components/fields";
-import { SchemaFields } from "../components/schema_form";
+import { SchemaFields, useDescribed } from "../components/schema_form";
 import { text } from "../i18n";
 import { noiseOf, type StatedNoise, statesNoise } from "../lib/campaign";
 import { contentKey, freshKey, unreadIn } from "../lib/json";
@@ -35,7 +35,7 @@ export function Assumed({ context: { run, set } }: { context: RunContext }) {
     return link(["runs", made.id]);
   });
   return (
-    <RequestFields action={again} look="form">
+    <RequestFields action={again} look="form" known={useDescribed()}>
       <p class="soft">{words.againHint}</p>
       <SchemaFields of="Noise" show={ASSUMED} value={noise} change={setNoise} terms={NOISE} />
       <ActionButton

@@ -6,12 +6,12 @@ import { queries } from "../api/queries";
 import type { ImportAnswer, ImportOptions, RobotSummary, Units } from "../api/types";
 import { Prose, Button, Choice, Busy, LinkButton, ProblemNote } from "../components/basics";
 import { TextField, RequestFields } from "../components/fields";
-import { SchemaFields, type Terms, MetadataForm, understood } from "../components/schema_form";
+import { SchemaFields, type Terms, MetadataForm, understood, useDescribed } from "../components/schema_form";
 import { OF_NUMBER, posted } from "../lib/schema";
 import { type Fields, unreadIn, contentKey, freshKey } from "../lib/json";
 import { FittingRobot } from "../components/choosers";
 import { ROBOTS } from "../state/choices";
-import { useQuery } from "../state/query";
+import { isKnown, useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { meaningsFor, widthOf, fits, UNKNOWN, dimensionOf } from "../lib/imports";
@@ -272,7 +272,8 @@ interface FlowProps {
 }
 
 export function ImportFlow({ opened: { files, template }, robot: asked, take }: FlowProps) {
-  const { data: known } = useQuery(queries.robots(ROBOTS));
+  const listed = useQuery(queries.robots(ROBOTS));
+  const isDescribed = useDescribed();
   const [draft, setDraft] = useState(() => keptDraft(files) ?? freshDraft(template?.options ?? {}));
   const { options, frame, typed } = draft;
   const put = (part: Partial<typeof draft>) => setDraft((before) => ({ ...before, ...part }));
@@ -283,7 +284,7 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
   useLayoutEffect(() => keepDraft(draft), [draft]);
 
   const canBeOf = (one: Pick<RobotSummary, "joints">) => joints === null || one.joints.length === joints;
-  const robots = (known?.items ?? []).filter(canBeOf);
+  const robots = (listed.data?.items ?? []).filter(canBeOf);
   /** The only one that fits, until another one is chosen. */
   const robot = chosen ?? (robots.length === 1 ? (robots[0]?.id ?? "") : "");
   const framed = Object.values(frame).some(Boolean);
@@ -308,7 +309,7 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
   });
 
   return (
-    <RequestFields action={identify} look="flow">
+    <RequestFields action={identify} look="flow" known={isDescribed && isKnown(listed)}>
       <Step at={1} title={text.files.title} wide>
         <FileDrop again take={take} />
         {problem && <ProblemNote problem={problem} />}
@@ -335,7 +336,7 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
             <MetadataForm typed={typed} change={(next) => put({ typed: next })} />
           </div>
         </details>
-        {known && robots.length === 0 && joints !== null && <p class="soft">{words.noRobot(joints)}</p>}
+        {listed.data && robots.length === 0 && joints !== null && <p class="soft">{words.noRobot(joints)}</p>}
       </Step>
 
       <Step at={3} title={words.understood}>

@@ -5,13 +5,13 @@ import { queries } from "../api/queries";
 import type { Plan } from "../api/types";
 import { ActionButton, Choice, Head, Name, Show } from "../components/basics";
 import { RequestFields as Form, TextField } from "../components/fields";
-import { SchemaFields, type Terms } from "../components/schema_form";
+import { SchemaFields, type Terms, useDescribed } from "../components/schema_form";
 import { freshKey, type Fields, unreadIn } from "../lib/json";
 import * as live from "../lib/live";
 import { useAction, go, link } from "../state/action";
-import { isKnown, RobotSelect } from "../components/choosers";
+import { RobotSelect } from "../components/choosers";
 import { ROBOTS } from "../state/choices";
-import { useQuery } from "../state/query";
+import { isKnown, type Query, useQuery } from "../state/query";
 import { useTypedValue } from "../state/session";
 import { factors } from "../lib/stiffness";
 import { text } from "../i18n";
@@ -28,27 +28,25 @@ export function MeasureView({ query }: { query: URLSearchParams }) {
   const robots = useQuery(queries.robots(ROBOTS));
   const planId = query.get("plan") ?? "";
   const plan = useQuery({ ...queries.plan(planId), enabled: planId !== "" });
-  // The form lies below the open campaigns: it comes after them, so that nothing moves.
   const open = useQuery(queries.sets(OPEN));
   return (
     <>
       <Head plain={words.title} first={<TrySimulated />} />
       <OpenCampaigns as="h2" />
-      {isKnown(open) && (
-        <Show of={robots} instead={({ items }) => items.length === 0 && <NoRobots />}>
-          {({ items }) => (
-            <Show of={planId ? plan : { ...plan, data: null }}>
-              {(of) => (
-                <Declaration
-                  only={items.length === 1 ? items[0]?.id : undefined}
-                  robot={query.get("robot")}
-                  plan={of}
-                />
-              )}
-            </Show>
-          )}
-        </Show>
-      )}
+      <Show of={robots} instead={({ items }) => items.length === 0 && <NoRobots />}>
+        {({ items }) => (
+          <Show of={planId ? plan : { ...plan, data: null }}>
+            {(of) => (
+              <Declaration
+                only={items.length === 1 ? items[0]?.id : undefined}
+                robot={query.get("robot")}
+                plan={of}
+                after={open}
+              />
+            )}
+          </Show>
+        )}
+      </Show>
     </>
   );
 }
@@ -63,12 +61,14 @@ interface DeclarationProps {
   only: string | undefined;
   robot: string | null;
   plan: Plan | null;
+  /** What is shown above the form. */
+  after: Query<unknown>;
 }
 
-function Declaration({ only, robot: given, plan }: DeclarationProps) {
+function Declaration({ only, robot: given, plan, after }: DeclarationProps) {
   const planned = plan?.result ? plan : null;
   const base = planned?.request.measurement_set_id;
-  const { data: ofSet } = useQuery({ ...queries.set(base ?? ""), enabled: base != null });
+  const { data: ofSet, problem: noSet } = useQuery({ ...queries.set(base ?? ""), enabled: base != null });
   const fixed = planned ? (planned.request.robot_id ?? ofSet?.robot_id ?? "") : "";
   const form = `measure/${plan?.id ?? given ?? ""}`;
   const [chosen, setRobot] = useTypedValue(`${form}/robot`, given ?? only ?? "");
@@ -84,7 +84,9 @@ function Declaration({ only, robot: given, plan }: DeclarationProps) {
   const [goal, setGoal] = useTypedValue<Fields>(`${form}/goal`, { relative: 0.15 });
   const [noise, setNoise] = useTypedValue<Fields>(`${form}/noise`, {});
   const campaign = useEquipped(robot);
-  const { data: ofRobot } = useQuery({ ...queries.robot(fixed), enabled: fixed !== "" });
+  const ofRobot = useQuery({ ...queries.robot(fixed), enabled: fixed !== "" });
+  const isRobotKnown = planned === null || isKnown(ofRobot) || noSet !== null;
+  const isDescribed = useDescribed();
   useLayoutEffect(() => {
     if (!campaign) return;
     const { set, equipment } = campaign;
@@ -130,12 +132,16 @@ function Declaration({ only, robot: given, plan }: DeclarationProps) {
     terms: { ...EQUIPMENT, within: "open." },
   };
   return (
-    <Form action={begin} look="card form">
+    <Form
+      action={begin}
+      look="card form"
+      known={isKnown(after) && isDescribed && isRobotKnown && campaign !== undefined}
+    >
       <p>{words.intro}</p>
       <TextField label={words.name} value={name} placeholder={words.namePlaceholder} maxLength={200} change={setName} />
       {planned ? (
         <p class="soft">
-          {words.ofPlan} <Name>{ofRobot?.name ?? "…"}</Name>
+          {words.ofPlan} <Name>{ofRobot.data?.name ?? "…"}</Name>
         </p>
       ) : (
         <RobotSelect label={words.robot} value={robot} change={setRobot} none={text.start.pick} />

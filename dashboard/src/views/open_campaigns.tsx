@@ -3,14 +3,13 @@ import { api } from "../api/calls";
 import { problemOf } from "../api/problem";
 import { queries } from "../api/queries";
 import { ActionButton, Busy } from "../components/basics";
-import { isKnown } from "../components/choosers";
 import { DeleteButton, Rows } from "../components/list";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { freshKey } from "../lib/json";
 import * as live from "../lib/live";
 import { go, link, toast, useAction } from "../state/action";
-import { send, useQuery } from "../state/query";
+import { isKnown, send, useQuery } from "../state/query";
 
 const words = later.measure;
 

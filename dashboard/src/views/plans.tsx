@@ -11,12 +11,12 @@ import { type Vector, norm } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
 import { SearchedSelect, useRobotChoices, useSetChoices } from "../components/choosers";
 import { ROBOTS } from "../state/choices";
-import { ask, useQuery } from "../state/query";
+import { ask, isKnown, useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { alongText } from "./joint_table";
 import { RequestFields as Form } from "../components/fields";
-import { SchemaFields, type Terms } from "../components/schema_form";
+import { SchemaFields, type Terms, useDescribed } from "../components/schema_form";
 import { freshKey, type Fields, unreadIn } from "../lib/json";
 import { asking, useAction, link } from "../state/action";
 import { useDraft } from "../state/session";
@@ -168,7 +168,8 @@ function Begin({ given, after }: { given: string; after: string | null }) {
   const [kind, id = ""] = subject.split(":", 2);
   const unread = unreadIn(asked);
   const ready = kind === "set" || Boolean(asked["load"] && asked["targets"]);
-  const { data: run } = useQuery({ ...queries.run(after ?? ""), enabled: after !== null });
+  const ofRun = useQuery({ ...queries.run(after ?? ""), enabled: after !== null });
+  const { data: run } = ofRun;
   const so = run?.request.measurement_set_id === id ? run?.request : null;
   const { causes = [], leave_out: left = [] } = so ?? {};
   const start = useAction(async () => {
@@ -189,15 +190,23 @@ function Begin({ given, after }: { given: string; after: string | null }) {
   useLayoutEffect(() => {
     if (campaign) change((before) => unchanged(campaign.equipment, before, START));
   }, [campaign]);
-  const { data: set } = useQuery({ ...queries.set(id), enabled: kind === "set" });
-  const robot = kind === "set" ? (set?.robot_id ?? "") : id;
-  const { data: ofRobot } = useQuery({ ...queries.robot(robot), enabled: robot !== "" });
-  const joints = ofRobot?.joints.map(({ name }) => name) ?? [];
+  const ofSet = useQuery({ ...queries.set(id), enabled: kind === "set" });
+  const robot = kind === "set" ? (ofSet.data?.robot_id ?? "") : id;
+  const ofRobot = useQuery({ ...queries.robot(robot), enabled: robot !== "" });
+  const joints = ofRobot.data?.joints.map(({ name }) => name) ?? [];
   const [robots, sets] = [useRobotChoices(kind === "robot" ? id : ""), useSetChoices(kind === "set" ? id : "")];
   const form = { of: "PlanRequest", value: asked, change, terms: { ...EQUIPMENT, joints } };
   const equipment = campaign === undefined ? <Busy /> : <Equipment {...form} />;
+  const isDescribed = useDescribed();
+  const isRobotKnown = id === "" || isKnown(ofRobot) || ofSet.problem !== null;
+  const isRunKnown = after === null || isKnown(ofRun);
+  const areChoicesKnown = robots.known && sets.known;
   return (
-    <Form action={start} look="card form">
+    <Form
+      action={start}
+      look="card form"
+      known={isDescribed && areChoicesKnown && isRobotKnown && isRunKnown && campaign !== undefined}
+    >
       <p>{words.intro}</p>
       <SearchedSelect
         label={words.subject}
@@ -207,7 +216,7 @@ function Begin({ given, after }: { given: string; after: string | null }) {
             find: (q) => [robots, sets].forEach(({ search }) => search?.find(q)),
           }
         }
-        known={robots.known && sets.known}
+        known={areChoicesKnown}
         value={subject}
         change={pick}
         options={[

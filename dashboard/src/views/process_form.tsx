@@ -4,7 +4,7 @@ import type { Robot } from "../api/types";
 import { queries } from "../api/queries";
 import { ActionButton, Choice, NameLink, Title, Toggle } from "../components/basics";
 import { RequestFields, TextField } from "../components/fields";
-import { SchemaFields, type Terms } from "../components/schema_form";
+import { SchemaFields, type Terms, useDescribed } from "../components/schema_form";
 import { BoxView } from "../scene/box_view";
 import { type Fields, freshKey, stated } from "../lib/json";
 import { listIn } from "../lib/schema";
@@ -117,7 +117,7 @@ function AskProcess({ of, robot, joints }: AskProcessProps) {
     table: tables.files.length > 0,
   }[source];
   return (
-    <RequestFields action={make} look="card form">
+    <RequestFields action={make} look="card form" known={useDescribed()}>
       <h2>{words.form}</h2>
       <p>{words.formNote}</p>
       <ProgramFiles of={files} title={words.drop} hint={words.dropHint} />

@@ -37,14 +37,13 @@ import {
   When,
 } from "../components/basics";
 import { ROBOTS, robotsToldApart, SETS } from "../state/choices";
-import { ask, type Pages, type PagesOptions, usePages, useQuery } from "../state/query";
+import { ask, isKnown, type Pages, type PagesOptions, usePages, useQuery } from "../state/query";
 import { link, useAction } from "../state/action";
 import { useTypedValue } from "../state/session";
 import { JobList, MOST_RUNS, runRows } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
 import { keepPreviousData } from "@tanstack/query-core";
 import type { ComponentChildren } from "preact";
-import { isKnown } from "../components/choosers";
 import { ChangedJoints, FilterBar, type Row, Rows, useFilter, StoredActions, wanted } from "../components/list";
 import { TextField } from "../components/fields";
 import { factsOf, measuredBetween, notedIn, type Typed, typedOf } from "../lib/campaign";

@@ -4,7 +4,7 @@ import { api } from "../api/calls";
 import { queries } from "../api/queries";
 import type { MeasurementSet } from "../api/types";
 import { Busy, LinkButton, ProblemNote, Button, Empty, Show, Title, lazy } from "../components/basics";
-import { isKnown, RobotSelect, SetSelect } from "../components/choosers";
+import { RobotSelect, SetSelect } from "../components/choosers";
 import { RequestFields } from "../components/fields";
 import { Findings, Preview } from "../components/findings";
 import { type Campaign, factsOf, statesNoise } from "../lib/campaign";
@@ -13,7 +13,7 @@ import { useAction, link, go } from "../state/action";
 import { begunFiles, handFile, keepFiles } from "../state/begun";
 import { FROM_FILE, ROBOTS, robotsToldApart, SETS, sourceOf } from "../state/choices";
 import { type Opened, open } from "../state/opening";
-import { useQuery } from "../state/query";
+import { isKnown, useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "./flow";
@@ -71,7 +71,7 @@ export function CampaignFlow({ opened, robot: asked, set: chosenSet, setSet, tak
   const lacking = campaign && !chosenRobot ? text.start.robotFirst : refused;
 
   return (
-    <RequestFields action={identify} look="flow">
+    <RequestFields action={identify} look="flow" known>
       <Step at={1} title={text.files.title}>
         <FileDrop again={opened !== null || storedId !== ""} take={take} />
         {opened?.kind === "template" && <p class="note good">{later.imports.templateFirst(opened.template.name)}</p>}

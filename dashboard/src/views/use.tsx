@@ -4,7 +4,7 @@ import { api } from "../api/calls";
 import type { DeflectionResult, Posture, Problem, Run, RunResult } from "../api/types";
 import { ActionButton, Busy, Button, Download, Facts, LinkButton, Prose, Toggle } from "../components/basics";
 import { Select, RequestFields } from "../components/fields";
-import { SchemaFields, DropZone, type Terms } from "../components/schema_form";
+import { SchemaFields, DropZone, type Terms, useDescribed } from "../components/schema_form";
 import { bendOf, loadOf, type Vector, add, fromFlange, norm, times } from "../lib/vector";
 import { Estimate } from "../components/estimate";
 import { shownEstimate } from "../lib/estimate";
@@ -39,7 +39,8 @@ export function lackOf(
 
 export function PredictPart(props: PartProps) {
   const postures = usePostures(props.context.set, props.context.robot);
-  return postures ? <Form {...props} postures={postures} /> : <Busy />;
+  const isDescribed = useDescribed();
+  return postures && isDescribed ? <Form {...props} postures={postures} /> : <Busy />;
 }
 
 /** A prediction with the posture and the load that it is about, R0, SI. */
@@ -222,7 +223,7 @@ function AskMap({ context: { run, set, robot }, postures }: { context: RunContex
     return link(["maps", made.id]);
   });
   return (
-    <RequestFields action={make} look="card form">
+    <RequestFields action={make} look="card form" known={useDescribed()}>
       <h2>{mapWords.form}</h2>
       <p>{mapWords.formNote}</p>
       <BoxView
@@ -388,7 +389,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
   });
   const routines = trust.length ? trust : unknownRoutines(make.problem);
   return (
-    <RequestFields action={make} look="card form">
+    <RequestFields action={make} look="card form" known={useDescribed()}>
       <h2>{programWords.form}</h2>
       <p>{programWords.formNote}</p>
       <ProgramFiles of={sent} title={programWords.drop} hint={programWords.dropHint} />

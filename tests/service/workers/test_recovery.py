@@ -166,6 +166,7 @@ def test_a_newer_version_begins_a_job_again_and_an_older_one_leaves_it(
     working_as(newer)
     assert claims.work(lambda _: runs)
     assert store.steps.list_versions(run.id) == {newer}
+    assert runs.current(run.id).progress.activity == f"resampling, begun anew by version {newer}"
     working_as(older)
     assert claims.work(lambda _: runs)
     assert store.steps.list_versions(run.id) == {newer}
