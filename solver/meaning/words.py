@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jointstiff.solver.meaning.screening import WORST_SCREENED
+
 if TYPE_CHECKING:
     from jointstiff.solver.meaning.proposal import Proposal, TargetReading
     from jointstiff.solver.meaning.table import JointColumns
@@ -22,12 +24,12 @@ def describe(proposal: Proposal) -> str:
     ]
     frame = "" if proposal.is_in_base_frame else " in a frame of the instrument"
     names = " or ".join(known.name for known in proposal.robots)
-    following = ""
+    following = f"more than {format_mm(WORST_SCREENED)}"
     if np.isfinite(proposal.next_residual):
-        following = f" (next best: {format_mm(proposal.next_residual)})"
+        following = format_mm(proposal.next_residual)
     return (
         f"{join(parts)}{frame} fit the {names} to {format_mm(proposal.residual)} in {proposal.fitting} of "
-        f"{proposal.count} positions{following}"
+        f"{proposal.count} positions (next best: {following})"
     )
 
 
