@@ -14,13 +14,17 @@ if TYPE_CHECKING:
     from jointstiff.solver.meaning.table import JointColumns
 
 
-def describe(proposal: Proposal) -> str:
-    """Return a proposal in one sentence: columns, units, frame, robot, residual and the next reading."""
+def describe(proposal: Proposal, names: Sequence[str] = ()) -> str:
+    """Return a proposal in one sentence: columns, units, frame, robot, residual and the next reading.
+
+    `names` are the targets and states of the readings; without names, the targets have numbers.
+    """
+    names = names or [name_reading(proposal, each) for each in proposal.readings]
     several = len({proposal.joints.table, *(each.points.table for each in proposal.readings)}) > 1
     parts = [_describe_joints(proposal.joints, with_table=several)]
     parts += [
-        f"{name_columns(each, with_table=several)} as {name_reading(proposal, each)} [{proposal.unit}]"
-        for each in proposal.readings
+        f"{name_columns(each, with_table=several)} as {name} [{proposal.unit}]"
+        for each, name in zip(proposal.readings, names, strict=True)
     ]
     frame = "" if proposal.is_in_base_frame else " in a frame of the instrument"
     names = " or ".join(known.name for known in proposal.robots)

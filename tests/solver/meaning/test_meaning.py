@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.measured_arms import PLACES, TRACKER, measure, wide
 
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.solver.meaning.proposal import propose
@@ -9,28 +10,10 @@ from jointstiff.solver.meaning.table import RowGroups, Table
 from jointstiff.solver.meaning.words import describe, remark
 from jointstiff.solver.mechanics.postures import Postures
 
-PLACES = np.array([[0.1, 0.0, 0.2], [-0.15, 0.1, 0.1], [0.0, -0.2, 0.25]])  # on the flange [m]
-TRACKER = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
-
 
 @pytest.fixture(scope="module")
 def robots():
     return {known.name: known for known in catalogue_robots()}
-
-
-def measure(known, seed=1, postures=16):
-    """Return joints [deg], and positions [mm] of three targets in R0 of an arm whose zeros are off."""
-    generator = np.random.default_rng(seed)
-    robot = known.robot
-    model = generator.uniform(-1.1, 1.1, (postures, robot.n))
-    off = model + np.radians(0.15) * generator.standard_normal(robot.n)
-    true = Postures(robot, off)
-    points = np.einsum("nij,kj->nki", true.flange_rotation, PLACES) + true.flange_translation[:, None]
-    return np.degrees(robot.joint_map.controller_angles(model)), 1e3 * points
-
-
-def wide(*blocks):
-    return np.hstack([np.reshape(block, (len(block), -1)) for block in blocks])
 
 
 def test_bare_columns_in_a_trackers_frame_get_joints_targets_and_unit(robots):
