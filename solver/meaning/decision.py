@@ -56,7 +56,9 @@ def decide(readings: Sequence[Reading]) -> Decision:
             return Decision(None, readings[0], (), "the positions fit only in a left-handed frame")
         return Decision(None, None, (), "no columns fit the robot")
     fitting = [reading for reading in right_handed if fits(reading)]
-    measured = [reading for reading in fitting if not is_computed(reading)]
+    # Columns that one robot computes are no readings of another robot of the same class either.
+    computed = {_name_points(reading) for reading in fitting if is_computed(reading)}
+    measured = [reading for reading in fitting if _name_points(reading) not in computed]
     if not fitting:
         first = right_handed[0]
         return Decision(None, first, (), f"no columns fit the robot (best {_in_mm(first)})")
@@ -90,6 +92,11 @@ def measure_share(reading: Reading) -> float:
 def is_computed(reading: Reading) -> bool:
     """Return whether positions are nearer to a nominal model than the positions of any real arm."""
     return reading.fit.typical < _COMPUTED
+
+
+def _name_points(reading: Reading) -> tuple[str, tuple[int, int, int]]:
+    """Return table and columns of the positions of a reading."""
+    return reading.points.table, reading.points.columns
 
 
 def _in_mm(reading: Reading) -> str:

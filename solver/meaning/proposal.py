@@ -64,7 +64,7 @@ class Proposal:
 
     @property
     def is_in_base_frame(self) -> bool:
-        """Whether the positions are in R0 as they are written."""
+        """Return whether the positions are in R0 as they are written."""
         cosine = 0.5 * (float(np.trace(self.frame.rotation)) - 1.0)
         angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
         return angle < _BASE_ANGLE and float(np.linalg.norm(self.frame.origin)) < _BASE_DISTANCE
@@ -76,7 +76,7 @@ class Proposal:
 
     @property
     def is_usual(self) -> bool:
-        """Whether the robot fits as well as robots usually fit their nominal models."""
+        """Return whether the robot fits as well as robots usually fit their nominal models."""
         return self.residual <= USUAL_RESIDUAL
 
 

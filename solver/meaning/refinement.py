@@ -34,7 +34,7 @@ class FramePlacement:
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether the frame is left-handed."""
+        """Return whether the frame is left-handed."""
         return bool(np.linalg.det(self.rotation) < 0.0)
 
     def to_base(self, points: FloatArray) -> FloatArray:

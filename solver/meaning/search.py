@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -31,12 +32,15 @@ _SCREENED_TARGETS: Final = 3
 """Targets of a posture with which readings are screened."""
 _REFINED: Final = 20
 """Readings of a table that are fitted with a rotation of the frame."""
+_REFINED_OF_ALL: Final = 48
+"""Readings of all tables and robots that are fitted with a rotation of the frame."""
 _REFINED_OF_WORDS: Final = 6
 """Of these, the readings with the same columns of joints, unit and way of counting."""
 _GOOD: Final = 8e-3
 """Residual [m] of a linear fit that needs no search without rows that may be damaged."""
 _SUBSETS: Final = 8
 _LEAST_SUBSET: Final = 7
+_LEAST_POSTURES: Final = 3
 _ORDINARY_MOVEMENT: Final = 0.3
 """Movement [m] of the targets below which a small residual says less."""
 
@@ -67,36 +71,94 @@ class _Candidate:
 
 
 def find_readings(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> list[Reading]:
-    """Return the readings of tables that are worth a comparison, the smallest residual first."""
-    readings: list[Reading] = []
-    for known in robots:
-        model = FlangeModel.of(known.robot)
-        for table in tables:
-            readings += _search_table(tables, table, known, model)
+    """Return the readings of tables that are worth a comparison, the smallest residual first.
+
+    If no robot has a good reading in all rows, subsets of the rows are tried: one damaged position moves a
+    fit by least squares, and a subset without damaged positions fits.
+    """
+    searches = [search for known in robots for search in _list_searches(tables, known)]
+    screened = [(search, search.screen_all_rows()) for search in searches]
+    if not any(_is_good(candidates) for _, candidates in screened):
+        screened = [(search, [*found, *search.screen_subsets()]) for search, found in screened]
+    kept = [(search, each) for search, found in screened for each in _keep_best(found)]
+    kept.sort(key=lambda pair: pair[1].rank)
+    readings = [search.refine(each) for search, each in kept[:_REFINED_OF_ALL]]
     readings.sort(key=lambda reading: reading.fit.residual)
     return readings
 
 
-def _search_table(
-    tables: Sequence[Table], table: Table, known: KnownRobot, model: FlangeModel
-) -> Iterator[Reading]:
-    """Yield the readings in which a table has the joints."""
-    windows = find_windows(table, known.robot.n)
-    by_groups: dict[RowGroups, list[tuple[int, ...]]] = defaultdict(list)
-    for window in windows:
-        for groups in find_repeats(table, window):
-            by_groups[groups].append(window)
-    countings = list_countings(known.robot)
-    for groups, grouped_windows in by_groups.items():
-        joints = [
-            hypothesis
-            for window in grouped_windows
-            for hypothesis in build_joints(table, window, groups, known.robot, countings)
-        ]
-        postures = table.size[0] // groups.count
-        points = list(build_points(tables, table, groups, postures))
-        for candidate in _screen(model, joints, points, postures):
-            yield _refine(candidate, known, model, postures)
+def _is_good(candidates: Sequence[_Candidate]) -> bool:
+    """Return whether a reading fits so well that no rows can be damaged."""
+    return any(candidate.rank < _GOOD for candidate in candidates)
+
+
+def _list_searches(tables: Sequence[Table], known: KnownRobot) -> Iterator[_Search]:
+    """Yield the searches of a robot: one for each table of joints, and for each grouping of its rows."""
+    model, countings = FlangeModel.of(known.robot), list_countings(known.robot)
+    for table in tables:
+        by_groups: dict[RowGroups, list[tuple[int, ...]]] = defaultdict(list)
+        for window in find_windows(table, known.robot.n):
+            for groups in find_repeats(table, window):
+                by_groups[groups].append(window)
+        for groups, windows in by_groups.items():
+            joints = [
+                hypothesis
+                for window in windows
+                for hypothesis in build_joints(table, window, groups, known.robot, countings)
+            ]
+            postures = table.size[0] // groups.count
+            points = list(build_points(tables, table, groups, postures))
+            if joints and points and postures >= _LEAST_POSTURES:
+                yield _Search(known, model, joints, points, postures)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Hypotheses of the joints of one robot in one table, with the positions of all tables."""
+
+    known: KnownRobot
+    model: FlangeModel
+    joints: Sequence[JointHypothesis]
+    points: Sequence[PointHypothesis]
+    postures: int
+
+    @cached_property
+    def rows(self) -> IndexArray:
+        """Rows that are screened."""
+        return choose_rows(self.postures, _SCREENED_ROWS)
+
+    @cached_property
+    def places(self) -> FlangePlaces:
+        """Flange in the screened rows, by each hypothesis of the joints."""
+        q = np.stack([hypothesis.q[self.rows] for hypothesis in self.joints])
+        return FlangePlaces(*self.model.place_flange(q))
+
+    def screen_all_rows(self) -> list[_Candidate]:
+        """Return the readings that fit in the screened rows, by their linear fits."""
+        chosen = np.arange(len(self.rows))
+        return list(_fit_rows(self.places, self.joints, self.points, self.rows, chosen))
+
+    def screen_subsets(self) -> Iterator[_Candidate]:
+        """Yield the readings that fit in a random half of the screened rows."""
+        count = len(self.rows)
+        size = max(_LEAST_SUBSET, count // 2)
+        generator = np.random.default_rng(0)
+        for _ in range(_SUBSETS if size < count else 0):
+            chosen = np.sort(generator.choice(count, size, replace=False))
+            yield from _fit_rows(self.places, self.joints, self.points, self.rows, chosen)
+
+    def refine(self, candidate: _Candidate) -> Reading:
+        """Fit the frame of a screened reading in more rows."""
+        rows = choose_rows(self.postures, _REFINED_ROWS)
+        rotation, place = self.model.place_flange(candidate.joints.q[rows])
+        points = candidate.points.points[rows]
+        targets = candidate.linear.targets
+        missing = points.shape[1] - len(targets)
+        start = np.concatenate([targets, np.repeat(targets[:1], missing, axis=0)])
+        fit = fit_frame(rotation, place, points, candidate.linear.matrix, start)
+        spread = np.nanstd(points - np.nanmean(points, axis=0), axis=0)
+        movement = fit.frame.scale * float(np.nanmax(spread))
+        return Reading(self.known, candidate.joints.columns, candidate.points.columns, fit, movement)
 
 
 def choose_rows(count: int, most: int) -> IndexArray:
@@ -104,30 +166,6 @@ def choose_rows(count: int, most: int) -> IndexArray:
     if count <= most:
         return np.arange(count)
     return np.linspace(0, count - 1, most).astype(np.intp)
-
-
-def _screen(
-    model: FlangeModel, joints: Sequence[JointHypothesis], points: Sequence[PointHypothesis], postures: int
-) -> list[_Candidate]:
-    """Return the best readings by their linear fits; without a good one, also by subsets of the rows.
-
-    One damaged position moves a fit by least squares. A subset without damaged positions fits.
-    """
-    if not joints or not points or postures < 3:
-        return []
-    rows = choose_rows(postures, _SCREENED_ROWS)
-    q = np.stack([hypothesis.q[rows] for hypothesis in joints])
-    rotation, place = model.place_flange(q)
-    places = FlangePlaces(rotation, place)
-    candidates = list(_fit_rows(places, joints, points, rows, np.arange(len(rows))))
-    size = max(_LEAST_SUBSET, len(rows) // 2)
-    is_settled = any(candidate.rank < _GOOD for candidate in candidates)
-    if not is_settled and size < len(rows):
-        generator = np.random.default_rng(0)
-        for _ in range(_SUBSETS):
-            chosen = np.sort(generator.choice(len(rows), size, replace=False))
-            candidates += _fit_rows(places, joints, points, rows, chosen)
-    return _keep_best(candidates)
 
 
 def _fit_rows(
@@ -173,17 +211,3 @@ def _keep_best(candidates: list[_Candidate]) -> list[_Candidate]:
         if len(kept) == _REFINED:
             break
     return kept
-
-
-def _refine(candidate: _Candidate, known: KnownRobot, model: FlangeModel, postures: int) -> Reading:
-    """Fit the frame of a screened reading in more rows."""
-    rows = choose_rows(postures, _REFINED_ROWS)
-    rotation, place = model.place_flange(candidate.joints.q[rows])
-    points = candidate.points.points[rows]
-    targets = candidate.linear.targets
-    missing = points.shape[1] - len(targets)
-    start = np.concatenate([targets, np.repeat(targets[:1], missing, axis=0)])
-    fit = fit_frame(rotation, place, points, candidate.linear.matrix, start)
-    spread = np.nanstd(points - np.nanmean(points, axis=0), axis=0)
-    movement = fit.frame.scale * float(np.nanmax(spread))
-    return Reading(known, candidate.joints.columns, candidate.points.columns, fit, movement)

@@ -1,4 +1,4 @@
-"""Which of two states of the targets is loaded, by the work of the forces."""
+"""State of the targets that is loaded, by the work of the forces."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ class JointColumns:
 
     @property
     def is_reversed(self) -> bool:
-        """Whether the columns lead from the flange to the base."""
+        """Return whether the columns lead from the flange to the base."""
         return self.columns[0] > self.columns[-1]
 
 
