@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.meaning.table import (
     AngleUnit,
     JointColumns,
@@ -30,6 +30,9 @@ _STEPS: Final = (1, 2, 4)
 """Distances of the columns of x, y and z: next to each other, with deviations between, in a 4 × 4 matrix."""
 _LEAST_KNOWN: Final = 0.5
 """Least fraction of the rows in which a triple has numbers."""
+_ROUNDING: Final = 1e-9
+_FIRST_POSTURES: Final = 4
+"""Postures that are compared before all are: most joints do not repeat."""
 _ORDINARY: Final = 90.0
 """Percentile of absolute numbers that counts as their size: damaged cells may be larger."""
 
@@ -108,16 +111,26 @@ def find_repeats(table: Table, window: Sequence[int]) -> list[RowGroups]:
         for order in ("in turn", "in blocks"):
             group = RowGroups(order, count)
             split = group.split(joints)
-            if np.abs(split - split[:, :1]).max() < 1e-9:
+            if _repeats(split[:_FIRST_POSTURES]) and _repeats(split):
                 groups.append(group)
     return groups
 
 
+def _repeats(joints: FloatArray) -> bool:
+    """Return whether the joints (N, count, n) of each posture are equal."""
+    return bool(np.abs(joints - joints[:, :1]).max() < _ROUNDING)
+
+
 def build_joints(
-    table: Table, window: tuple[int, ...], groups: RowGroups, robot: Robot, countings: Sequence[JointCounting]
+    table: Table,
+    window: tuple[int, ...],
+    groups: RowGroups,
+    rows: IndexArray,
+    robot: Robot,
+    countings: Sequence[JointCounting],
 ) -> Iterator[JointHypothesis]:
-    """Yield the joints of a window of columns, in each unit and each way of counting."""
-    numbers = groups.split(table.numbers[:, list(window)])[:, 0]
+    """Yield the joints of a window of columns, in chosen postures, each unit and each way of counting."""
+    numbers = groups.split(table.numbers[:, list(window)])[rows, 0]
     for unit in _find_angle_units(numbers[:, ~robot.prismatic]):
         angles = np.radians(numbers) if unit == "deg" else numbers
         slide = np.percentile(np.abs(numbers), _ORDINARY, axis=0) > _LARGEST_SLIDE
@@ -164,13 +177,17 @@ def list_groups(rows: int, postures: int) -> list[RowGroups]:
 
 
 def build_points(
-    tables: Sequence[Table], joint_table: Table, joint_groups: RowGroups, postures: int
+    tables: Sequence[Table], joint_table: Table, joint_groups: RowGroups, rows: IndexArray
 ) -> Iterator[PointHypothesis]:
-    """Yield the positions of all tables that can belong to the postures of a table of joints."""
+    """Yield the positions of all tables that can belong to the postures of a table of joints.
+
+    Positions are those of chosen postures, the rows of `RowGroups.split`.
+    """
+    postures = joint_table.size[0] // joint_groups.count
     for table in tables:
         is_same = table is joint_table
         groups = [joint_groups] if is_same else list_groups(table.size[0], postures)
         for triple in find_triples(table):
             for group in groups:
-                points = group.split(table.numbers[:, list(triple)])
+                points = group.split(table.numbers[:, list(triple)])[rows]
                 yield PointHypothesis(PointColumns(table.name, triple, group), points)

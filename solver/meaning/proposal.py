@@ -13,7 +13,13 @@ from jointstiff.solver.meaning.decision import LARGEST_RESIDUAL, Decision, decid
 from jointstiff.solver.meaning.hypotheses import build_joints, build_points
 from jointstiff.solver.meaning.kinematics import FlangeModel
 from jointstiff.solver.meaning.refinement import FramePlacement, fit_targets
-from jointstiff.solver.meaning.search import Reading, find_readings
+from jointstiff.solver.meaning.search import (
+    MOST_READINGS,
+    Reading,
+    choose_rows,
+    count_hypotheses,
+    find_readings,
+)
 from jointstiff.solver.meaning.table import JointColumns, LengthUnit, PointColumns, Table
 from jointstiff.solver.mechanics.robot import KnownRobot
 
@@ -96,8 +102,11 @@ def propose(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> Proposals:
         tables: numbers of files, the joints in one of them.
         robots: robots that may have been measured.
     """
+    known = list(robots)
+    if count_hypotheses(tables, known) > MOST_READINGS:
+        return Proposals(None, "too many columns may be joints or positions: name the joints", ())
     with np.errstate(invalid="ignore", divide="ignore"):
-        readings = find_readings(tables, robots)
+        readings = find_readings(tables, known)
         decision = decide(readings)
         if decision.best is None:
             return Proposals(None, decision.reason, tuple(readings))
@@ -136,7 +145,10 @@ def _complete(
 def place_flange(table: Table, reading: Reading) -> tuple[FloatArray, FloatArray]:
     """Return rotation (N, 3, 3) and place (N, 3) [m] of the flange in all postures of a reading."""
     joints, robot = reading.joints, reading.known.robot
-    built = build_joints(table, joints.columns, joints.groups, robot, [joints.counting])
+    count = table.size[0] // joints.groups.count
+    built = build_joints(
+        table, joints.columns, joints.groups, choose_rows(count, count), robot, [joints.counting]
+    )
     q = next(each.q for each in built if each.columns.unit == joints.unit)
     return FlangeModel.of(robot).place_flange(q)
 
@@ -156,7 +168,7 @@ def _find_sets(
     """Yield the positions that fit, in the order of tables and columns, none with a column of another."""
     chosen: list[PointColumns] = []
     found: list[_PointSet] = []
-    for hypothesis in build_points(tables, table, reading.joints.groups, len(place)):
+    for hypothesis in build_points(tables, table, reading.joints.groups, np.arange(len(place))):
         positions = reading.fit.frame.to_base(hypothesis.points)
         targets, distances = fit_targets(rotation, place, positions)
         is_chosen = hypothesis.columns == reading.points

@@ -17,6 +17,7 @@ from jointstiff.solver.meaning.hypotheses import (
     build_joints,
     build_points,
     find_repeats,
+    find_triples,
     find_windows,
     list_countings,
 )
@@ -39,8 +40,12 @@ _REFINED_OF_WORDS: Final = 6
 _GOOD: Final = 8e-3
 """Residual [m] of a linear fit that needs no search without rows that may be damaged."""
 _SUBSETS: Final = 8
+MOST_READINGS: Final = 1_500_000
+"""Readings that are compared at most, in some ten seconds."""
 _LEAST_SUBSET: Final = 7
 _LEAST_POSTURES: Final = 3
+_READINGS_OF_PAIR: Final = 14
+"""Readings of columns of joints and of positions: units and ways of counting."""
 _ORDINARY_MOVEMENT: Final = 0.3
 """Movement [m] of the targets below which a small residual says less."""
 
@@ -79,7 +84,9 @@ def find_readings(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> list
     searches = [search for known in robots for search in _list_searches(tables, known)]
     screened = [(search, search.screen_all_rows()) for search in searches]
     if not any(_is_good(candidates) for _, candidates in screened):
-        screened = [(search, [*found, *search.screen_subsets()]) for search, found in screened]
+        count = sum(len(search.joints) * len(search.points) for search in searches)
+        subsets = min(_SUBSETS, MOST_READINGS // max(count, 1))
+        screened = [(search, [*found, *search.screen_subsets(subsets)]) for search, found in screened]
     kept = [(search, each) for search, found in screened for each in _keep_best(found)]
     kept.sort(key=lambda pair: pair[1].rank)
     readings = [search.refine(each) for search, each in kept[:_REFINED_OF_ALL]]
@@ -101,15 +108,23 @@ def _list_searches(tables: Sequence[Table], known: KnownRobot) -> Iterator[_Sear
             for groups in find_repeats(table, window):
                 by_groups[groups].append(window)
         for groups, windows in by_groups.items():
+            rows = choose_rows(table.size[0] // groups.count, _REFINED_ROWS)
             joints = [
                 hypothesis
                 for window in windows
-                for hypothesis in build_joints(table, window, groups, known.robot, countings)
+                for hypothesis in build_joints(table, window, groups, rows, known.robot, countings)
             ]
-            postures = table.size[0] // groups.count
-            points = list(build_points(tables, table, groups, postures))
-            if joints and points and postures >= _LEAST_POSTURES:
-                yield _Search(known, model, joints, points, postures)
+            points = list(build_points(tables, table, groups, rows))
+            if joints and points and len(rows) >= _LEAST_POSTURES:
+                yield _Search(known, model, joints, points)
+
+
+def count_hypotheses(tables: Sequence[Table], robots: Sequence[KnownRobot]) -> int:
+    """Return how many readings a search would compare, at most."""
+    triples = sum(len(find_triples(table)) for table in tables)
+    sizes = Counter(known.robot.n for known in robots)
+    windows = sum(len(find_windows(table, n)) * count for table in tables for n, count in sizes.items())
+    return windows * triples * _READINGS_OF_PAIR
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,12 +135,11 @@ class _Search:
     model: FlangeModel
     joints: Sequence[JointHypothesis]
     points: Sequence[PointHypothesis]
-    postures: int
 
     @cached_property
     def rows(self) -> IndexArray:
-        """Rows that are screened."""
-        return choose_rows(self.postures, _SCREENED_ROWS)
+        """Rows that are screened, of the rows of the hypotheses."""
+        return choose_rows(len(self.joints[0].q), _SCREENED_ROWS)
 
     @cached_property
     def places(self) -> FlangePlaces:
@@ -138,20 +152,19 @@ class _Search:
         chosen = np.arange(len(self.rows))
         return list(_fit_rows(self.places, self.joints, self.points, self.rows, chosen))
 
-    def screen_subsets(self) -> Iterator[_Candidate]:
-        """Yield the readings that fit in a random half of the screened rows."""
+    def screen_subsets(self, subsets: int) -> Iterator[_Candidate]:
+        """Yield the readings that fit in one of some random halves of the screened rows."""
         count = len(self.rows)
         size = max(_LEAST_SUBSET, count // 2)
         generator = np.random.default_rng(0)
-        for _ in range(_SUBSETS if size < count else 0):
+        for _ in range(subsets if size < count else 0):
             chosen = np.sort(generator.choice(count, size, replace=False))
             yield from _fit_rows(self.places, self.joints, self.points, self.rows, chosen)
 
     def refine(self, candidate: _Candidate) -> Reading:
         """Fit the frame of a screened reading in more rows."""
-        rows = choose_rows(self.postures, _REFINED_ROWS)
-        rotation, place = self.model.place_flange(candidate.joints.q[rows])
-        points = candidate.points.points[rows]
+        rotation, place = self.model.place_flange(candidate.joints.q)
+        points = candidate.points.points
         targets = candidate.linear.targets
         missing = points.shape[1] - len(targets)
         start = np.concatenate([targets, np.repeat(targets[:1], missing, axis=0)])
