@@ -128,7 +128,9 @@ _FORMS: Final = {
         "dict",
         text="Target's position in the flange frame, in mm, for deflections.",
     ),
-    **dict.fromkeys(("layouts", "length_unit", "robot_id", "show_faults"), Terminal(hidden=True)),
+    **dict.fromkeys(
+        ("layouts", "length_unit", "robot_id", "show_faults", "accept_proposal"), Terminal(hidden=True)
+    ),
 }
 """Field of `ImportRequest` → its form on the command line; hidden fields have no option.
 

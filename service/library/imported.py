@@ -59,6 +59,7 @@ class ImportFields(TypedDict, total=False):
     accept_unusual: bool
     force: Vector | None
     robot_id: str | None
+    accept_proposal: bool
     show_faults: bool
 
 

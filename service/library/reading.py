@@ -39,8 +39,7 @@ class ProposedReadings:
 
     def __str__(self) -> str:
         """Return the proposal in words, and the question that the numbers cannot decide."""
-        doubt = f" Undecided: {self.doubt}." if self.doubt else ""
-        return f"{self._proposed.sentence}.{doubt}"
+        return self._proposed.text
 
     __repr__ = __str__
 

@@ -14,7 +14,7 @@ from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.importing.rewriting import NamedReading, name_readings, write_readings
-from jointstiff.service.resources.imports import import_files
+from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.meaning.states import order_states
 from jointstiff.solver.meaning.words import describe, remark
@@ -54,6 +54,12 @@ class ProposedImport:
         names = [f"{each.target} {state}" for each, state in zip(self.named, states, strict=True)]
         text, note = describe(self.proposal, names), remark(self.proposal)
         return f"{text}; {note}" if note else text
+
+    @property
+    def text(self) -> str:
+        """The proposal in words, with the question that the numbers cannot decide."""
+        doubt = self.proposal.doubt
+        return f"{self.sentence}. Undecided: {doubt}." if doubt else f"{self.sentence}."
 
     @property
     def known(self) -> KnownRobot:
@@ -111,6 +117,45 @@ def propose_import(
     table = write_readings(proposal, named, tables)
     kept = request.model_copy(update={**_clear_headers(), **_state_units(request)})
     return ProposedImport(proposal, tuple(named), table, kept, _build_meaning(proposal, named, tables))
+
+
+def import_or_propose(
+    files: Sequence[SourceFile],
+    request: ImportRequest,
+    robot: KnownRobot | None,
+    others: Iterable[KnownRobot],
+) -> ImportAnswer:
+    """Import files by the names of their columns, or else by the proposal of the robot.
+
+    The proposal is in the answer, and is followed if the request accepts the proposal.
+
+    Args:
+        files: files of readings.
+        request: options of the import.
+        robot: robot that was measured; None if unknown, and then nothing is proposed.
+        others: robots that may have been measured instead.
+
+    Raises:
+        ImportRefusedError: the files were not understood, and the request does not have `show_faults`.
+    """
+    if robot is None:
+        return import_files(files, request, None, others)
+    try:
+        answer = import_files(files, request, robot.robot, others)
+        refusal = None
+    except ImportRefusedError as error:
+        refusal = error
+    if refusal is None and not answer.faults:
+        return answer
+    proposed = propose_import(files, request, [robot])
+    if isinstance(proposed, ProposedImport) and request.accept_proposal:
+        answer = proposed.accept()
+        template = answer.template and answer.template.model_copy(update=_clear_headers())
+        return answer.model_copy(update={"proposal": proposed.text, "template": template})
+    if refusal is not None:
+        raise refusal
+    sentence = None if isinstance(proposed, NoProposal) else proposed.text
+    return answer.model_copy(update={"proposal": sentence})
 
 
 def _find_contradiction(proposal: Proposal, request: ImportRequest) -> str:
