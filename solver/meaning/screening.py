@@ -86,6 +86,11 @@ def fit_all(columns: FloatArray, points: FloatArray) -> list[LinearFit]:
     coefficients = (parts[small] @ solution[small, None, :, None])[..., 0]
     coefficients = np.swapaxes(coefficients, 1, 2) @ basis.to_coefficients.T
     matrix = coefficients[..., :3] / basis.scale
+    # Most matrices are far from a rotation times a unit: their norm shows that without singular values.
+    near = _may_have_one_scale(matrix)
+    small, coefficients, matrix = small[near], coefficients[near], matrix[near]
+    if not len(small):
+        return []
     origin = coefficients[..., 3] - matrix @ basis.mean
     movement = _measure_movement(matrix, points[np.isfinite(points).all(axis=2)])
     makes_sense = (movement >= LEAST_MOVEMENT) & _has_one_scale(matrix)
@@ -155,6 +160,15 @@ def _measure_movement(matrix: FloatArray, rows: FloatArray) -> FloatArray:
     moved = np.abs(centred @ np.swapaxes(matrix, 1, 2))
     along_axes = np.percentile(moved, _MOVEMENT_SHARE, axis=1)
     return np.asarray(np.sort(along_axes, axis=1)[:, 1])
+
+
+def _may_have_one_scale(matrix: FloatArray) -> BoolArray:
+    """Return which matrices (H, 3, 3) have a norm that two equal singular values near a unit allow."""
+    norm = np.sqrt((matrix**2).sum(axis=(1, 2)))
+    ratio = norm[:, None] / np.array(list(METRES.values()))
+    least = np.sqrt(2.0) / _FACTOR_FROM_UNIT
+    most = np.sqrt(2.0 + _LARGEST_RATIO**2) * _FACTOR_FROM_UNIT
+    return np.asarray(((ratio >= least) & (ratio <= most)).any(axis=1))
 
 
 def _has_one_scale(matrix: FloatArray) -> BoolArray:
