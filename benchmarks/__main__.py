@@ -68,6 +68,9 @@ BENCHMARKS = {
     "own_weight": Benchmark(
         "studies.own_weight", "stiffness without a load; docs/without-a-load.md", in_parts=True
     ),
+    "meanings": Benchmark(
+        "studies.meanings", "columns of 30 layouts by the robot, wrong tables; half an hour", in_parts=True
+    ),
     "process": Benchmark("studies.process", "turned and placed paths on five arms; 10 minutes"),
     "ways": Benchmark(
         "studies.ways", "orders of two ways where links bend unmodelled; 10 minutes", in_parts=True

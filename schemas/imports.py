@@ -67,8 +67,7 @@ class ImportOptions(Message):
         list[Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)]], Field(max_length=64)
     ] = Field(
         default_factory=list,
-        description="Headers of the files of a template, one list per kind of file. A file with other "
-        "headers is refused with the differences.",
+        description="Headers of the files of a template; a file with other headers is refused.",
     )
     delimiter: Delimiter | None = Field(
         default=None, description="Delimiter between cells; detected if absent."
@@ -134,8 +133,7 @@ class ColumnMeaning(Message):
     unit: str | None = Field(description="Unit of the numbers; null without a unit.")
     guessed: StrictBool = Field(
         default=False,
-        description="True if the meaning was assumed (from two rows, a comment, a unit without brackets): "
-        "check the meaning.",
+        description="True if the meaning was assumed, and should be checked.",
     )
 
 
@@ -254,6 +252,9 @@ class ImportRequest(ImportOptions):
     robot_id: Identifier | None = Field(
         default=None, description="Id of the measured robot; if given, the answer has the integrity findings."
     )
+    accept_proposal: StrictBool = Field(
+        default=False, description="True: read columns without known names as `proposal` says."
+    )
     show_faults: StrictBool = Field(
         default=False,
         description="True: a file that is not understood gives `faults` and the preview, instead of the "
@@ -266,6 +267,9 @@ class ImportAnswer(ImportPreview):
 
     faults: list[ImportFault] = Field(
         default_factory=list, description="First twenty faults; empty unless `show_faults` is set."
+    )
+    proposal: str | None = Field(
+        default=None, description="Meaning of the columns by the robot, if their names are unknown."
     )
     missing_fields: list[MissingField] = Field(
         default_factory=list, description="Missing items by field, in the order of `missing`."
@@ -293,6 +297,5 @@ class ImportAnswer(ImportPreview):
         description="Observations that a column `validation` holds out from the fit."
     )
     measurement_set: MeasurementSetDocument | None = Field(
-        description="Measurement set, to be posted with `robot_id`; null if something is missing. Unloaded "
-        "positions make a set for the own weight if robot or files have masses."
+        description="Measurement set, to be posted with `robot_id`; null if something is missing."
     )

@@ -46,7 +46,7 @@ from jointstiff.service.kinds.process.kind import PROCESS
 from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.problems import NotFoundError, find_path_in_document
-from jointstiff.service.resources.imports import import_files
+from jointstiff.service.resources.proposals import import_or_propose
 from jointstiff.service.resources.stored import load_job, robot_from_record
 from jointstiff.service.runs.deflection import predict_by_run
 from jointstiff.service.runs.mending import apply_action_to_campaign, fill_in_payload
@@ -54,6 +54,7 @@ from jointstiff.service.security.access import OPERATOR
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.tables import IdempotencyKey, JobRecord
 from jointstiff.solver.errors import JointstiffError, RequestError
+from jointstiff.solver.mechanics.robot import KnownRobot
 
 AMessage = TypeVar("AMessage", bound=Message)
 
@@ -302,10 +303,9 @@ async def create_import(
 ) -> Response:
     """Preview files of readings. Nothing is stored.
 
-    Send the files as fields `files` of a form, and missing information as JSON in a field `options`. The
-    answer has the meaning of each column, assumptions, missing items and, if nothing is missing, the
-    measurement set: add `robot_id` and post it. All faults are named with file:line:column and a remedy.
-    With the `template` of an earlier answer as options, files of another form are refused.
+    Send the files as fields `files` of a form, and missing information as JSON in a field `options`. If
+    nothing is missing, the answer has the measurement set: add `robot_id` and post the set. Faults have
+    file:line:column and a remedy. A `template` as options refuses files of another form.
     """
     # A small Excel file may unpack to a huge one: the limiter keeps threads free for other requests.
     answer = await run_sync(_import_as_json, parts, files, options, limiter=limiter_of_large_work(request))
@@ -315,9 +315,11 @@ async def create_import(
 def _import_as_json(parts: Parts, files: list[UploadFile], options: ImportRequest) -> str:
     """Read uploaded files of readings; return the preview of the import as JSON text."""
     robot = None if options.robot_id is None else parts.robots.find(options.robot_id, None)
+    known = None if robot is None else KnownRobot(robot.model.name, robot, options.robot_id)
     sources = [SourceFile(*read_named_file(file)) for file in files]
     with garbage_collector_paused():
-        return import_files(sources, options, robot, parts.robots.list_confusable_robots()).model_dump_json()
+        others = parts.robots.list_confusable_robots()
+        return import_or_propose(sources, options, known, others).model_dump_json()
 
 
 def read_named_file(file: UploadFile) -> tuple[str, bytes]:

@@ -6,6 +6,7 @@ import csv
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -27,9 +28,12 @@ from jointstiff.service.cli.kinds import (
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import Delimiter
+    from jointstiff.schemas.meaning import TableMeaning
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.importing.reading import SourceFile
+    from jointstiff.service.resources.proposals import ProposedImport
     from jointstiff.service.tables.table import Line, Part
+    from jointstiff.solver.mechanics.robot import KnownRobot
 
 
 Options = dict[str, Any]
@@ -124,7 +128,9 @@ _FORMS: Final = {
         "dict",
         text="Target's position in the flange frame, in mm, for deflections.",
     ),
-    **dict.fromkeys(("layouts", "length_unit", "robot_id", "show_faults"), Terminal(hidden=True)),
+    **dict.fromkeys(
+        ("layouts", "length_unit", "robot_id", "show_faults", "accept_proposal"), Terminal(hidden=True)
+    ),
 }
 """Field of `ImportRequest` → its form on the command line; hidden fields have no option.
 
@@ -177,6 +183,13 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
         None,
     ),
     "overwrite": (cli.Overwrite, False),
+    "yes": (
+        Annotated[
+            bool,
+            typer.Option("--yes", help="Accept the robot's proposal for columns that names do not explain."),
+        ],
+        False,
+    ),
     "despite_errors": (
         Annotated[
             bool,
@@ -223,11 +236,15 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     from jointstiff.service.resources.documents import read_robot
 
     notes = _parse_notes(values["about"] or [])
-    template_fields = {} if values["template"] is None else _read_template(values["template"])
+    template_fields, meaning = _read_template(values["template"])
     options = _merge_options(template_fields, _convert_to_template_unit(fields, template_fields))
     may_ask = is_terminal_input() and not values["as_json"]
     robot = None if values["robot"] is None else read_robot(values["robot"])
-    import_answer, options = _read_and_ask(files, options, robot, may_ask=may_ask)
+    readings = _find_meaning(
+        _StatedReadings(_read_sources(files), options, robot, meaning), may_ask=may_ask, yes=values["yes"]
+    )
+    sources, robot = readings.sources, readings.robot
+    import_answer, options = _read_and_ask(sources, readings.options, robot, may_ask=may_ask)
     if (
         robot is None
         and may_ask
@@ -236,7 +253,7 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     ):
         # With the robot the readings are checked again: the preview then has the findings of the inspection.
         robot = read_robot(robot_name)
-        import_answer, _ = _read_and_ask(files, options, robot, may_ask=False)
+        import_answer, _ = _read_and_ask(sources, options, robot, may_ask=False)
     robot = _state_payload(robot, values["payload"])
     if robot is not None and import_answer.bodies:
         robot = robot.model_copy(update={"bodies": import_answer.bodies})
@@ -245,7 +262,8 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
         import_answer = import_answer.model_copy(update={"measurement_set": set_with_notes})
     _print_answer(import_answer, as_json=values["as_json"])
     if values["save_template"] is not None:
-        _write_template(values["save_template"], import_answer, overwrite=values["overwrite"])
+        template = import_answer.template and _build_template(import_answer.template, readings)
+        _write_template(values["save_template"], import_answer, template, overwrite=values["overwrite"])
     if has_blocking_findings(import_answer) and not values["despite_errors"]:
         if values["output"] is not None:
             cli.warn(f"{values['output']} was not written: correct the errors, or use --despite-errors")
@@ -309,13 +327,104 @@ def _convert_to_template_unit(options: Options, template: Options) -> Options:
     return {**options, **lengths, "length_unit": "m" if unit == "m" else "mm"}
 
 
+@dataclass(frozen=True)
+class _StatedReadings:
+    """Files with what was stated about them."""
+
+    sources: Sequence[SourceFile]
+    options: Options
+    robot: RobotDocument | None
+    meaning: TableMeaning | None = None  # of columns that names do not explain
+
+
+def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _StatedReadings:
+    """Return readings whose columns are understood: by names, by a template, or by the robot's proposal.
+
+    Readings without an accepted proposal are returned unchanged: then the usual questions follow.
+
+    Raises:
+        typer.Exit: the files do not have the meaning of the template, or `yes` meets a doubt.
+    """
+    from jointstiff.service.resources.documents import parse_document
+    from jointstiff.service.resources.imports import import_files
+    from jointstiff.service.resources.proposals import NoProposal, propose_import
+
+    is_wanted = may_ask or yes or readings.robot is not None or readings.meaning is not None
+    if not is_wanted:
+        return readings
+    options = _split_typed_header(readings.options, readings.sources) | {"show_faults": True}
+    request = parse_document(options, ImportRequest)
+    robots = _list_robots(readings.robot)
+    stated = robots[0].robot if readings.robot is not None else None
+    with _name_options_in_errors():
+        if readings.meaning is None and not import_files(readings.sources, request, stated).faults:
+            return readings
+    proposed = propose_import(readings.sources, request, robots, readings.meaning)
+    if isinstance(proposed, NoProposal):
+        if readings.meaning is not None:
+            raise cli.print_failure(
+                f"the files do not fit the template: {_name_options(proposed.reason)}",
+                "import files of the same form, or leave out --template",
+            )
+        if yes or readings.robot is not None:
+            typer.echo(f"no proposal: {_name_options(proposed.reason)}", err=True)
+        return readings
+    if readings.meaning is None and not _is_accepted(proposed, may_ask=may_ask, yes=yes):
+        return readings
+    left = proposed.request.model_dump(mode="json", include=set(readings.options) | {"units"})
+    kept = {name: value for name, value in left.items() if name not in ("columns", "show_faults")}
+    robot = readings.robot or _read_arm(proposed.known.name)
+    return _StatedReadings([proposed.table], kept, robot, proposed.meaning)
+
+
+def _is_accepted(proposed: ProposedImport, *, may_ask: bool, yes: bool) -> bool:
+    """Show a proposal; return whether a person, or the option `--yes`, accepts the proposal.
+
+    Raises:
+        typer.Exit: `yes` meets a question that the numbers cannot decide.
+    """
+    typer.echo(f"{proposed.sentence}.", err=True)
+    doubt = proposed.proposal.doubt
+    if doubt:
+        typer.echo(f"The numbers cannot decide: {doubt}.", err=True)
+    if may_ask and not yes:
+        # Two meanings that fit alike have no default answer.
+        return typer.confirm("Take it?", default=None if doubt else True, err=True)
+    if yes and doubt:
+        raise cli.print_failure(
+            f"--yes accepts no proposal with a doubt: {doubt}", "check the axes and the signs of the joints"
+        )
+    if not yes:
+        typer.echo("--yes accepts this proposal.", err=True)
+    return yes
+
+
+def _list_robots(robot: RobotDocument | None) -> Sequence[KnownRobot]:
+    """Return the stated robot, or without one the arms of the catalogue."""
+    from jointstiff.service.conversion.prepared import prepare_robot
+    from jointstiff.service.resources.known_robots import catalogue_robots
+    from jointstiff.solver.mechanics.robot import KnownRobot
+
+    if robot is None:
+        return list(catalogue_robots())
+    with _name_options_in_errors():
+        return [KnownRobot(robot.name, prepare_robot(robot).robot)]
+
+
+def _read_arm(name: str) -> RobotDocument:
+    """Return the document of an arm of the catalogue."""
+    from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
+
+    return nominal_robot(find_arm(name, "--robot"))
+
+
 def _read_and_ask(
-    files: Sequence[Path], options: Options, robot: RobotDocument | None, *, may_ask: bool
+    sources: Sequence[SourceFile], options: Options, robot: RobotDocument | None, *, may_ask: bool
 ) -> tuple[ImportAnswer, Options]:
     """Read the files; with `may_ask`, ask a person for missing options until no question is left.
 
     Args:
-        files: files to read.
+        sources: files to read.
         options: options that were stated.
         robot: robot to check the readings against; None if unknown.
         may_ask: whether a person can answer at the terminal.
@@ -327,7 +436,7 @@ def _read_and_ask(
     from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files
 
-    sources, asked_before, checked_robot = _read_sources(files), set[str](), None
+    asked_before, checked_robot = set[str](), None
     with _name_options_in_errors():
         if robot is not None:
             # Imported only here, as it imports numpy, which takes time.
@@ -427,24 +536,46 @@ def _parse_notes(texts: Sequence[str]) -> dict[str, Any]:
     return {name: getattr(notes, name) for name in notes.model_fields_set}
 
 
-def _read_template(path: Path) -> Options:
-    """Read the template of an earlier import; return the fields that the template states."""
+def _read_template(path: Path | None) -> tuple[Options, TableMeaning | None]:
+    """Read the template of an earlier import; return its fields, and the meaning that a robot proposed."""
+    from jointstiff.schemas.meaning import ImportTemplate
     from jointstiff.service.resources.documents import read_document
 
-    fields: Options = read_document(path, ImportRequest).model_dump(mode="json", exclude_defaults=True)
+    if path is None:
+        return {}, None
+    template = read_document(path, ImportTemplate)
+    fields: Options = template.model_dump(mode="json", exclude_defaults=True, exclude={"meaning"})
     # A template without `length_unit` states its lengths in the unit of the files.
     if "length_unit" not in fields and (fields.get("units") or {}).get("length") == "m":
         fields["length_unit"] = "m"
-    return fields
+    return fields, template.meaning
 
 
-def _write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> None:
+def _build_template(template: ImportRequest, readings: _StatedReadings) -> ImportRequest:
+    """Return the template of an import, with the meaning of columns that a robot proposed.
+
+    The columns of the table that was written by the proposal are no columns of the files.
+    """
+    from jointstiff.schemas.meaning import ImportTemplate
+    from jointstiff.service.resources.proposals import OPTIONS_OF_COLUMNS
+
+    if readings.meaning is None:
+        return template
+    fields = template.model_dump(mode="json", exclude_defaults=True, exclude=set(OPTIONS_OF_COLUMNS))
+    if template.units is not None:
+        fields["units"] = template.units.model_dump(include={"force", "moment"})
+    return ImportTemplate(**fields, meaning=readings.meaning)
+
+
+def _write_template(
+    path: Path, answer: ImportAnswer, template: ImportRequest | None, *, overwrite: bool
+) -> None:
     """Write the template of an import, which holds its options, to a JSON file.
 
     Raises:
         typer.Exit: information is missing, or the file cannot be written.
     """
-    if answer.template is None:
+    if template is None:
         if not answer.missing:
             reason = (
                 "no template was written: the files have too many columns or too long headers for a template"
@@ -456,8 +587,7 @@ def _write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> Non
             "add the missing information",
         )
     cli.refuse_existing(path, overwrite=overwrite)
-    template = answer.template.model_dump(mode="json", exclude_defaults=True)
-    cli.write_json(path, template)
+    cli.write_json(path, template.model_dump(mode="json", exclude_defaults=True))
 
 
 def _write_campaign(

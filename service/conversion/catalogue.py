@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
 from math import radians
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 from jointstiff.schemas.robot import Arm, Catalogue, DhModel, DhRow, JointMap, JointMapPreset, RobotDocument
 from jointstiff.solver.errors import RequestError
@@ -62,8 +62,11 @@ def find_arm(name: str, where: str) -> Arm:
     exact = [arm for arm in arms if _normalise_name(arm.name) == wanted]
     if len(exact) == 1:
         return exact[0]
+    whole = [arm for arm in arms if _has_whole_words(wanted, arm) and not _lacks_digits(wanted, arm)]
+    if len(whole) == 1:
+        return whole[0]
     if len(arms) == 1:
-        return _refuse_lacking_parts(name, wanted, arms[0], where)
+        _refuse_lacking_parts(name, wanted, arms[0], where)
     if arms:
         shown = ", ".join(arm.name for arm in arms[:_SHOWN])
         raise RequestError(
@@ -83,19 +86,27 @@ def find_arm(name: str, where: str) -> Arm:
     )
 
 
-def _refuse_lacking_parts(name: str, wanted: str, arm: Arm, where: str) -> Arm:
-    """Return the only arm that matches a name, if the name has whole words and all digits of the arm's name.
+def _has_whole_words(wanted: str, arm: Arm) -> bool:
+    """Return whether a part of an arm's name, normalised, begins and ends where words do."""
+    before, _, _ = _normalise_name(arm.name).partition(wanted)
+    return {len(before), len(before) + len(wanted)} <= _find_word_ends(arm.name)
+
+
+def _lacks_digits(wanted: str, arm: Arm) -> bool:
+    """Return whether a part of an arm's name, normalised, has not all digits of the name."""
+    before, _, after = _normalise_name(arm.name).partition(wanted)
+    return any(character.isdigit() for character in before + after)
+
+
+def _refuse_lacking_parts(name: str, wanted: str, arm: Arm, where: str) -> NoReturn:
+    """Refuse a name that only one arm's name contains, but that may mean another arm.
 
     Raises:
         RequestError: the name lacks digits, by which the maker distinguishes payloads and reaches, or letters
             of a word, by which the maker distinguishes generations: a UR5 is no UR5e.
     """
-    before, _, after = _normalise_name(arm.name).partition(wanted)
-    has_whole_words = {len(before), len(before) + len(wanted)} <= _find_word_ends(arm.name)
-    lacks_digits = any(character.isdigit() for character in before + after)
-    if has_whole_words and not lacks_digits:
-        return arm
-    fault = "fits arms of several reaches" if lacks_digits else "is a part of a word, and may be another arm"
+    lacks = _lacks_digits(wanted, arm)
+    fault = "fits arms of several reaches" if lacks else "is a part of a word, and may be another arm"
     raise RequestError(
         f"'{name}' {fault}; the catalogue has {arm.name}, with a reach of {arm.reach:g} m",
         where=where,

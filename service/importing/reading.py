@@ -181,7 +181,7 @@ class _Reader:
         faults = self._faults
         for file in files:
             with faults.collect():
-                for table in _read_grids(file, self._options):
+                for table in read_grids(file, self._options):
                     self._read_table(table)
         all_were_read = {preview.file for preview in self._previews} == {file.name for file in files}
         if all(not layout.columns.faulty for layout in self._layouts) and all_were_read:
@@ -349,7 +349,7 @@ def _has_positions(layout: Layout) -> bool:
     return any(quantity.kind == "position" for quantity in layout.columns.quantities)
 
 
-def _read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
+def read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
     """Read a workbook, a file of arrays or a text file as rows of cells: a table for each sheet.
 
     Raises:

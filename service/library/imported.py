@@ -59,6 +59,7 @@ class ImportFields(TypedDict, total=False):
     accept_unusual: bool
     force: Vector | None
     robot_id: str | None
+    accept_proposal: bool
     show_faults: bool
 
 
@@ -130,6 +131,10 @@ class ImportedReadings(Presented, ImportAnswer):
         robot = self._robot.model_copy(update={"bodies": self.bodies}) if self.bodies else self._robot
         run = RunOptions(leave_out=self.leave_out) if self.leave_out else RunOptions()
         return Campaign(robot=robot, measurement_set=self.measurement_set, run=run)
+
+    def accept(self) -> ImportedReadings:
+        """Return these readings: names explain all columns, so that no proposal is left to accept."""
+        return self
 
     def identify(self, options: RunOptions | None = None, **fields: Any) -> TabledRun:  # noqa: ANN401
         """Identify the joint stiffnesses of the readings; arguments as of `jointstiff.identify`."""

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.imported import ImportedReadings, import_files
     from jointstiff.service.library.many import identify_many
     from jointstiff.service.library.measure import measure
+    from jointstiff.service.library.reading import ProposedReadings, read
     from jointstiff.service.library.rehearse import Rehearsal, rehearse
     from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun
     from jointstiff.service.library.robots import robot
@@ -66,6 +67,7 @@ _HOMES = {
     "Noise": "schemas.measurement",
     "PlanOptions": "schemas.plan",
     "Prediction": "service.library.results",
+    "ProposedReadings": "service.library.reading",
     "ProcessOptions": "schemas.process",
     "ProgramOptions": "schemas.program",
     "RefusedError": "service.problems",
@@ -81,6 +83,7 @@ _HOMES = {
     "measure": "service.library.measure",
     "Rehearsal": "service.library.rehearse",
     "predict": "service.library.here",
+    "read": "service.library.reading",
     "rehearse": "service.library.rehearse",
     "robot": "service.library.robots",
 }
@@ -102,6 +105,7 @@ __all__ = [
     "Prediction",
     "ProcessOptions",
     "ProgramOptions",
+    "ProposedReadings",
     "RefusedError",
     "Rehearsal",
     "RobotDocument",
@@ -122,6 +126,7 @@ __all__ = [
     "plan",
     "predict",
     "process",
+    "read",
     "rehearse",
     "robot",
 ]

@@ -2,8 +2,9 @@
 
 From the URDF macros that `service/conversion/arms.json` names; of the arms of Universal Robots, UR3e and UR5e
 as compas_fab has them, UR10e as the ROS description of the maker (commit 2ca6f2d) does, which rounds to
-millimetres. The macro of FANUC's M-20iD/25 turns the frame of link 3 and leaves the flange's x down, against
-the maker's other arms. The kinematics here share no code with the solver.
+millimetres, and UR3, UR5 and UR10 as ros-industrial/universal_robot (`default_kinematics.yaml`) has them. The
+macro of FANUC's M-20iD/25 turns the frame of link 3 and leaves the flange's x down, against the maker's other
+arms. The kinematics here share no code with the solver.
 """
 
 import json

@@ -329,6 +329,9 @@ export const later = {
     noRobot: (joints: number) =>
       `No stored robot has ${plural(joints, "joint", "joints")}. Add it; the files stay here.`,
     fits: (name: string) => `The headers match “${name}”, which was identified here before.`,
+    takeProposal: "Take it",
+    byProposal: "Read as the robot proposes.",
+    withoutProposal: "Read by the names of the columns",
     useTemplate: "Read the files the same way",
     byTemplate: "Read by a template: files with other headers are refused.",
     withoutTemplate: "Read without the template",

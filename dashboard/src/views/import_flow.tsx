@@ -143,6 +143,26 @@ function FrameForm({ frame, change, robot, length }: FrameProps) {
   );
 }
 
+/** The meaning that the robot proposes for columns without known names, and the tap that accepts or leaves the meaning. */
+function Proposal({ answer: { proposal }, options, change }: ImportProps) {
+  if (!proposal) return null;
+  const accepted = options.accept_proposal === true;
+  return (
+    <div class="note good row">
+      <p>
+        {accepted && `${words.byProposal} `}
+        {proposal}
+      </p>
+      <Button
+        {...(accepted ? { look: "quiet" } : {})}
+        onClick={() => change({ ...options, accept_proposal: !accepted })}
+      >
+        {accepted ? words.withoutProposal : words.takeProposal}
+      </Button>
+    </div>
+  );
+}
+
 /** What was read of the files, column by column, and what is wrong with it. */
 function ImportContent({ answer, files, options, change }: ImportProps & { files: File[] }) {
   const { faults } = answer;
@@ -166,6 +186,7 @@ function ImportContent({ answer, files, options, change }: ImportProps & { files
           </Button>
         </div>
       )}
+      <Proposal {...{ answer, options, change }} />
       <FaultList faults={faults.filter(({ file }) => file === null || !named.has(file))} />
       <ImportReading {...{ answer, files, options, change }} />
       {answer.files.map((one) => (

@@ -51,6 +51,7 @@ function answerTo(options: Record<string, unknown>) {
       { file: "plan.pdf", line: null, column: null, reason: "a PDF document", remedy: "export it", option: null },
     ],
     bodies: [],
+    proposal: proposed,
     missing_fields: [...(options["encoders"] ? [] : ["encoders"]), ...(forceless ? ["force"] : [])],
     missing: [],
     findings: null,
@@ -59,12 +60,15 @@ function answerTo(options: Record<string, unknown>) {
   };
 }
 
+const proposal = "columns 1–6 as J1…J6 [deg] and 7–9 as T1 [mm] fit the arm to 0.4 mm.";
+let proposed: string | null = null;
 let stateless = false;
 let forceless = false;
 const asked: { method: string; path: string; options: Record<string, unknown> }[] = [];
 
 beforeEach(() => {
   asked.length = 0;
+  proposed = null;
   stateless = false;
   forceless = false;
   answering(({ method, path, body }) => {
@@ -123,6 +127,21 @@ describe("tables of readings", () => {
     await settled(() => root.querySelector<HTMLInputElement>("input[value=unloaded]")?.click());
     await wait();
     expect(last()).toMatchObject({ state: "unloaded" });
+  });
+
+  it("are read as the robot proposes by one tap, and by their names again by another one", async () => {
+    proposed = proposal;
+    const root = await flow();
+    await wait();
+    const tap = (label: string) =>
+      settled(() => [...root.querySelectorAll("button")].find((each) => each.textContent === label)?.click());
+    expect(root.textContent).toContain(proposal);
+    await tap("Take it");
+    await wait();
+    expect(last()).toMatchObject({ accept_proposal: true });
+    await tap("Read by the names of the columns");
+    await wait();
+    expect(last()).toMatchObject({ accept_proposal: false });
   });
 
   it("show what is understood of a mass that may be read in two ways, and that some text is no mass", async () => {

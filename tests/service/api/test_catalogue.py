@@ -48,6 +48,9 @@ ARMS = {
     "Universal Robots UR3e": (None, 0.5, "stated", "at the mounting surface"),
     "Universal Robots UR5e": (None, 0.85, "stated", "at the mounting surface"),
     "Universal Robots UR10e": (None, 1.3, "stated", "at the mounting surface"),
+    "Universal Robots UR3": (None, 0.5, "stated", "at the mounting surface"),
+    "Universal Robots UR5": (None, 0.85, "stated", "at the mounting surface"),
+    "Universal Robots UR10": (None, 1.3, "stated", "at the mounting surface"),
 }
 
 

@@ -145,7 +145,7 @@ def test_an_arm_is_written_as_a_robot_in_metres_and_radians():
 
 def test_the_catalogue_as_json_has_frames_maps_and_sources():
     catalogue = answered("robots")
-    assert len(catalogue["arms"]) == 18
+    assert len(catalogue["arms"]) == 21
     arm = catalogue["arms"][1]
     assert (arm["name"], arm["maker"]) == ("FANUC R-2000iC/210F", "FANUC")
     assert arm["base"] == "on axis 1, at the height of axis 2, 670 mm above the floor"

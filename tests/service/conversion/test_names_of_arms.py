@@ -23,9 +23,9 @@ ADVICE = "`jointstiff robots` and GET /v1/catalogue list its arms; or describe t
             "URDF",
         ),
         (
-            "UR5",
-            "'UR5' is a part of a word, and may be another arm; the catalogue has Universal Robots UR5e, "
-            "with a reach of 0.85 m; give the whole name if this arm is meant; or describe the arm by a DH "
+            "R10e",
+            "'R10e' is a part of a word, and may be another arm; the catalogue has Universal Robots UR10e, "
+            "with a reach of 1.3 m; give the whole name if this arm is meant; or describe the arm by a DH "
             "table or URDF",
         ),
         ("", f"the catalogue has no arm ''; {ADVICE}"),
@@ -51,7 +51,7 @@ def test_a_name_without_the_digits_of_a_reach_is_not_chosen(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["UR3", "UR10", "Universal Robots UR5", "LR Mate 200", "LR Mate 200i", "R-2000iC/165", "R10e"]
+    "name", ["UR1", "Robots UR", "R5", "LR Mate 200", "LR Mate 200i", "R-2000iC/165", "R10e"]
 )
 def test_a_part_of_a_word_is_not_chosen(name):
     with pytest.raises(RequestError):
@@ -71,3 +71,8 @@ def test_a_part_of_a_word_is_not_chosen(name):
 )
 def test_a_part_with_all_digits_names_its_arm(name, whole):
     assert find_arm(name, "--robot").name == whole
+
+
+@pytest.mark.parametrize("name", ["UR3", "UR5", "UR10", "UR5e", "Universal Robots UR10"])
+def test_a_whole_word_names_its_generation(name):
+    assert find_arm(name, "--robot").name.split()[-1] == name.split()[-1]

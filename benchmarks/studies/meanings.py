@@ -1,0 +1,162 @@
+"""The meaning of tables by the robot: 30 layouts, tables in which nothing is right, and the catalogue."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from functools import cache
+
+import numpy as np
+
+from benchmarks.report import Figure, Part, Section
+from benchmarks.studies.layouts import LAYOUTS, NOTHING_RIGHT, Layout, Tables, simulate
+from jointstiff.service.resources.known_robots import catalogue_robots
+from jointstiff.solver.meaning.proposal import Proposal, Proposals, propose
+from jointstiff.solver.meaning.table import Table
+from jointstiff.solver.mechanics.robot import KnownRobot
+
+__all__ = ["run"]
+
+_SEEDS = 3
+_DAMAGED = 200
+_SEARCHES = 6
+_FIRST_SEED = 7000
+_UNUSUAL = 2e-3
+_WHOLE = Part()
+
+
+def run(*, quick: bool = False, part: Part = _WHOLE) -> list[Section]:
+    """Count right, requested, refused and wrong proposals."""
+    robots = _robots()[:2] if quick else _robots()
+    seeds = 1 if quick else _SEEDS
+    return [
+        _judge_layouts(robots, seeds, part),
+        _judge_damaged(robots, len(NOTHING_RIGHT) * (1 if quick else _DAMAGED), part),
+        _judge_catalogue(robots, 1 if quick else _SEARCHES, part),
+        _measure_width(),
+    ]
+
+
+@cache
+def _robots() -> list[KnownRobot]:
+    return list(catalogue_robots())
+
+
+def _tables(tables: Tables) -> list[Table]:
+    return [Table(name, numbers) for name, numbers in tables.items()]
+
+
+def _judge_layouts(robots: list[KnownRobot], seeds: int, part: Part) -> Section:
+    cases = [
+        (robot, _FIRST_SEED + seed, make) for robot in robots for seed in range(seeds) for make in LAYOUTS
+    ]
+    counts: Counter[str] = Counter()
+    by_layout: dict[str, Counter[str]] = {}
+    for number in part.of(len(cases)):
+        known, seed, make = cases[number]
+        layout = make(simulate(known.name, seed))
+        outcome = judge(layout, propose(_tables(layout.tables), [known]), known)
+        counts[outcome] += 1
+        by_layout.setdefault(make.__name__, Counter())[outcome] += 1
+    judged = sum(counts.values())
+    twins = sum(by_layout.get(name, Counter()).total() for name in ("exchanged_axes", "kuka_signs"))
+    accepted = 100 * counts["right"] / max(judged - twins, 1)
+    first = 100 * (counts["right"] + counts["asks"]) / max(judged, 1)
+    rows = tuple((name, str(dict(each))) for name, each in by_layout.items())
+    figures = (
+        Figure.none("wrong meanings of layouts accepted", counts["wrong"]),
+        Figure("accepted with Enter, of layouts without a mirror image [%]", accepted, "at least", 90),
+        Figure("right one first, of all layouts [%]", first, "at least", 99),
+    )
+    return Section(f"{judged} files in {len(LAYOUTS)} layouts", ("layout", "outcomes"), rows, figures)
+
+
+def judge(layout: Layout, proposals: Proposals, known: KnownRobot) -> str:
+    """Return whether a proposal is right, asks, is wrong, or is none."""
+    proposal = proposals.best
+    if proposal is None:
+        return "mirrored: refused" if layout.may_be_refused else "refused"
+    if not _is_right(layout, proposal, known):
+        return "wrong"
+    return "asks" if proposal.doubt else "right"
+
+
+def _is_right(layout: Layout, proposal: Proposal, known: KnownRobot) -> bool:
+    joints, own = proposal.joints, known.robot.joint_map.matrix
+    counting = own if layout.counting is None else own @ layout.counting
+    has_joints = joints.table == next(iter(layout.tables)) and joints.columns == layout.columns
+    has_units = joints.unit == layout.unit and proposal.unit == layout.length
+    has_points = all(
+        reading.points.columns in layout.points.get(reading.points.table, ()) for reading in proposal.readings
+    )
+    groups = {(reading.points.groups.order, reading.points.groups.count) for reading in proposal.readings}
+    has_groups = groups == {(layout.order, layout.count)}
+    return (
+        has_joints
+        and has_units
+        and has_points
+        and has_groups
+        and np.allclose(joints.counting.matrix, counting)
+    )
+
+
+def _judge_damaged(robots: list[KnownRobot], count: int, part: Part) -> Section:
+    accepted: Counter[str] = Counter()
+    kinds = list(NOTHING_RIGHT)
+    for number in part.of(count):
+        known, kind = robots[number % len(robots)], kinds[number % len(kinds)]
+        tables = NOTHING_RIGHT[kind](simulate(known.name, 20000 + number))
+        if propose(_tables(tables), [known]).best is not None:
+            accepted[kind] += 1
+    rows = tuple((kind, str(accepted[kind])) for kind in NOTHING_RIGHT)
+    figure = Figure.none("tables without a right meaning accepted", accepted.total())
+    return Section(
+        f"{len(part.of(count))} tables in which nothing is right", ("kind", "accepted"), rows, (figure,)
+    )
+
+
+def _judge_catalogue(robots: list[KnownRobot], searches: int, part: Part) -> Section:
+    first = silent = judged = 0
+    worst = 0.0
+    cases = [(known, search) for known in robots for search in range(searches)]
+    for number in part.of(len(cases)):
+        known, search = cases[number]
+        campaign = simulate(known.name, 30000 + search, postures=8 + 3 * search)
+        tables = _tables(LAYOUTS[search % 3](campaign).tables)
+        start = time.process_time()
+        best = propose(tables, robots).best
+        worst = max(worst, time.process_time() - start)
+        judged += 1
+        first += best is not None and known.name in [each.name for each in best.robots]
+        others = [each for each in robots if not _alike(each, known)]
+        without = propose(tables, others).best
+        silent += without is not None and without.residual <= _UNUSUAL
+    return Section(
+        f"{judged} searches of the catalogue",
+        (),
+        (),
+        (
+            Figure("right arm first [%]", 100 * first / max(judged, 1), "at least", 100),
+            Figure.none("another arm without the remark, if the right one is left out", silent),
+            Figure("the longest search", worst, "at most", 2, "s of processor"),
+        ),
+    )
+
+
+def _alike(first: KnownRobot, second: KnownRobot) -> bool:
+    """Return whether two arms of the catalogue have the same kinematics."""
+    models = [known.robot.model for known in (first, second)]
+    places = [[placement.homogeneous for placement in model.jointPlacements] for model in models]
+    return np.allclose(places[0], places[1])
+
+
+def _measure_width() -> Section:
+    known = _robots()[4]
+    campaign = simulate(known.name, 1, postures=60)
+    others = campaign.generator.uniform(-300, 300, (60, 15))
+    wide = np.hstack([others, campaign.joints, 1e3 * campaign.unloaded.reshape(60, -1)])
+    start = time.process_time()
+    propose([Table("a", wide)], [known])
+    spent = time.process_time() - start
+    figure = Figure("60 rows of 30 columns", spent, "at most", 1, "s of processor")
+    return Section("width", (), (), (figure,))

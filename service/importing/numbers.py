@@ -1,0 +1,128 @@
+"""Numbers of files whose columns have no known meaning yet, for the robot to find their meaning."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.imports import DecimalMark, ImportOptions
+from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.grammar import Meaning, Vocabulary
+from jointstiff.service.importing.grid import (
+    Grid,
+    Row,
+    count_numbers,
+    decide_decimal_mark,
+    looks_like_a_number,
+    read_number,
+)
+from jointstiff.service.importing.masses import is_mass_table
+from jointstiff.service.importing.reading import SourceFile, read_grids
+from jointstiff.solver.meaning.table import Table
+
+_LEAST_NUMBERS: Final = 3
+"""Numbers of a row of data, at least."""
+_OTHER_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "along", "uncertainty"))
+"""Kinds of columns that are neither joints nor positions."""
+
+
+@dataclass(frozen=True, eq=False)
+class NumberTable:
+    """Table of a file, with the meanings that its headers have by their names."""
+
+    grid: Grid
+    headers: tuple[str, ...]  # empty texts without a header
+    meanings: tuple[Meaning | None, ...]  # None for a header without a known meaning
+    rows: tuple[Row, ...]  # rows of data
+    mark: DecimalMark
+    table: Table  # the numbers
+
+    @property
+    def name(self) -> str:
+        """Name of the table among all tables: the file's, with the sheet's if the file has several."""
+        return self.table.name
+
+    @property
+    def stem(self) -> str:
+        """Name of the file without its extension."""
+        return PurePath(self.grid.file).stem
+
+    def find_column(self, kind: str) -> int | None:
+        """Return the first column of a kind, such as `name`; None without one."""
+        columns = (c for c, meaning in enumerate(self.meanings) if meaning and meaning.kind == kind)
+        return next(columns, None)
+
+
+def read_number_tables(
+    files: Sequence[SourceFile], options: ImportOptions, joints: Sequence[str]
+) -> list[NumberTable]:
+    """Read the tables of numbers of all files; tables of masses are left out.
+
+    `joints` are the names of the robot's joints, which columns may have.
+
+    Raises:
+        ImportFileError: a file is no table, or its numbers are ambiguous.
+    """
+    tables = []
+    for file in files:
+        grids = read_grids(file, options)
+        for grid in grids:
+            if not is_mass_table(grid):
+                sheet = grid.preview.sheet if len(grids) > 1 else None
+                name = f"{grid.file}, {sheet}" if sheet else grid.file
+                tables.append(_read_table(grid, name, options, joints))
+    return tables
+
+
+def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[str]) -> NumberTable:
+    """Read the rows of data of a table, and the header above these rows.
+
+    Raises:
+        ImportFileError: the table has no rows of numbers, or its decimal mark is ambiguous.
+    """
+    data = [index for index, row in enumerate(grid.rows) if count_numbers(row) >= _LEAST_NUMBERS]
+    if not data:
+        place = grid.place(grid.rows[0])
+        raise ImportFileError(place, "the file has no rows of numbers", "check that this is the right file")
+    width = Counter(len(grid.rows[index].cells) for index in data).most_common(1)[0][0]
+    rows = tuple(grid.rows[index] for index in data if len(grid.rows[index].cells) == width)
+    headers = _find_headers(grid, data[0], width)
+    columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
+    mark, _ = decide_decimal_mark(grid, rows, columns, options.decimal_mark)
+    numbers = np.array([[_read_cell(cell, mark) for cell in row.cells] for row in rows])
+    meanings = _find_meanings(headers, Vocabulary(options, joints))
+    named_joints = {
+        meaning.axis: c for c, meaning in enumerate(meanings) if meaning and meaning.kind == "joint"
+    }
+    ordered = tuple(named_joints[axis] for axis in sorted(axis for axis in named_joints if axis is not None))
+    others = frozenset(
+        c for c, meaning in enumerate(meanings) if meaning is not None and meaning.kind in _OTHER_KINDS
+    )
+    table = Table(name, numbers, ordered if len(ordered) == len(joints) else (), others)
+    return NumberTable(grid, headers, meanings, rows, mark, table)
+
+
+def _find_headers(grid: Grid, first: int, width: int) -> tuple[str, ...]:
+    """Return the header in the row above the first row of data; empty texts without a header."""
+    if first > 0 and len(grid.rows[first - 1].cells) == width:
+        return grid.rows[first - 1].cells
+    return ("",) * width
+
+
+def _find_meanings(headers: Sequence[str], words: Vocabulary) -> tuple[Meaning | None, ...]:
+    """Return the meanings of headers by their names; None for an empty or unknown header."""
+    return tuple(words.find(header) if header else None for header in headers)
+
+
+def _read_cell(cell: str, mark: DecimalMark) -> float:
+    """Return the number of a cell; NaN for a cell without a number."""
+    try:
+        return read_number(cell, mark)
+    except ImportFileError:
+        return math.nan

@@ -1,0 +1,104 @@
+"""Tables of numbers, and the meaning that a reading gives to their columns and rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+
+AngleUnit = Literal["deg", "rad"]
+LengthUnit = Literal["m", "mm", "cm", "in"]
+RowOrder = Literal["rows", "in turn", "in blocks"]
+"""Order of the rows of a table that has several rows for each posture.
+
+*rows*: one row for each posture. *in turn*: the rows of a posture follow each other. *in blocks*: the table
+has a block of all postures, then the next block.
+"""
+
+METRES: dict[LengthUnit, float] = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
+"""Unit of length → its size [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Numbers of a file, as they are written there."""
+
+    name: str  #: name of the file
+    numbers: FloatArray  #: (N, m) in the unknown units of the file; NaN for a cell without a number
+    joints: tuple[int, ...] = ()  #: columns that are joints by their names, from base to flange
+    others: frozenset[int] = frozenset()  #: columns that are neither joints nor positions by their names
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of rows and columns."""
+        rows, columns = self.numbers.shape
+        return rows, columns
+
+
+@dataclass(frozen=True)
+class RowGroups:
+    """Rows of a table for postures: `count` rows for each posture, in an order."""
+
+    order: RowOrder = "rows"
+    count: int = 1  #: rows for each posture
+
+    def split(self, numbers: FloatArray) -> FloatArray:
+        """Return rows (N · count, m) as an array (N, count, m)."""
+        rows, columns = numbers.shape
+        postures = rows // self.count
+        if self.order == "in blocks":
+            return numbers.reshape(self.count, postures, columns).transpose(1, 0, 2)
+        return numbers.reshape(postures, self.count, columns)
+
+
+@dataclass(frozen=True, eq=False)
+class JointCounting:
+    """Way in which a controller counts its joints: q = M q_c + o."""
+
+    name: str  #: words for people, such as `as the maker counts`
+    matrix: FloatArray  #: M (n, n)
+    offset: FloatArray  #: o (n,) [rad or m]
+    is_own: bool = False  #: whether the robot's document states this way
+
+
+@dataclass(frozen=True, eq=False)
+class JointColumns:
+    """Columns of a table that are the joints."""
+
+    table: str  #: name of the table
+    columns: tuple[int, ...]  #: from base to flange
+    unit: AngleUnit  #: of revolute joints; prismatic joints have the unit of the positions
+    counting: JointCounting
+    groups: RowGroups = RowGroups()
+
+    @property
+    def is_reversed(self) -> bool:
+        """Return whether the columns lead from the flange to the base."""
+        return self.columns[0] > self.columns[-1]
+
+
+@dataclass(frozen=True)
+class PointColumns:
+    """Columns of a table that are x, y and z of targets."""
+
+    table: str  #: name of the table
+    columns: tuple[int, int, int]
+    groups: RowGroups = RowGroups()
+
+    def overlaps(self, other: PointColumns) -> bool:
+        """Return whether two triples share a column."""
+        return self.table == other.table and bool(set(self.columns) & set(other.columns))
+
+
+def find_moving_columns(numbers: FloatArray) -> list[bool]:
+    """Return for each column (N, m) whether its numbers differ."""
+    with np.errstate(invalid="ignore"):
+        finite = np.isfinite(numbers)
+        least = np.where(finite, numbers, np.inf).min(axis=0)
+        greatest = np.where(finite, numbers, -np.inf).max(axis=0)
+        scale = 1.0 + np.maximum(np.abs(least), np.abs(greatest))
+        moving = (greatest - least) > 1e-9 * scale
+    return [bool(each) for each in moving & finite.any(axis=0)]

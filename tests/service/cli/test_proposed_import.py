@@ -1,0 +1,67 @@
+"""What `import` proposes for files without names: Enter takes it, scripts say `--yes`, templates keep it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from support.command_lines import assert_said, refused, typed
+from support.measured_arms import measure, wide, write_bare
+
+from jointstiff.service.cli import imports
+from jointstiff.service.resources.known_robots import catalogue_robots
+
+ARM = "Yaskawa GP25"
+STATED = "--encoders motor --load-point 0,0,120 --force 0,0,-90 --units force=N"
+PROPOSAL = (
+    "j.txt columns 1–6 as J1…J6 [deg], u.txt 1–3 as T1 unloaded [mm] and l.txt 1–3 as T1 loaded [mm] fit"
+)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    known = next(each for each in catalogue_robots() if each.name == ARM)
+    for seed, day in enumerate(("", "2"), 1):
+        joints, points = measure(known, seed=seed)
+        write_bare(tmp_path / f"j{day}.txt", joints)
+        write_bare(tmp_path / f"u{day}.txt", points[:, 0])
+        write_bare(tmp_path / f"l{day}.txt", points[:, 0] - [0.0, 0.0, 0.6])
+    write_bare(tmp_path / "signs.txt", wide(joints * [-1, 1, 1, -1, 1, -1], points))
+    write_bare(tmp_path / "rolled.txt", wide(joints, points[[*range(1, 16), 0]]))
+    monkeypatch.chdir(tmp_path)
+
+
+def test_enter_takes_the_proposal_and_a_complete_campaign_is_written(monkeypatch):
+    monkeypatch.setattr(imports, "is_terminal_input", lambda: True)
+    shown = typed(f"import j.txt u.txt l.txt --robot '{ARM}' {STATED} -o c.json", input="\n")
+    assert_said(
+        shown, PROPOSAL, "Take it? [Y/n]", "wrote c.json, a campaign; now: jointstiff identify c.json"
+    )
+
+
+def test_without_a_terminal_nothing_is_taken_and_the_option_is_named():
+    shown = refused(f"import j.txt u.txt l.txt --robot '{ARM}' {STATED} -o c.json")
+    assert_said(shown, PROPOSAL, "--yes accepts this proposal.")
+    assert not Path("c.json").exists()
+
+
+def test_a_template_keeps_the_meaning_and_reads_the_next_day_without_a_question():
+    typed(f"import j.txt u.txt l.txt --robot '{ARM}' {STATED} --yes --save-template t.json")
+    assert json.loads(Path("t.json").read_text())["meaning"]["joints"]["columns"] == [1, 2, 3, 4, 5, 6]
+    shown = typed(f"import j2.txt u2.txt l2.txt --robot '{ARM}' --template t.json -o c.json")
+    assert_said(shown, "wrote c.json, a campaign")
+
+
+def test_a_template_refuses_files_in_another_order():
+    typed(f"import j.txt u.txt l.txt --robot '{ARM}' {STATED} --yes --save-template t.json")
+    shown = refused(f"import u2.txt j2.txt l2.txt --robot '{ARM}' --template t.json -o c.json")
+    assert_said(shown, "the files do not fit the template: the files have fewer columns")
+
+
+def test_yes_accepts_no_proposal_with_a_doubt():
+    shown = refused(f"import signs.txt --robot '{ARM}' --yes -o c.json")
+    assert_said(shown, "--yes accepts no proposal with a doubt: two of x, y and z may be exchanged")
+
+
+def test_rows_that_are_shifted_get_no_proposal():
+    shown = refused(f"import rolled.txt --robot '{ARM}' --yes -o c.json")
+    assert_said(shown, "no proposal: no columns fit the robot")

@@ -1,0 +1,128 @@
+"""The meaning of tables by the robot: what is proposed, and what never is."""
+
+import numpy as np
+import pytest
+from support.measured_arms import PLACES, TRACKER, measure, wide
+
+from jointstiff.service.resources.known_robots import catalogue_robots
+from jointstiff.solver.meaning.proposal import propose
+from jointstiff.solver.meaning.table import RowGroups, Table
+from jointstiff.solver.meaning.words import describe, remark
+from jointstiff.solver.mechanics.postures import Postures
+
+
+@pytest.fixture(scope="module")
+def robots():
+    return {known.name: known for known in catalogue_robots()}
+
+
+def test_bare_columns_in_a_trackers_frame_get_joints_targets_and_unit(robots):
+    known = robots["FANUC R-2000iC/165F"]
+    joints, points = measure(known)
+    tracker = (points - [2000.0, 500.0, 300.0]) @ TRACKER.T / 25.4
+    best = propose([Table("day1.csv", wide(joints, tracker))], [known]).best
+    assert best.joints.columns == (0, 1, 2, 3, 4, 5)
+    assert (best.joints.unit, best.unit, best.target_count) == ("deg", "in", 3)
+    assert not best.is_in_base_frame
+    np.testing.assert_allclose(best.frame.rotation, TRACKER.T, atol=5e-3)
+    np.testing.assert_allclose([each.place for each in best.readings], PLACES, atol=5e-3)
+
+
+def test_loaded_positions_are_a_second_state_of_their_target(robots):
+    known = robots["KUKA KR 210 R2700 extra"]
+    joints, points = measure(known)
+    loaded = points - [0.0, 0.0, 0.8]
+    best = propose(
+        [Table("a", wide(joints, points[:, 0], loaded[:, 0], points[:, 1], loaded[:, 1]))], [known]
+    ).best
+    assert [(each.target, each.state) for each in best.readings] == [(1, 0), (1, 1), (2, 0), (2, 1)]
+
+
+@pytest.mark.parametrize("order", ["in turn", "in blocks"])
+def test_a_list_of_points_is_matched_to_the_postures(robots, order):
+    known = robots["ABB IRB 4600-60/2.05"]
+    joints, points = measure(known)
+    rows = points if order == "in turn" else points.transpose(1, 0, 2)
+    best = propose([Table("j", joints), Table("p", rows.reshape(-1, 3))], [known]).best
+    assert {each.points.groups for each in best.readings} == {RowGroups(order, 3)}
+    np.testing.assert_allclose([each.place for each in best.readings], PLACES, atol=5e-3)
+
+
+def test_the_sentence_names_columns_units_robot_residual_and_next_best(robots):
+    known = robots["Yaskawa GP25"]
+    joints, points = measure(known)
+    best = propose([Table("a", wide(joints[:, ::-1], points[:, 0]))], [known]).best
+    sentence = describe(best)
+    assert sentence.startswith("columns 1–6 as J6…J1 [deg] and 7–9 as T1 [mm] fit the Yaskawa GP25 to ")
+    assert "mm in 16 of 16 positions (next best: " in sentence
+    assert best.margin > 4.0
+    assert remark(best) == ""
+
+
+def test_a_search_of_the_catalogue_finds_the_measured_arm(robots):
+    joints, points = measure(robots["KUKA KR 6 R900 sixx"], postures=10)
+    best = propose([Table("a", wide(joints, points))], robots.values()).best
+    assert best.robots[0].name == "KUKA KR 6 R900 sixx"
+
+
+def test_signs_that_may_be_exchanged_axes_are_a_question(robots):
+    known = robots["ABB IRB 4600-60/2.05"]
+    joints, points = measure(known)
+    best = propose([Table("a", wide(joints * [-1, 1, 1, -1, 1, -1], points))], [known]).best
+    assert (
+        best.doubt == "two of x, y and z may be exchanged instead of joints with J1, J4, J6 reversed, as KUKA"
+    )
+
+
+NOTHING_RIGHT = {
+    "rows rolled by one": lambda q, p: (q, np.roll(p, 1, axis=0)),
+    "two joints exchanged": lambda q, p: (q[:, [0, 1, 2, 4, 3, 5]], p),
+    "the sign of one joint": lambda q, p: (q * [1, 1, -1, 1, 1, 1], p),
+    "lengths a tenth too long": lambda q, p: (q, 1.1 * p),
+    "other joints": lambda q, p: (np.random.default_rng(3).uniform(-80, 80, q.shape), p),
+    "targets at rest": lambda q, p: (q * [0, 0, 0, 1, 1, 1], p[:1] + 0.01 * (p - p[:1])),
+}
+
+
+@pytest.mark.parametrize("mistake", NOTHING_RIGHT)
+@pytest.mark.parametrize("arm", ["FANUC R-2000iC/210F", "Universal Robots UR10e"])
+def test_nothing_is_proposed_where_no_columns_are_right(robots, arm, mistake):
+    joints, points = NOTHING_RIGHT[mistake](*measure(robots[arm]))
+    answer = propose([Table("a", wide(joints, points))], [robots[arm]])
+    assert answer.best is None
+    assert answer.reason
+
+
+def test_positions_that_the_controller_computed_are_no_readings(robots):
+    known = robots["Stäubli TX2-60"]
+    joints, _ = measure(known)
+    nominal = Postures(known.robot, known.robot.joint_map.model_angles(np.radians(joints)))
+    answer = propose([Table("a", wide(joints, 1e3 * nominal.flange_translation))], [known])
+    assert answer.best is None
+    assert answer.reason == "the positions were computed from the joints, so that they are no readings"
+
+
+def test_too_few_postures_are_not_decided(robots):
+    known = robots["Stäubli TX2-60"]
+    joints, points = measure(known, postures=5)
+    answer = propose([Table("a", wide(joints, points[:, 0]))], [known])
+    assert answer.best is None
+
+
+@pytest.mark.parametrize("damaged", [-9999.0, np.nan])
+def test_damaged_rows_do_not_hide_the_meaning(robots, damaged):
+    known = robots["KUKA KR 210 R2700 extra"]
+    joints, points = measure(known)
+    points[[3, 9]] = damaged
+    best = propose([Table("a", wide(joints, points))], [known]).best
+    assert best.target_count == 3
+    assert best.fitting == 42
+
+
+def test_columns_with_known_names_are_not_tried_as_others(robots):
+    known = robots["Yaskawa GP12"]
+    joints, points = measure(known)
+    table = Table(
+        "a", wide(joints, joints, points[:, 0]), joints=(6, 7, 8, 9, 10, 11), others=frozenset(range(6))
+    )
+    assert propose([table], [known]).best.joints.columns == (6, 7, 8, 9, 10, 11)
