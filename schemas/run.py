@@ -31,8 +31,8 @@ from jointstiff.schemas.model import IdentifiedModel, LinksResult, ScoredModel
 from jointstiff.schemas.options import (
     Elasticity,
     ElasticModel,
-    StoredLoss,
     RunOptions,
+    StoredLoss,
 )
 from jointstiff.schemas.robot import RobotDocument
 

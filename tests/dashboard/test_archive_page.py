@@ -5,7 +5,9 @@ from playwright.sync_api import expect
 from support.browsing import file_of
 
 
-def test_an_archive_that_was_downloaded_adds_nothing_to_its_own_service(visit, stored, api: httpx2.Client, tmp_path):
+def test_an_archive_that_was_downloaded_adds_nothing_to_its_own_service(
+    visit, stored, api: httpx2.Client, tmp_path
+):
     page = visit("phone", view="#/archive").page
     with page.expect_download() as downloading:
         page.get_by_role("link", name="Download the archive").click()
