@@ -77,9 +77,7 @@ BENCHMARKS = {
     ),
     "programs": Benchmark("studies.programs", "on exact springs, beside a loop of EAIK; docs/compensate.md"),
     "shares": Benchmark("studies.shares", "moves known in programs as people write them; docs/compensate.md"),
-    "mutants": Benchmark(
-        "studies.mutants", "small changes of all houses; half an hour", in_parts=True
-    ),
+    "mutants": Benchmark("studies.mutants", "small changes of all houses; half an hour", in_parts=True),
     "attacks": Benchmark(
         "attacks.attacks", "hostile bodies, connections, many posts; a quarter of an hour", in_parts=True
     ),
