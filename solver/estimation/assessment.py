@@ -711,15 +711,15 @@ def find_fit_problems(
         if pure_error is not None and pure_error.shows_motion and not named:
             yield report_unexplained_motion(pure_error)
         yield from _report_unexplained(measurements, estimate, prediction)
+        yield from _report_dropped_statements(estimate)
     yield from report_implausible_results(estimate)
-    yield from _report_dropped_statements(estimate)
     yield from _report_solver(estimate)
     yield from _report_links(prediction, screening)
 
 
 def _report_dropped_statements(estimate: Estimate) -> Iterator[Finding]:
     """Yield a finding if stated errors could not be fitted together with the joints."""
-    if estimate.statements_dropped is not None:
+    if estimate.statements_dropped is not None and estimate.estimated.any():
         yield Finding(
             code="statement_dropped",
             weight="use_with_care",

