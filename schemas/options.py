@@ -232,8 +232,7 @@ class RunOptions(MethodOptions):
         default="automatic",
         description="Loss of the norm of each target's whitened residual. `huber`: linear beyond a "
         "threshold, so that bumped targets count less. `automatic`: `squared` for joints alone and with "
-        "`link_penalty`, else by cross-validation. With links or coupling, `huber` accepts at most 500 "
-        "targets.",
+        "`link_penalty`, else by cross-validation. With links, `huber` accepts at most 500 targets.",
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,

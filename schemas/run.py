@@ -347,7 +347,7 @@ class Certificate(Message):
         description="Algorithms of the robust loss, if any, then of each stage."
     )
     solver_distance: float | None = Field(
-        default=None, description="Distance of Clarabel's own answer, relative to the readings."
+        default=None, description="Distance of Clarabel's answer, relative to readings."
     )
 
 

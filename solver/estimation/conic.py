@@ -40,9 +40,9 @@ _NORMS_TOLERANCES: Final = (1e-7, 1e-8, 1e-9, 1e-10)
 """Tolerances of Clarabel for robust losses, tried in this order."""
 _MASS_TOLERANCES: Final = (1e-10, 1e-9, 1e-8)
 """Tolerances of Clarabel for cones of masses and moments, tried in this order."""
-_CONE_WITNESS: Final = 4e-5
-"""Greatest distance of Clarabel's own answer from the optimum that its tolerances explain, with ‖z‖ = 1: the
-gap of an answer, 1e-8 at first, is a square of this distance."""
+_CONE_WITNESS: Final = 1e-4
+"""Greatest distance of Clarabel's own answer from the optimum that its first tolerance, 1e-8, explains, with
+‖z‖ = 1: the gap of an answer is a square of this distance."""
 _END_TOLERANCES: Final = (1e-8, 1e-7, 1e-6)
 """Tolerances of Clarabel for ends of intervals; an end needs no more digits than the last tolerance gives."""
 _ORIGIN_RCOND: Final = 1e-6

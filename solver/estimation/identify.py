@@ -51,6 +51,8 @@ _CHANGE_TOLERANCE: Final = 1e-10
 _CHANGE_IN_UNCERTAINTIES: Final = 1e-6
 """Largest change of the compliances by a further fit at rest, in standard uncertainties; for readings without
 noise the uncertainty is zero, and `_CHANGE_TOLERANCE` decides."""
+_MOST_UNCERTAINTIES: Final = 20.0
+"""Greatest fitted error, in its standard uncertainties, that still is the error that was stated."""
 SHIFT_OBSERVATIONS: Final = 4096
 """Maximum number of observations from which the effect of neglecting K_c is estimated."""
 _LEAST_SIGMA: Final = 1e-15
@@ -89,8 +91,9 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
             last_fit, iterations = _iterate_to_convergence(
                 robot, measurements, settings, first_fit, stated_terms
             )
+            _refuse_contradicted(last_fit)
         except SolverError as error:  # the readings contradict a statement: its error is propagated instead
-            stated_terms, statements_dropped = (), error.reason
+            stated_terms, statements_dropped, last_fit = (), error.reason, first_fit
     if settings.complementary_stiffness and not stated_terms:
         last_fit, iterations = _iterate_to_convergence(robot, measurements, settings, first_fit, stated_terms)
     estimate = replace(_build_estimate(robot, measurements, settings, last_fit), characteristic_length=length)
@@ -108,6 +111,18 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         shift=shift,
     )
     return replace(estimate, complementary_stiffness=effect, statements_dropped=statements_dropped)
+
+
+def _refuse_contradicted(fit: _Pass) -> None:
+    """Refuse a fit that explains the readings by errors far larger than stated.
+
+    Raises:
+        SolverError: an error is more than `_MOST_UNCERTAINTIES` standard uncertainties from zero.
+    """
+    fitted = fit.triangles.fit_statements(fit.fit.compliance)
+    greatest = 0.0 if fitted is None else float(np.abs(fitted.unknowns).max())
+    if greatest > _MOST_UNCERTAINTIES:
+        raise SolverError(f"the fit moves an error by {greatest:.0f} times its standard uncertainty")
 
 
 def _list_fitted_statements(

@@ -49,7 +49,7 @@ class Witness:
 
     #: distance of the fitted readings of the two answers, relative to the readings; inf without an answer
     distance: float
-    limit: float = 1e-6  #: greatest distance that Clarabel's tolerance explains
+    limit: float = 2e-5  #: greatest distance that Clarabel's tolerance explains, near the root of 1e-10
 
     @property
     def agrees(self) -> bool:

@@ -14,6 +14,10 @@ RESIDUALS = (
     "agree to "
     "within 18.6 µm, so the flange moves differently from the model"
 )
+DROPPED = (
+    "what is stated of load and places could not be fitted together with the joints: the fit moves an error "
+    "by 38 times its standard uncertainty"
+)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +41,8 @@ def test_tables_have_a_joint_at_its_bound_and_one_without_a_number(local, run):
     assessment = found["assessment"]
     assert (assessment["verdict"], assessment["joints_identified"]) == ("do_not_use", 5)
     assert [(each["code"], each["message"]) for each in assessment["reasons"]] == [
-        ("residuals_exceed_sigma", RESIDUALS)
+        ("residuals_exceed_sigma", RESIDUALS),
+        ("statement_dropped", DROPPED),
     ]
     (table,) = found["tables"]
     assert table["head"] == [*("joint", "stiffness", "80 % interval", "prior/data", "verdict")]
@@ -185,9 +190,11 @@ def test_a_prediction_says_what_of_it_is_far_from_the_readings(
     found = local.request("POST", "/v1/deflections", json=asked | change).json()
     assessment = found["assessment"]
     assert assessment["verdict"] == "do_not_use"
-    assert assessment["headline"] == "Do not use this prediction: 1 reason of its own, 1 reason of its run"
+    assert assessment["headline"] == "Do not use this prediction: 1 reason of its own, 2 reasons of its run"
     reasons = [(each["code"], each["weight"], each["message"]) for each in assessment["reasons"]]
-    assert sorted(reasons) == sorted([own_reason, ("residuals_exceed_sigma", "do_not_use", RESIDUALS)])
+    of_run = [("residuals_exceed_sigma", "do_not_use", RESIDUALS)]
+    of_run.append(("statement_dropped", "use_with_care", DROPPED))
+    assert sorted(reasons) == sorted([own_reason, *of_run])
     assert found["remarks"] == ["own weight is not included, because no masses are given", FEWER]
     for case, displacement in zip(found["cases"], displacements, strict=True):
         assert case["displacement"] == (displacement and pytest.approx(displacement, rel=1e-3, abs=1e-12))
@@ -205,7 +212,7 @@ def test_a_lesser_confidence_has_a_bound_of_the_model_error(local, run):
         "cases": [{"label": "far", "joints": [170, *POSTURE[1:]], "force": [0, 0, -1400]}],
     }
     found = local.request("POST", "/v1/deflections", json=asked).json()
-    assert found["assessment"]["headline"] == "Do not use this prediction: 1 reason of its run"
+    assert found["assessment"]["headline"] == "Do not use this prediction: 2 reasons of its run"
     assert found["remarks"] == ["own weight is not included, because no masses are given"]
     (case,) = found["cases"]
     assert case["label"] == "far"
