@@ -64,8 +64,8 @@ def list_models_to_compare(screening: Screening, requested: ModelName | None) ->
     return MODELS if links_add_to_base else ("joints", "joints_and_base")
 
 
-WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 2))
-"""Weights λ of the penalty, two per decade, that suffice to choose between models and losses."""
+WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 4))
+"""Weights λ of the penalty, one per decade, that suffice to tell models that predict well from others."""
 LIMITS: Final = (1e-7, 10.0)
 """Least and greatest weight λ tried: hardly any penalty, and a penalty with which no link bends."""
 _GAP: Final = 1e-4

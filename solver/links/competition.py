@@ -61,7 +61,7 @@ from jointstiff.solver.mechanics.robot import Robot
 
 _Paths: TypeAlias = dict[tuple[ModelName, Loss], PenaltyPath]
 
-_PENALTIES_PER_STEP: Final = 7
+_PENALTIES_PER_STEP: Final = 4
 """Number of penalties that one step fits: with all models 0.2 s for 30 targets, 1 s for 300."""
 _NEAR: Final = 1.5
 """Error of a model, relative to the least of all models, up to which further losses are tried."""
@@ -217,7 +217,11 @@ class Competition:
             JointstiffError: joints alone cannot be identified, or no optimum is certified.
         """
         paths = self._collect_paths(parts)
-        paths |= self._fit_further_losses(paths)
+        near = self._list_near_models(paths)
+        for model in near:
+            self._refine_squares(model, paths)
+        if "huber" in self._losses:
+            paths |= self._fit_huber(near, paths)
         selection, held_out = self._choose_model(paths)
         elastic = None if held_out.model == "joints" else self._fit_whole_set(held_out, selection, paths)
         return Winner(selection, held_out, elastic, self._requested is not None)
@@ -238,23 +242,19 @@ class Competition:
             )
         }
 
-    def _fit_further_losses(self, paths: _Paths) -> _Paths:
-        """Return the fits by Huber's loss of the models whose squares predict nearly as well as the best.
-
-        All models are fitted if the request names this loss.
-        """
-        if "huber" not in self._losses:
-            return {}
+    def _list_near_models(self, paths: _Paths) -> list[ElasticModel]:
+        """Return the models whose squares predict nearly as well as the best; all if only Huber is asked."""
         least = {key: path.least_error for key, path in paths.items()}
         limit = _NEAR * min(least.values()) if "squared" in self._losses else np.inf
-        near = [model for model in self._squared_models if least[model.key] <= limit]
-        for model in near:
-            self._refine_squares(model, paths)
+        return [model for model in self._squared_models if least[model.key] <= limit]
+
+    def _fit_huber(self, models: Sequence[ElasticModel], paths: _Paths) -> _Paths:
+        """Return the fits of some models by Huber's loss, with each fold held out."""
         return {
             (model.name, "huber"): fit_folds(
                 self._folds, replace(model, loss="huber"), self._place_weights(model, paths[model.key])
             )
-            for model in near
+            for model in models
         }
 
     def _place_weights(self, model: ElasticModel, path: PenaltyPath) -> list[float]:

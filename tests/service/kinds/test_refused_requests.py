@@ -199,7 +199,7 @@ class TestElasticLinks:
             ["joint_2", "29.3 %", "3.0 %", "59.8 %"],
         ]
         assert elements[8] == ["link behind joint_3", "11.9 %", "4.4 %", "24.2 %"]
-        assert elements[12] == ["unexplained", "0.0 %", "—", "—"]
+        assert elements[12] == ["unexplained", "0.6 %", "—", "—"]
         (models,) = (each for each in tables if "model" in each["head"][:1])
         assert models["head"] == ["model", "loss", "compensation [%]", "95 % interval", "penalty", ""]
         best = "simplest within one standard error, best"

@@ -232,7 +232,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, se
     assert enqueued == [record.id]
     queued = jobs.current(record.id)
     assert (queued.state, queued.progress.unit) == ("queued", "penalties")
-    assert queued.progress.total == 4 * 2 * 7
+    assert queued.progress.total == 4 * 2 * len(WEIGHTS)
     worker = Parts(memory).jobs["run"]
     worker.mark_running(record.id)
     work = worker.work(record.id)
