@@ -84,6 +84,8 @@ def find_obstacle_to_elastic_links(
     try:
         refuse_unsupported_elastic(settings)
         ElasticColumns.from_options(options, robot)
+        if options.loss != "automatic":
+            list_losses_to_compare(measurements, (options.loss,))
     except UnsupportedMethodError as error:
         return error.where or "elasticity"
     # Cross-validation holds postures out, so that at least two different ones are needed.
