@@ -347,7 +347,6 @@ def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _St
     """
     from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files
-    from jointstiff.service.resources.proposals import NoProposal, propose_import
 
     is_wanted = may_ask or yes or readings.robot is not None or readings.meaning is not None
     if not is_wanted:
@@ -359,6 +358,8 @@ def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _St
     with _name_options_in_errors():
         if readings.meaning is None and not import_files(readings.sources, request, stated).faults:
             return readings
+    from jointstiff.service.resources.proposals import NoProposal, propose_import  # imports numpy
+
     proposed = propose_import(readings.sources, request, robots, readings.meaning)
     if isinstance(proposed, NoProposal):
         if readings.meaning is not None:
@@ -556,11 +557,11 @@ def _build_template(template: ImportRequest, readings: _StatedReadings) -> Impor
 
     The columns of the table that was written by the proposal are no columns of the files.
     """
-    from jointstiff.schemas.meaning import ImportTemplate
-    from jointstiff.service.resources.proposals import OPTIONS_OF_COLUMNS
-
     if readings.meaning is None:
         return template
+    from jointstiff.schemas.meaning import ImportTemplate
+    from jointstiff.service.resources.proposals import OPTIONS_OF_COLUMNS  # imports numpy
+
     fields = template.model_dump(mode="json", exclude_defaults=True, exclude=set(OPTIONS_OF_COLUMNS))
     if template.units is not None:
         fields["units"] = template.units.model_dump(include={"force", "moment"})

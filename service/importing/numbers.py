@@ -62,7 +62,7 @@ class NumberTable:
 def read_number_tables(
     files: Sequence[SourceFile], options: ImportOptions, joints: Sequence[str]
 ) -> list[NumberTable]:
-    """Read the tables of numbers of all files; tables of masses are left out.
+    """Read the tables of numbers of all files; tables of masses or without rows of numbers are left out.
 
     `joints` are the names of the robot's joints, which columns may have.
 
@@ -73,7 +73,7 @@ def read_number_tables(
     for file in files:
         grids = read_grids(file, options)
         for grid in grids:
-            if not is_mass_table(grid):
+            if not is_mass_table(grid) and any(_is_data(row) for row in grid.rows):
                 sheet = grid.preview.sheet if len(grids) > 1 else None
                 name = f"{grid.file}, {sheet}" if sheet else grid.file
                 tables.append(_read_table(grid, name, options, joints))
@@ -81,15 +81,12 @@ def read_number_tables(
 
 
 def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[str]) -> NumberTable:
-    """Read the rows of data of a table, and the header above these rows.
+    """Read the rows of data of a table, at least one, and the header above these rows.
 
     Raises:
-        ImportFileError: the table has no rows of numbers, or its decimal mark is ambiguous.
+        ImportFileError: the decimal mark of the table is ambiguous.
     """
-    data = [index for index, row in enumerate(grid.rows) if count_numbers(row) >= _LEAST_NUMBERS]
-    if not data:
-        place = grid.place(grid.rows[0])
-        raise ImportFileError(place, "the file has no rows of numbers", "check that this is the right file")
+    data = [index for index, row in enumerate(grid.rows) if _is_data(row)]
     width = Counter(len(grid.rows[index].cells) for index in data).most_common(1)[0][0]
     rows = tuple(grid.rows[index] for index in data if len(grid.rows[index].cells) == width)
     headers = _find_headers(grid, data[0], width)
@@ -106,6 +103,11 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     )
     table = Table(name, numbers, ordered if len(ordered) == len(joints) else (), others)
     return NumberTable(grid, headers, meanings, rows, mark, table)
+
+
+def _is_data(row: Row) -> bool:
+    """Return whether a row has enough numbers to be a row of data."""
+    return count_numbers(row) >= _LEAST_NUMBERS
 
 
 def _find_headers(grid: Grid, first: int, width: int) -> tuple[str, ...]:

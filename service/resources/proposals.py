@@ -95,10 +95,9 @@ def propose_import(
     """
     known = list(robots)
     names = known[0].robot.joint_names if len(known) == 1 else ()
-    try:
-        tables = read_number_tables(files, request, names)
-    except ImportFileError as fault:
-        return NoProposal(str(fault))
+    tables = _read_tables(files, request, names)
+    if isinstance(tables, NoProposal):
+        return tables
     if template is not None:
         if not _has_columns(tables, template):
             return NoProposal("the files have fewer columns than those of the template")
@@ -117,6 +116,17 @@ def propose_import(
     table = write_readings(proposal, named, tables)
     kept = request.model_copy(update={**_clear_headers(), **_state_units(request)})
     return ProposedImport(proposal, tuple(named), table, kept, _build_meaning(proposal, named, tables))
+
+
+def _read_tables(
+    files: Sequence[SourceFile], request: ImportRequest, joints: Sequence[str]
+) -> list[NumberTable] | NoProposal:
+    """Return the tables of numbers of the files, or why there are none; `joints` are names of joints."""
+    try:
+        tables = read_number_tables(files, request, joints)
+    except ImportFileError as fault:
+        return NoProposal(str(fault))
+    return tables or NoProposal("the files have no rows of numbers")
 
 
 def import_or_propose(

@@ -23,7 +23,7 @@ DOUBT = (
 )
 AGAINST = (
     "the other observations predict a motion of 3 mm under 1471 N, but "
-    "the targets moved in the opposite direction; with the load reversed, only 65 µm remains unexplained"
+    "the targets moved in the opposite direction; with the load reversed, only 66.8 µm remains unexplained"
 )
 CHECKED = "the held-out reading is as near to its prediction as 90 % of good readings"
 AREA = {"work_area": [[0.8, -0.6, 0.4], [1.9, 0.6, 1.6]]}
@@ -170,14 +170,14 @@ def mistaken(client):
 def test_no_further_readings_reach_the_goal_beside_a_mistake(client, mistaken):
     state = state_of(client, mistaken)
     assert (state["state"], state["still_needed"]) == ("measuring", None)
-    assert state["share"] == pytest.approx(0.40349, rel=1e-3)
+    assert state["share"] == pytest.approx(0.40633, rel=1e-3)
     assert state["message"] == f"m02 is doubtful: {DOUBT}"
     assert [each["state"] for each in state["readings"]] == ["counts", "doubtful", *["counts"] * 14]
     (reason,) = state["assessment"]["reasons"]
     assert reason["message"] == AGAINST
     assert reason["action"]["kind"] == "leave_out_readings"
     assert reason["action"]["observations"] == ["m02"]
-    assert state["joints"][2]["interval"] == pytest.approx([2.4877e6, 2.5519e6], rel=1e-3)
+    assert state["joints"][2]["interval"] == pytest.approx([2.47707e6, 2.55634e6], rel=1e-3)
     assert state["next"]["label"] == "m17"
 
 

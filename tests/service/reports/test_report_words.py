@@ -132,7 +132,7 @@ def test_a_report_has_the_budget_of_each_joint(laboratory, pulled):
         "4 Uncertainty budget Contributions to the standard uncertainty of each compliance "
         "[% of the compliance]",
         "readings | B | 0.50 | 0.55 | 1.0 | 7.9 | 1.6 | 10 |",
-        "assumed force scale | B | 1.00 | 1.00 | 1.0 | 1.00 | 1.00 | 1.00 |",
+        "assumed force scale | B | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 |",
         "assumed load point | B | 0.20 | 0.16 | 0.55 | 1.5 | 1.7 | 2.5 |",
         "model error (not included) | A | 0 | 0 | 0 | 0 | 0 | 0 |",
         "combined, only sources that the intervals include | | 1.1 | 1.2 | 1.5 | 8.1 | 2.6 | 11 |",
