@@ -41,8 +41,11 @@ const question = (root: HTMLElement) =>
 
 it("asks one question for all routines of other files, and sends its answer", async () => {
   const root = await drawn(<ProgramForm context={{ run: { id: "r1" } } as never} />);
-  const input = root.querySelector<HTMLInputElement>("input[type=file]");
-  if (!input) throw new Error(root.innerHTML);
+  const input = await vi.waitFor(() => {
+    const found = root.querySelector<HTMLInputElement>("input[type=file]");
+    if (!found) throw new Error(root.innerHTML);
+    return found;
+  });
   Object.defineProperty(input, "files", { value: [new File(["DEF cell()\nEND\n"], "cell.src")] });
   await settled(() => input.dispatchEvent(new Event("change", { bubbles: true })));
   expect(question(root)).toHaveLength(0);
