@@ -1,8 +1,9 @@
 """Models of elastic joints, links and base, from simple to rich: rows, penalty and losses (method.md §7).
 
     squared    ‖z − R x‖² / ‖z‖² + λ tr              rows compressed to a triangle
-    huber      Σ ρ(r_i) / Σ ‖d_i‖ + λ tr             ρ = ‖r‖²/(2h) up to h, ‖r‖ − h/2 beyond: one
-                                                     second-order cone a target
+    huber      Σ ρ(r_i) / Σ ‖d_i‖ + λ tr             one second-order cone a target
+
+ρ is ‖r‖²/(2h) up to h, and ‖r‖ − h/2 beyond.
 
 The penalty contains no arbitrarily chosen length. The penalty is the work that a unit force at the load point
 does on an element, averaged over the directions of the force and, because the fitted postures are few, over
