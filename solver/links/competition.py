@@ -392,7 +392,7 @@ class Competition:
         if self._requested is not None:
             of_squares = self._fit_squares(elastic.model.name, paths) or elastic
             return Elastic(elastic, self._compute_effective(elastic, of_squares), elastic.model.name)
-        richest = self._fit_richest_model(elastic, selection, paths)
+        richest = self._fit_squares(selection.largest, paths) or elastic  # its fit gives the intervals
         effective = self._compute_effective(elastic, richest)
         if selection.tied is not None:
             tied = self._compute_effective_of_tied(selection.tied, selection, paths)
@@ -406,15 +406,6 @@ class Competition:
             )
             elastic = replace(elastic, prediction=prediction)
         return Elastic(elastic, effective, richest.model.name)
-
-    def _fit_richest_model(
-        self, elastic: ElasticEstimate, selection: Selection, paths: _Paths
-    ) -> ElasticEstimate:
-        """Return the fit of the richest model, from which intervals are computed.
-
-        If no optimum of the richest model is certified, the fit `elastic` of the chosen model is returned.
-        """
-        return self._fit_squares(selection.largest, paths) or elastic
 
     def _fit_squares(self, name: ModelName, paths: _Paths) -> ElasticEstimate | None:
         """Fit a model to the whole set by squares, with its best penalty; None if no optimum is certified.
