@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jointstiff.solver.errors import JointstiffError
-    from jointstiff.solver.estimation.estimate import Estimate
-    from jointstiff.solver.estimation.identify import identify
-    from jointstiff.solver.estimation.method import Settings
+    from jointstiff.solver.fit.estimate import Estimate
+    from jointstiff.solver.fit.identify import identify
+    from jointstiff.solver.fit.method import Settings
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.mechanics.chain import KinematicChain
     from jointstiff.solver.mechanics.measurements import Measurements
@@ -45,16 +45,16 @@ _HOMES = {
     "Balancer": "own_weight.rows",
     "Body": "mechanics.robot",
     "Burden": "own_weight.rows",
-    "Estimate": "estimation.estimate",
+    "Estimate": "fit.estimate",
     "JointstiffError": "errors",
     "KinematicChain": "mechanics.robot",
     "Measurements": "mechanics.measurements",
     "Poses": "geometry.poses",
     "Robot": "mechanics.robot",
-    "Settings": "estimation.method",
+    "Settings": "fit.method",
     "WeightEstimate": "own_weight.identification",
     "WeightReadings": "own_weight.rows",
-    "identify": "estimation.identify",
+    "identify": "fit.identify",
     "identify_weight": "own_weight.identification",
 }
 

@@ -14,10 +14,16 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ScoredModel
 from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.schemas.run import ModelChoice, RunResult
+from jointstiff.solver.choice.competition import Competition, Elastic, Winner
+from jointstiff.solver.choice.elastic_fit import replace_by_effective
+from jointstiff.solver.choice.held_out import report_losses, report_penalty
 from jointstiff.solver.errors import JointstiffError
-from jointstiff.solver.estimation.assessment import Assessment, assess
-from jointstiff.solver.estimation.causes import Screening
-from jointstiff.solver.estimation.estimate import (
+from jointstiff.solver.evidence.causes import Screening
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.evidence.reliability import LeastMistake, find_least_mistakes
+from jointstiff.solver.evidence.scatter import Repeatability
+from jointstiff.solver.evidence.term_tests import LINKS_LEVEL
+from jointstiff.solver.fit.estimate import (
     ComplementaryStiffness,
     Estimate,
     JointCompliance,
@@ -25,13 +31,6 @@ from jointstiff.solver.estimation.estimate import (
     UncertaintyBudget,
     predict,
 )
-from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.estimation.reliability import LeastMistake, find_least_mistakes
-from jointstiff.solver.estimation.scatter import Repeatability
-from jointstiff.solver.estimation.term_tests import LINKS_LEVEL
-from jointstiff.solver.links.choice import report_losses, report_penalty
-from jointstiff.solver.links.competition import Competition, Elastic, Winner
-from jointstiff.solver.links.fit import replace_by_effective
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.messages import build_messages, finite_or_none, list_joint_kinds
 from jointstiff.solver.predict.answers import build_stored_model
@@ -42,6 +41,7 @@ from jointstiff.solver.predict.models import (
     estimate_error_by_leaving_folds_out,
     estimate_error_by_leaving_postures_out,
 )
+from jointstiff.solver.rules import Assessment, assess
 from jointstiff.solver.text import length_text
 
 MAX_SUSPICIOUS: Final = 100

@@ -19,14 +19,14 @@ import numpy.typing as npt
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import RunResult
+from jointstiff.solver.choice.competition import Competition, Winner, find_obstacle_to_elastic_links
 from jointstiff.solver.design.plan import advise_next_readings
 from jointstiff.solver.errors import JointstiffError
-from jointstiff.solver.estimation.fitted_causes import fit_causes
-from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.estimation.method import Loss, Settings
-from jointstiff.solver.estimation.refuted import list_refuted
-from jointstiff.solver.estimation.resampling import Draws
-from jointstiff.solver.links.competition import Competition, Winner, find_obstacle_to_elastic_links
+from jointstiff.solver.evidence.fitted_causes import fit_causes
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.evidence.refuted import list_refuted
+from jointstiff.solver.evidence.resampling import Draws
+from jointstiff.solver.fit.method import Loss, Settings
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.own_weight.run import run_by_weight

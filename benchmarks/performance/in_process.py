@@ -10,7 +10,7 @@ from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import interleaved
 from jointstiff.schemas.run import Campaign
-from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.fit.identify import identify
 
 __all__ = ["run"]
 

@@ -16,7 +16,7 @@ import pinocchio as pin
 from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import MapTask, compute_tool_rotations, map_places, map_postures

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.campaigns import default_settings, large_campaign
 from benchmarks.report import Figure, Section
-from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.mechanics.measurements import Measurements
 
 __all__ = ["run"]

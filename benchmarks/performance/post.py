@@ -18,7 +18,7 @@ from benchmarks.performance.peers import cvxpy_clarabel, stacked_rows
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.services import Service, ServiceError, post_document
 from benchmarks.timing import Times, interleaved
-from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.fit.identify import identify
 
 __all__ = ["run"]
 

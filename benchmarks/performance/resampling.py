@@ -14,16 +14,16 @@ from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.schemas.options import Method, Resampling
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimation.identify import identify
-from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.problem import Bounds
-from jointstiff.solver.estimation.resampling import (
+from jointstiff.solver.evidence.resampling import (
     MethodStacks,
     Resamples,
     build_method_stacks,
     draw_configurations,
     resample,
 )
+from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.problem import Bounds
 
 __all__ = ["run"]
 

@@ -18,8 +18,8 @@ from benchmarks.performance.peers import (
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.estimation.estimate import Estimate
-from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.fit.estimate import Estimate
+from jointstiff.solver.fit.identify import identify
 from tests.reference.exact_nnls import exact_nnls
 
 __all__ = ["run"]

@@ -25,9 +25,9 @@ from benchmarks.studies.planted import (
 from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator.campaign import SpringArm
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimation.fitted_causes import fit_causes
-from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.evidence.fitted_causes import fit_causes
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.mechanics.block import fitted_errors
 from jointstiff.solver.mechanics.measurements import DifferenceNoise, Instrument, Measurements
 from tests.support.springs import robot_of

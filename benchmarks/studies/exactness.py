@@ -13,9 +13,9 @@ from flint import fmpq
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
-from jointstiff.solver.estimation.solution import Solution, solve, solve_step
-from jointstiff.solver.estimation.triangle import compute_triangular_factor
+from jointstiff.solver.fit.problem import Bounds, IdentificationProblem
+from jointstiff.solver.fit.solution import Solution, solve, solve_step
+from jointstiff.solver.fit.triangle import compute_triangular_factor
 from tests.reference.exact_nnls import exact_nnls
 from tests.reference.exact_problems import (
     MOST_ACTIVE,

@@ -18,7 +18,8 @@ from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.links.choice import (
+from jointstiff.solver.choice.elastic_fit import ElasticEstimate, fit_first_certified
+from jointstiff.solver.choice.held_out import (
     WEIGHTS,
     Folds,
     choose_weight_index,
@@ -26,8 +27,7 @@ from jointstiff.solver.links.choice import (
     refine_path,
     select_model,
 )
-from jointstiff.solver.links.fit import ElasticEstimate, fit_first_certified
-from jointstiff.solver.links.model import (
+from jointstiff.solver.fit.elastic import (
     LOSSES,
     MODELS,
     WITH_BASE,

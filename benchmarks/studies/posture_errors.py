@@ -17,11 +17,11 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, deflections
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimation.estimate import Estimate
-from jointstiff.solver.estimation.identify import identify
-from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.problem import Bounds
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.fit.estimate import Estimate
+from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.problem import Bounds
 from jointstiff.solver.mechanics.measurements import ASSUMED_LIVE_DRIFT, CommonUncertainty
 from jointstiff.solver.run import run as identify_run
 from tests.support.springs import robot_of

@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.problem import Bounds, Constraints
+from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import measure_reach
 from jointstiff.solver.mechanics.robot import Robot

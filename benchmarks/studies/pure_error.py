@@ -18,12 +18,12 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, deflections, plan_experiment
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimation.assessment import measure_pure_error
-from jointstiff.solver.estimation.estimate import predict
-from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.pure_error import PureError
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.evidence.pure_error import PureError
+from jointstiff.solver.fit.estimate import predict
+from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
+from jointstiff.solver.rules import measure_pure_error
 from tests.support.springs import robot_of
 
 __all__ = ["run"]

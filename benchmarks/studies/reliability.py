@@ -16,9 +16,9 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import plan_experiment
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.reliability import find_least_mistakes
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.evidence.reliability import find_least_mistakes
+from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.run import run as identify_and_judge
 from tests.support.springs import SpringCampaign, robot_of

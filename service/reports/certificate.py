@@ -18,7 +18,7 @@ from jointstiff.service.reports.document import NOT_STATED, list_versions
 from jointstiff.service.reports.exports import explain_missing_stiffness
 from jointstiff.service.tables.report import VERDICTS
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.fit import student_quantile
+from jointstiff.solver.fit.stages import student_quantile
 
 Element = ElementTree.Element
 VERSION: Final = "3.3.0"

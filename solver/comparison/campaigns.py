@@ -36,10 +36,10 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.robot import Estimate
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.estimate import compute_profile_ends, invert_compliance, predict
-from jointstiff.solver.estimation.fit import Likelihood, StageFit, invert_to_root, student_quantile
-from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
-from jointstiff.solver.estimation.solution import greatest_violations
+from jointstiff.solver.fit.estimate import compute_profile_ends, invert_compliance, predict
+from jointstiff.solver.fit.problem import Bounds, Constraints, Order
+from jointstiff.solver.fit.solution import greatest_violations
+from jointstiff.solver.fit.stages import Likelihood, StageFit, invert_to_root, student_quantile
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
 from jointstiff.solver.mechanics.postures import Postures

@@ -27,7 +27,7 @@ from jointstiff.schemas.plan import (
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.stack import Stack
+from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.mechanics.block import fitted_errors, regressor_blocks
 from jointstiff.solver.mechanics.measurements import (
     NO_SCATTER,

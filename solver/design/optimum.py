@@ -737,9 +737,9 @@ def _optimise_active_weights(
         return optimise_weights(criterion, problem.base, K, weights), None
     if isinstance(criterion, GOptimality):
         return optimise_worst_place(criterion, problem.base, K, weights)
-    from jointstiff.solver.estimation import convex  # takes a second to import
+    from jointstiff.solver.fit import programs  # takes a second to import
 
-    return convex.solve_e_optimal_design(problem.base, K, criterion.metric)
+    return programs.solve_e_optimal_design(problem.base, K, criterion.metric)
 
 
 def optimise_weights(

@@ -41,12 +41,12 @@ from jointstiff.solver.design.optimum import (
     optimise_design,
 )
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.estimate import Estimate
-from jointstiff.solver.estimation.observability import Spectrum
-from jointstiff.solver.estimation.reliability import compute_noncentrality
-from jointstiff.solver.estimation.stack import Stack
-from jointstiff.solver.estimation.term_tests import MISTAKE_LEVEL
-from jointstiff.solver.estimation.triangle import orthonormal_basis, unit_columns
+from jointstiff.solver.evidence.reliability import compute_noncentrality
+from jointstiff.solver.evidence.term_tests import MISTAKE_LEVEL
+from jointstiff.solver.fit.estimate import Estimate
+from jointstiff.solver.fit.observability import Spectrum
+from jointstiff.solver.fit.stack import Stack
+from jointstiff.solver.fit.triangle import orthonormal_basis, unit_columns
 from jointstiff.solver.mechanics.block import regressor_blocks, targets_in_flange, unloaded_block
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures

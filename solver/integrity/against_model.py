@@ -22,7 +22,7 @@ from scipy import special
 
 from jointstiff.schemas.finding import AdvisedAction, Finding, FindingCode, Unit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.estimation.triangle import Triangle
+from jointstiff.solver.fit.triangle import Triangle
 from jointstiff.solver.integrity.exchanged import (
     describe_distances,
     exchange_targets,

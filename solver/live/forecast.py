@@ -13,7 +13,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.design.optimum import AOptimality, compute_uncertainties
-from jointstiff.solver.estimation.statements import Statements, list_stated_terms
+from jointstiff.solver.fit.statements import Statements, list_stated_terms
 from jointstiff.solver.mechanics.block import build_whitened_rows, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot

@@ -19,7 +19,7 @@ from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.estimation.stack import Stack
+from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.integrity.values import View
 from jointstiff.solver.mechanics.block import Term, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements

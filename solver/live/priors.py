@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.schemas.options import StiffnessPrior
-from jointstiff.solver.estimation.fit import student_quantile
+from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.live.ahead import KnownCompliances
 
 _NORMAL: Final = student_quantile(0.975, None)

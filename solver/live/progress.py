@@ -23,10 +23,10 @@ from jointstiff.schemas.plan import DecisionGoal, Goal, JointsGoal
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError
-from jointstiff.solver.estimation.estimate import stiffness_interval
-from jointstiff.solver.estimation.fit import student_quantile
-from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.fit.estimate import stiffness_interval
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.live.ahead import CandidateReadings, KnownCompliances, NextReading, UncertaintyShare
 from jointstiff.solver.live.innovation import (
     HeldOut,

@@ -26,17 +26,16 @@ from scipy import special
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
-from jointstiff.solver.estimation.assessment import report_no_identified_joint
-from jointstiff.solver.estimation.conic import (
+from jointstiff.solver.fit.conic import (
     MassCones,
     MassConeSolution,
     bound_compliances,
     solve_mass_cones,
 )
-from jointstiff.solver.estimation.estimate import JointCompliance
-from jointstiff.solver.estimation.fit import student_quantile
-from jointstiff.solver.estimation.solution import Certificate
-from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
+from jointstiff.solver.fit.estimate import JointCompliance
+from jointstiff.solver.fit.solution import Certificate
+from jointstiff.solver.fit.stages import student_quantile
+from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.geometry.poses import (
     PoseReadings,
     Poses,
@@ -66,6 +65,7 @@ from jointstiff.solver.own_weight.rows import (
     linearise_readings,
 )
 from jointstiff.solver.predict.models import IdentifiedWeight
+from jointstiff.solver.rules import report_no_identified_joint
 from jointstiff.solver.text import figure, length_text
 
 _NEGLIGIBLE_TORQUE: Final = 1e-3

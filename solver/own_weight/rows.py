@@ -25,9 +25,9 @@ import pinocchio as pin
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.estimation.cones import Block
-from jointstiff.solver.estimation.conic import MassCones
-from jointstiff.solver.estimation.stack import Stack
+from jointstiff.solver.fit.cone import Block
+from jointstiff.solver.fit.conic import MassCones
+from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.geometry.poses import (
     Motion,
     PoseReadings,

@@ -15,20 +15,20 @@ from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.run import Identifiability, RunResult, WeightResult, WeightShare
 from jointstiff.solver.arrays import BoolArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.assessment import (
-    derive_assessment,
-    report_implausible_joints,
-    report_refuted_noise,
-)
-from jointstiff.solver.estimation.fit import Likelihood, sigma_test
-from jointstiff.solver.estimation.problem import Bounds, Constraints
-from jointstiff.solver.estimation.solution import greatest_violations
+from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.solution import greatest_violations
+from jointstiff.solver.fit.stages import Likelihood, sigma_test
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import build_messages, point
 from jointstiff.solver.predict.answers import build_stored_model
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.result import build_assessment_message, build_joint_results
+from jointstiff.solver.rules import (
+    derive_assessment,
+    report_implausible_joints,
+    report_refuted_noise,
+)
 
 if TYPE_CHECKING:
     from jointstiff.solver.geometry.poses import Poses

@@ -21,9 +21,9 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.run import Budget
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, cross
 from jointstiff.solver.errors import JointstiffError, RequestError
-from jointstiff.solver.estimation.fit import Likelihood
-from jointstiff.solver.estimation.problem import Bounds, Constraints
-from jointstiff.solver.links.model import ElasticColumns
+from jointstiff.solver.fit.elastic import ElasticColumns
+from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics, compute_angle_gaps, fit_to_ranges

@@ -24,7 +24,7 @@ from jointstiff.solver.arrays import (
     greatest_eigenvalue,
 )
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.fit import student_quantile
+from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot

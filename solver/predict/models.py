@@ -29,17 +29,17 @@ from scipy.spatial.transform import Rotation
 
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.choice.elastic_fit import ElasticEstimate
+from jointstiff.solver.choice.held_out import Folds, fit_fold
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.estimation.cones import find_diagonal_entries, to_matrix
-from jointstiff.solver.estimation.estimate import Estimate, PostureJackknife, compute_interval_ends
-from jointstiff.solver.estimation.fit import Likelihood
-from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.observability import Spectrum
-from jointstiff.solver.estimation.problem import Constraints
-from jointstiff.solver.estimation.resampling import build_method_stacks, fit_subsets
-from jointstiff.solver.links.choice import Folds, fit_fold
-from jointstiff.solver.links.fit import ElasticEstimate
-from jointstiff.solver.links.model import ElasticColumns, generate_elastic_blocks
+from jointstiff.solver.evidence.resampling import build_method_stacks, fit_subsets
+from jointstiff.solver.fit.cone import find_diagonal_entries, to_matrix
+from jointstiff.solver.fit.elastic import ElasticColumns, generate_elastic_blocks
+from jointstiff.solver.fit.estimate import Estimate, PostureJackknife, compute_interval_ends
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.observability import Spectrum
+from jointstiff.solver.fit.problem import Constraints
+from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.block import (
     Balance,
     OwnWeight,

@@ -18,7 +18,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.fit import student_quantile
+from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.predict.forward import Deflection, ForwardModel, unit_vectors
 from jointstiff.solver.predict.models import ModelError

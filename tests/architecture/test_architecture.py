@@ -153,7 +153,7 @@ def test_names_of_test_files_are_unique():
 
 
 SOLVER = ROOT / "solver"
-WHITENED_BY_THEMSELVES = {"estimation/method.py", "geometry/poses.py", "geometry/frames.py"}
+WHITENED_BY_THEMSELVES = {"fit/method.py", "geometry/poses.py", "geometry/frames.py"}
 """Maps of methods, and positions of geometry, which are no deflections."""
 
 
@@ -172,7 +172,7 @@ def _compresses(node):
 
 
 def test_only_the_triangle_compresses():
-    assert {name for name, node in solver_nodes() if _compresses(node)} == {"estimation/triangle.py"}
+    assert {name for name, node in solver_nodes() if _compresses(node)} == {"fit/triangle.py"}
 
 
 def test_only_readings_whiten_deflections():

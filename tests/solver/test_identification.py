@@ -30,9 +30,9 @@ from support.springs import SpringCampaign, load_cases, robot_of
 from jointstiff.simulator import equilibrium, simulate_campaign, torques
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import JointstiffError, MeasurementError, UnsupportedMethodError
-from jointstiff.solver.estimation.estimate import predict
-from jointstiff.solver.estimation.problem import Bounds, Constraints
-from jointstiff.solver.estimation.triangle import Triangle
+from jointstiff.solver.fit.estimate import predict
+from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.triangle import Triangle
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import OwnWeight, get_whole_block, regressor_blocks
 from jointstiff.solver.mechanics.chain import ChainJoint

@@ -9,7 +9,7 @@ from support.campaigns import ARM, prepare, simulated
 from jointstiff.schemas.options import CrossValidation, Resampling, RunOptions
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation import joints
+from jointstiff.solver.evidence import joints
 from jointstiff.solver.run import Identification, run
 
 

@@ -23,10 +23,10 @@ from benchmarks.studies.own_weight import BOTH, KNOWN, WITHIN, WRONG, estimates,
 from benchmarks.studies.ways import compare_ways
 from jointstiff.simulator import TARGETS, default_arm, deflections, linear_deflections, torques
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.estimation.cones import Block
-from jointstiff.solver.estimation.conic import GAP, MassCones, solve_mass_cones
-from jointstiff.solver.estimation.fit import Likelihood
-from jointstiff.solver.links.model import MODELS
+from jointstiff.solver.fit.cone import Block
+from jointstiff.solver.fit.conic import GAP, MassCones, solve_mass_cones
+from jointstiff.solver.fit.elastic import MODELS
+from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderReadings
 
 pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night

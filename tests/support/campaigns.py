@@ -16,11 +16,11 @@ from jointstiff.service.conversion.robots import build_chain_robot, build_dh_cha
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.estimation.estimate import Estimate
-from jointstiff.solver.estimation.identify import identify
-from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.problem import Bounds
-from jointstiff.solver.estimation.resampling import MethodStacks, build_method_stacks, refuse_nonlinear
+from jointstiff.solver.evidence.resampling import MethodStacks, build_method_stacks, refuse_nonlinear
+from jointstiff.solver.fit.estimate import Estimate
+from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.problem import Bounds
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot

@@ -34,8 +34,8 @@ from jointstiff.solver.comparison.campaigns import (
     models_differ,
 )
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.fitted_causes import fit_causes
-from jointstiff.solver.estimation.refuted import leave_out, list_refuted
+from jointstiff.solver.evidence.fitted_causes import fit_causes
+from jointstiff.solver.evidence.refuted import leave_out, list_refuted
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.models import JointModel

@@ -29,12 +29,11 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.assessment import assess
-from jointstiff.solver.estimation.estimate import predict
-from jointstiff.solver.estimation.fitted_causes import fit_causes
-from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.refuted import list_refuted
+from jointstiff.solver.evidence.fitted_causes import fit_causes
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.evidence.refuted import list_refuted
+from jointstiff.solver.fit.estimate import predict
+from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.robot import Robot
@@ -42,6 +41,7 @@ from jointstiff.solver.messages import build_messages
 from jointstiff.solver.own_weight.rows import Burden, make_planned_rows_function
 from jointstiff.solver.own_weight.run import run_by_weight
 from jointstiff.solver.result import build_assessment_message
+from jointstiff.solver.rules import assess
 
 _LARGEST_RELATIVE_UNCERTAINTY: Final = 0.5
 """Relative uncertainty of a compliance above which the compliance is not used as a nominal value."""

@@ -20,13 +20,13 @@ from jointstiff.service.conversion.robots import refuse_far_point
 from jointstiff.service.runs.verdicts import find_far_points, find_implausible_deflection
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import JointstiffError
-from jointstiff.solver.estimation.assessment import report_implausible_joints
-from jointstiff.solver.estimation.estimate import JointCompliance
-from jointstiff.solver.estimation.payload import inspect_force_unit
+from jointstiff.solver.evidence.payload import inspect_force_unit
+from jointstiff.solver.fit.estimate import JointCompliance
 from jointstiff.solver.geometry.poses import refuse_wrong_units
 from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics.chain import chain_dh_rows
 from jointstiff.solver.mechanics.measurements import EncoderReadings, Instrument
+from jointstiff.solver.rules import report_implausible_joints
 
 DOCUMENT = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
 ROBOT, SET = prepare(DOCUMENT)

@@ -34,16 +34,16 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.simulator.programs import program_text
+from jointstiff.solver.choice import competition
+from jointstiff.solver.choice.competition import Competition, Winner
+from jointstiff.solver.choice.elastic_fit import EffectiveCompliances
+from jointstiff.solver.choice.held_out import LIMITS, WEIGHTS, HeldOut, Selection
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
-from jointstiff.solver.estimation.assessment import _report_links
-from jointstiff.solver.estimation.estimate import Prediction
-from jointstiff.solver.links import competition
-from jointstiff.solver.links.choice import LIMITS, WEIGHTS, HeldOut, Selection
-from jointstiff.solver.links.competition import Competition, Winner
-from jointstiff.solver.links.fit import EffectiveCompliances
-from jointstiff.solver.links.model import LINKS_ALONE
+from jointstiff.solver.fit.elastic import LINKS_ALONE
+from jointstiff.solver.fit.estimate import Prediction
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.result import describe_choice_by_comparison
+from jointstiff.solver.rules import _report_links
 
 VIEW = View(True, UNITS["MNm/rad"])
 OPTIONS = {"elasticity": "joints_and_links", "link_penalty": 1e-3, "cross_validation": {"folds": 3}}

@@ -33,10 +33,10 @@ from jointstiff.solver.comparison.campaigns import (
     models_differ,
 )
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.estimate import Estimate
-from jointstiff.solver.estimation.identify import identify
-from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.problem import Bounds, Constraints
+from jointstiff.solver.fit.estimate import Estimate
+from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.robot import Robot
 

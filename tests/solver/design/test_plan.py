@@ -46,10 +46,10 @@ from jointstiff.solver.design.plan import (
     plan_campaign,
 )
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.estimation.identify import identify
-from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.term_tests import MISTAKE_LEVEL
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.evidence.term_tests import MISTAKE_LEVEL
+from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.mechanics.block import get_whole_block
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument, Scatter
 from jointstiff.solver.mechanics.postures import Postures

@@ -9,9 +9,9 @@ from support.campaigns import estimate, prepare
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, build_reading_stack
-from jointstiff.solver.estimation.causes import screen_estimate
-from jointstiff.solver.estimation.estimate import UncertaintyBudget
-from jointstiff.solver.estimation.fitted_causes import fit_causes
+from jointstiff.solver.evidence.causes import screen_estimate
+from jointstiff.solver.evidence.fitted_causes import fit_causes
+from jointstiff.solver.fit.estimate import UncertaintyBudget
 from jointstiff.solver.mechanics.block import Term, move_by_torque
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.mechanics.postures import Postures

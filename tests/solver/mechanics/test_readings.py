@@ -27,22 +27,26 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.simulator.campaign import LOAD_POINT
 from jointstiff.simulator.equilibrium import deflections, torques
+from jointstiff.solver.choice.elastic_fit import (
+    build_effective_rows,
+    compute_effective_compliances,
+    estimate_elastic,
+)
+from jointstiff.solver.choice.held_out import Folds, list_models_to_compare
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.estimation import identify as iteration
-from jointstiff.solver.estimation.causes import screen_estimate
-from jointstiff.solver.estimation.cones import to_vector
-from jointstiff.solver.estimation.estimate import predict
-from jointstiff.solver.estimation.term_tests import LINKS_LEVEL
-from jointstiff.solver.integrity import inspect_measurements
-from jointstiff.solver.links.choice import Folds, list_models_to_compare
-from jointstiff.solver.links.fit import build_effective_rows, compute_effective_compliances, estimate_elastic
-from jointstiff.solver.links.model import (
+from jointstiff.solver.evidence.causes import screen_estimate
+from jointstiff.solver.evidence.term_tests import LINKS_LEVEL
+from jointstiff.solver.fit import identify as iteration
+from jointstiff.solver.fit.cone import to_vector
+from jointstiff.solver.fit.elastic import (
     MODELS,
     WITH_BASE,
     ElasticColumns,
     ElasticModel,
     generate_elastic_blocks,
 )
+from jointstiff.solver.fit.estimate import predict
+from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks
 from jointstiff.solver.mechanics.cases import LoadCases

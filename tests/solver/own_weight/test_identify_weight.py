@@ -23,8 +23,8 @@ from jointstiff.simulator.base import SPRINGS, on_pedestal, standing
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.estimation.cones import Block
-from jointstiff.solver.estimation.problem import Bounds, Constraints
+from jointstiff.solver.fit.cone import Block
+from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.geometry.poses import PoseState, list_chain_axes, transform_points
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases

@@ -12,14 +12,14 @@ from jointstiff.schemas.options import CrossValidation
 from jointstiff.schemas.robot import DhRow
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
+from jointstiff.solver.choice.elastic_fit import estimate_elastic
+from jointstiff.solver.choice.held_out import Folds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.estimate import PostureJackknife, UncertaintyBudget
-from jointstiff.solver.estimation.identify import identify
-from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.problem import Bounds, Constraints
-from jointstiff.solver.links.choice import Folds
-from jointstiff.solver.links.fit import estimate_elastic
-from jointstiff.solver.links.model import ElasticColumns, ElasticModel
+from jointstiff.solver.fit.elastic import ElasticColumns, ElasticModel
+from jointstiff.solver.fit.estimate import PostureJackknife, UncertaintyBudget
+from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.chain import chain_dh_rows

@@ -14,11 +14,11 @@ from support.springs import robot_of
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import default_arm, equilibrium
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
+from jointstiff.solver.choice.elastic_fit import estimate_elastic
+from jointstiff.solver.choice.held_out import Folds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.problem import Bounds, Constraints
-from jointstiff.solver.links.choice import Folds
-from jointstiff.solver.links.fit import estimate_elastic
-from jointstiff.solver.links.model import ElasticColumns, ElasticModel
+from jointstiff.solver.fit.elastic import ElasticColumns, ElasticModel
+from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel

@@ -1,0 +1,450 @@
+"""Competition of elastic models on held-out postures, with the choice of loss and penalty (method.md §7).
+
+Models compete in two stages. First all models are fitted by squares, for all weights of the penalty. Then
+those whose error is near the least are fitted by Huber's loss, near the weight that squares chose: a robust
+fit takes several times as long, and seldom changes the order of the models.
+
+The unit of work is the fit of all models by squares with some weights and one fold held out. If the request
+gives the penalty, only one weight is fitted: this is so quick that the competition has no steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from jointstiff.schemas.options import ElasticModel as ModelName
+from jointstiff.schemas.options import Loss, RunOptions
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.choice.elastic_fit import (
+    EffectiveCompliances,
+    ElasticEstimate,
+    compute_effective_compliances,
+    fit_first_certified,
+    refuse_unsupported_elastic,
+)
+from jointstiff.solver.choice.held_out import (
+    LIMITS,
+    WEIGHTS,
+    Folds,
+    HeldOut,
+    PenaltyPath,
+    Selection,
+    choose_weight_index,
+    draw_folds,
+    find_certified_weights,
+    fit_fold,
+    fit_folds,
+    list_models_to_compare,
+    refine_path,
+    select_model,
+)
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.evidence.causes import Screening
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.fit.elastic import (
+    LINKS_ALONE,
+    LOSSES,
+    WITH_BASE,
+    ElasticColumns,
+    ElasticModel,
+    list_losses_to_compare,
+)
+from jointstiff.solver.fit.method import DEFAULT_THRESHOLD, Settings
+from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
+
+_Paths: TypeAlias = dict[tuple[ModelName, Loss], PenaltyPath]
+
+_PENALTIES_PER_STEP: Final = 4
+"""Number of penalties that one step fits: with all models 0.2 s for 30 targets, 1 s for 300."""
+_NEAR: Final = 1.5
+"""Error of a model, relative to the least of all models, up to which further losses are tried."""
+_STEPS_NEAR: Final = (-2, 0, 2)
+"""Weights tried with a further loss: quarters of a decade from the weight that squares chose."""
+
+
+def find_obstacle_to_elastic_links(
+    options: RunOptions, settings: Settings, robot: Robot, measurements: Measurements
+) -> str | None:
+    """Return the field of the request that rules out models with bending links or base; None if nothing does.
+
+    The field is "observations" if all observations have the same posture.
+
+    Raises:
+        RequestError: a link is named that the robot does not have.
+    """
+    if options.resampling is not None:
+        return "resampling"
+    try:
+        refuse_unsupported_elastic(settings)
+        ElasticColumns.from_options(options, robot)
+        if options.loss != "automatic":
+            list_losses_to_compare(measurements, (options.loss,))
+    except UnsupportedMethodError as error:
+        return error.where or "elasticity"
+    # Cross-validation holds postures out, so that at least two different ones are needed.
+    joints = measurements.joints
+    return "observations" if (joints == joints[0]).all() else None
+
+
+@dataclass(frozen=True, eq=False)
+class Elastic:
+    """Fit of a model with bending links or base to the whole set, with intervals of joint compliances."""
+
+    estimate: ElasticEstimate  #: fit of the chosen model
+    #: effective compliances of the joints, with intervals that account for the choice of the model
+    effective: EffectiveCompliances
+    intervals: ModelName | None  #: model whose fit gives the intervals; None if the penalty was given
+
+
+@dataclass(frozen=True, eq=False)
+class Winner:
+    """Winning model: the simplest that predicts held-out postures nearly as well as the best."""
+
+    selection: Selection  #: all models and losses that were compared
+    held_out: HeldOut  #: prediction of the winner
+    elastic: Elastic | None  #: fit of the winner to the whole set; None for joints alone
+    given: bool  #: True if the request names the model, so that no model was chosen
+
+
+class Competition:
+    """Comparison of models by their prediction of held-out postures, computed in short steps."""
+
+    unit = "penalties"
+    activity = "cross-validating"
+
+    def __init__(self, joints: JointsAlone, options: RunOptions) -> None:
+        """Check the request, and determine the losses and penalties to compare.
+
+        Args:
+            joints: identification of joints alone, with which the models are compared.
+            options: model, losses, penalty and cross-validation.
+
+        Raises:
+            RequestError: the readings or options do not support the comparison, or a joint does not exist.
+        """
+        measurements, requested_penalty = joints.given, options.link_penalty
+        refuse_unsupported_elastic(joints.stated)
+        if options.resampling is not None:
+            raise UnsupportedMethodError(
+                "resampling works only with elasticity joints",
+                where="resampling",
+                remedy="omit `resampling`; the cross-validation shows the dispersion",
+            )
+        self._joints, self._options = joints, options
+        self._columns = ElasticColumns.from_options(options, joints.robot)
+        self._requested = None if options.elasticity == "automatic" else options.elasticity
+        # Repeated draws serve to choose the penalty; if it is given, one draw shows how well a model
+        # predicts.
+        one_draw = {} if requested_penalty is None else {"draws": 1}
+        self._validation = options.cross_validation.model_copy(update=one_draw)
+        self._weights = WEIGHTS if requested_penalty is None else (requested_penalty,)
+        # A given penalty is relative to the squared loss: with another loss it would be weaker or stronger.
+        losses: tuple[Loss, ...] = LOSSES if requested_penalty is None else ("squared",)
+        if options.loss != "automatic":
+            losses = (options.loss,)
+        self._losses = list_losses_to_compare(measurements, losses)
+        self._fold_count = len(draw_folds(self._validation, measurements.joints))
+
+    @property
+    def loss_is_compared(self) -> bool:
+        """True if several losses are compared on held-out postures."""
+        return len(self._losses) > 1
+
+    @property
+    def loss_is_automatic(self) -> bool:
+        """True if the request names no loss."""
+        return self._options.loss == "automatic"
+
+    @property
+    def penalty_is_given(self) -> bool:
+        """True if the request gives the penalty, so that cross-validation does not choose one."""
+        return self._options.link_penalty is not None
+
+    @property
+    def screening(self) -> Screening:
+        """Tests of the residuals of joints alone, fitted with the squared loss, for other causes."""
+        return self._joints.with_loss("squared").screening
+
+    def steps(self) -> tuple[tuple[int, int], ...]:
+        """Return the steps of the cross-validation; no steps if the request gives the penalty.
+
+        Each step is a span (start, stop) of numbered pairs of a held-out fold and a weight of the penalty:
+        first the pairs of fold 0 with all weights, then those of fold 1, and so on.
+        """
+        if self.penalty_is_given:
+            return ()
+        weight_count = len(self._weights)
+        return tuple(
+            (
+                fold * weight_count + start,
+                fold * weight_count + min(start + _PENALTIES_PER_STEP, weight_count),
+            )
+            for fold in range(self._fold_count)
+            for start in range(0, weight_count, _PENALTIES_PER_STEP)
+        )
+
+    def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
+        """Fit all models for the weights of one step, with the step's fold held out.
+
+        Args:
+            span: one of `steps`.
+
+        Returns:
+            `fold_compliances` (M, W, P + E) and `error` (M, W) [m], the compliances and stated errors of M
+            models fitted by squares for W weights, and the errors with which they predict the held-out fold.
+
+        Raises:
+            JointstiffError: joints alone cannot be identified, or the penalty has no scale.
+        """
+        fold, start = divmod(span[0], len(self._weights))
+        weights = self._weights[start : start + span[1] - span[0]]
+        fits = [fit_fold(self._folds, model, fold, weights) for model in self._squared_models]
+        compliances, errors = map(np.array, zip(*fits, strict=True))
+        return {"fold_compliances": compliances, "error": errors}
+
+    def choose_winner(self, parts: Sequence[Mapping[str, FloatArray]]) -> Winner:
+        """Choose model, loss and penalty, and fit the chosen model to the whole set.
+
+        Args:
+            parts: results of `compute` of all steps, in order.
+
+        Raises:
+            JointstiffError: joints alone cannot be identified, or no optimum is certified.
+        """
+        paths = self._collect_paths(parts)
+        near = self._list_near_models(paths)
+        for model in near:
+            self._refine_squares(model, paths)
+        if "huber" in self._losses:
+            paths |= self._fit_huber(near, paths)
+        selection, held_out = self._choose_model(paths)
+        elastic = None if held_out.model == "joints" else self._fit_whole_set(held_out, selection, paths)
+        return Winner(selection, held_out, elastic, self._requested is not None)
+
+    def _collect_paths(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
+        """Return the fits by squares with each fold held out; keys are pairs of model and loss."""
+        if not self.steps():  # With a given penalty no step computed the fits, so they are computed here.
+            count = len(self._weights)
+            parts = [self.compute((k * count, (k + 1) * count)) for k in range(self._fold_count)]
+        shape = len(self._squared_models), self._fold_count, len(self._weights)
+        compliances, errors = (
+            np.concatenate([part[name] for part in parts], axis=1) for name in ("fold_compliances", "error")
+        )
+        return {
+            model.key: PenaltyPath(self._weights, model_compliances, model_errors)
+            for model, model_compliances, model_errors in zip(
+                self._squared_models, compliances.reshape(*shape, -1), errors.reshape(shape), strict=True
+            )
+        }
+
+    def _list_near_models(self, paths: _Paths) -> list[ElasticModel]:
+        """Return the models whose squares predict nearly as well as the best; all if only Huber is asked."""
+        least = {key: path.least_error for key, path in paths.items()}
+        limit = _NEAR * min(least.values()) if "squared" in self._losses else np.inf
+        return [model for model in self._squared_models if least[model.key] <= limit]
+
+    def _fit_huber(self, models: Sequence[ElasticModel], paths: _Paths) -> _Paths:
+        """Return the fits of some models by Huber's loss, with each fold held out."""
+        return {
+            (model.name, "huber"): fit_folds(
+                self._folds, replace(model, loss="huber"), self._place_weights(model, paths[model.key])
+            )
+            for model in models
+        }
+
+    def _place_weights(self, model: ElasticModel, path: PenaltyPath) -> list[float]:
+        """Return the weights to try with Huber's loss, around the weight that squares chose."""
+        if self.penalty_is_given or not find_certified_weights(path.errors).any():
+            return list(self._weights)
+        best = choose_weight_index(path.errors, "best")
+        unknowns = path.unknowns[:, best].mean(axis=0)
+        formulation = self._folds.formulate_model_fit(model)
+        as_strong = formulation.convert_weight_to_huber(model, unknowns, path.weights[best])
+        quarter = round(4.0 * float(np.log10(as_strong)))
+        least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
+        quarters = {min(max(quarter + step, least), greatest) for step in _STEPS_NEAR}
+        return [10.0 ** (each / 4.0) for each in sorted(quarters)]
+
+    def _refine_squares(self, model: ElasticModel, paths: _Paths) -> None:
+        """Search the penalty of a model fitted by squares on a finer grid; replace its path in `paths`."""
+        path = paths[model.key]
+        if not self.penalty_is_given and model.name != "joints" and find_certified_weights(path.errors).any():
+            paths[model.key] = refine_path(self._folds, model, path)
+
+    def _choose_model(self, paths: _Paths) -> tuple[Selection, HeldOut]:
+        """Choose the model with its loss and penalty, after trying finer penalties around the best penalties.
+
+        Return the comparison of all models, and the chosen model. Fits with finer penalties are added to
+        `paths`.
+        """
+        is_automatic = self._requested is None
+        # Models are compared automatically only after a test has indicated that links or base bend.
+        links_may_be_base = is_automatic and self.screening.links_may_be_base
+        selection = select_model(
+            self._folds,
+            {key: path for key, path in paths.items() if key[1] in self._losses},
+            self._requested,
+            screened=is_automatic,
+            links_may_be_base=links_may_be_base,
+        )
+        if is_automatic and not self.penalty_is_given:
+            # A model whose best penalty is the smallest tried needs a smaller one for a fair comparison.
+            for name in dict.fromkeys(each.model for each in selection.models):
+                held_out = selection.find_held_out(name)
+                if held_out.penalty == self._weights[0] and held_out.loss == "squared":
+                    selection = self._refine_penalty(held_out, selection, paths)
+            selection = Selection.choose_among(
+                selection.models, screened=is_automatic, links_may_be_base=links_may_be_base
+            )
+        chosen = selection.find_held_out(self._requested or selection.simplest)
+        if chosen.model == "joints":
+            # The identification of joints alone supports these two losses only.
+            chosen = selection.find_held_out("joints", ("squared", "huber"))
+        elif not self.penalty_is_given and chosen.loss == "squared":
+            selection = self._refine_penalty(chosen, selection, paths)
+            chosen = selection.find_held_out(chosen.model, (chosen.loss,))
+        return selection, chosen
+
+    @cached_property
+    def _squared_models(self) -> list[ElasticModel]:
+        """Models to compare, with the squared loss."""
+        threshold = self._options.huber_threshold or DEFAULT_THRESHOLD
+        names = list_models_to_compare(self.screening, self._requested)
+        return [ElasticModel(name, self._columns, "squared", threshold) for name in names]
+
+    @cached_property
+    def _folds(self) -> Folds:
+        """Measurement set divided into folds."""
+        joints = self._joints
+        visible = ~joints.estimate.observability.null
+        return Folds(joints.robot, joints.given, self._columns, visible, self._validation, self._statements)
+
+    @cached_property
+    def _statements(self) -> Statements | None:
+        """Statements on loads, places and compliances, to be fitted with the readings; None without any.
+
+        Their columns are computed at the compliances of joints alone: those of links change the columns by a
+        fraction of an error that is small itself.
+        """
+        joints = self._joints
+        terms = list_stated_terms(joints.given)
+        prior = joints.stated.prior
+        if not terms and prior is None:
+            return None
+        return Statements(
+            terms=terms,
+            common=joints.given.common_uncertainty,
+            compliance=np.maximum(joints.estimate.compliance, 0.0),
+            sigma=max(joints.given.sigma or joints.estimate.sigma or 0.0, LEAST_STATED_SIGMA),
+            prior=prior,
+        )
+
+    def _find_model(self, held_out: HeldOut) -> ElasticModel:
+        """Return the compared model whose name and loss are those of `held_out`."""
+        model = next(model for model in self._squared_models if model.name == held_out.model)
+        return replace(model, loss=held_out.loss)
+
+    def _refine_penalty(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Selection:
+        """Search the penalty of one model on a finer grid, and return the selection with its new accuracy.
+
+        The path of the model in `paths` is replaced.
+
+        Args:
+            held_out: accuracy of the model so far, which names model and loss.
+            selection: comparison of all models so far.
+            paths: fits of each model and loss.
+        """
+        model = self._find_model(held_out)
+        paths[model.key] = refine_path(self._folds, model, paths[model.key])
+        this_model_alone = select_model(self._folds, {model.key: paths[model.key]}, held_out.model)
+        return selection.replace_refined(this_model_alone.models[0])
+
+    def _fit_with_chosen_penalty(self, held_out: HeldOut, paths: _Paths) -> ElasticEstimate:
+        """Fit a model to the whole set with the penalty that cross-validation chose.
+
+        If no optimum is certified with this penalty, the next larger penalties are tried.
+
+        Raises:
+            UnsupportedMethodError: neither the chosen nor a larger penalty has a certified optimum.
+        """
+        weights = paths[held_out.model, held_out.loss].weights
+        chosen_index = weights.index(held_out.penalty or weights[0])
+        return fit_first_certified(self._folds, self._find_model(held_out), weights[chosen_index:])
+
+    def _fit_whole_set(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Elastic:
+        """Fit the chosen model to the whole set, with intervals that account for the choice of the model.
+
+        Intervals are those of a fit by squares, whatever the loss.
+
+        If the readings do not distinguish links from the base, the intervals contain the intervals of both
+        models, provided that the tied model has a certified optimum.
+        """
+        elastic = self._fit_with_chosen_penalty(held_out, paths)
+        if self.penalty_is_given:
+            return Elastic(elastic, self._compute_effective(elastic, elastic), None)
+        if self._requested is not None:
+            of_squares = self._fit_squares(elastic.model.name, paths) or elastic
+            return Elastic(elastic, self._compute_effective(elastic, of_squares), elastic.model.name)
+        richest = self._fit_squares(selection.largest, paths) or elastic  # its fit gives the intervals
+        effective = self._compute_effective(elastic, richest)
+        if selection.tied is not None:
+            tied = self._compute_effective_of_tied(selection.tied, selection, paths)
+            if tied is not None:
+                effective = effective.widen_ranges_by(tied)
+            prediction = replace(
+                elastic.prediction,
+                bending="links_or_base",
+                predicted_by="base" if elastic.model.name in WITH_BASE else "links",
+                joined=tied is not None,
+            )
+            elastic = replace(elastic, prediction=prediction)
+        return Elastic(elastic, effective, richest.model.name)
+
+    def _fit_squares(self, name: ModelName, paths: _Paths) -> ElasticEstimate | None:
+        """Fit a model to the whole set by squares, with its best penalty; None if no optimum is certified.
+
+        The penalty is searched on the finer grid first.
+        """
+        model = next(model for model in self._squared_models if model.name == name)
+        self._refine_squares(model, paths)
+        path = paths[model.key]
+        if not find_certified_weights(path.errors).any():
+            return None
+        chosen_index = choose_weight_index(path.errors, self._validation.rule, self._validation.draws)
+        try:
+            return fit_first_certified(self._folds, model, path.weights[chosen_index:])
+        except UnsupportedMethodError:
+            return None
+
+    def _compute_effective_of_tied(
+        self, tied: ModelName, selection: Selection, paths: _Paths
+    ) -> EffectiveCompliances | None:
+        """Return the effective compliances of the tied model; None if its fit is not certified.
+
+        The intervals come from the richest model with links and rigid base if links are tied, or from the
+        tied model if the fit of the richest is not certified.
+        """
+        alike = LINKS_ALONE if tied in LINKS_ALONE else {tied}
+        richest = next(each.model for each in reversed(selection.models) if each.model in alike)
+        try:
+            fit_of_tied = self._fit_with_chosen_penalty(selection.find_held_out(tied), paths)
+        except UnsupportedMethodError:
+            return None
+        return self._compute_effective(fit_of_tied, self._fit_squares(richest, paths) or fit_of_tied)
+
+    def _compute_effective(self, elastic: ElasticEstimate, richest: ElasticEstimate) -> EffectiveCompliances:
+        """Return effective joint compliances of the fit `elastic`, with ranges from the fit `richest`."""
+        return compute_effective_compliances(
+            self._joints.robot,
+            elastic,
+            self._joints.stated.confidence,
+            richest,
+            publishes_ranges=not self.penalty_is_given,
+        )

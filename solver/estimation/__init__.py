@@ -1,1 +1,0 @@
-"""Estimates and their evidence: triangle, convex programs, methods, intervals, causes, verdicts."""

@@ -1,0 +1,158 @@
+"""Causes of deflections that joints alone do not explain (method.md §7, §13).
+
+A load point elsewhere, a forgotten force, a load cell's zero, some loads heavier than others, play in the
+gears, a tracker or base that moved: each is a term in addition to the joints, which are fitted with K_c to
+the targets' rows, without bounds. Causes with a significant test are fitted by Gauss-Newton, and compared by
+the Bayesian information criterion (Schwarz 1978), with bending links among them; causes that explain the
+readings together are selected one after the other. Mistakes are tested before links: added to columns of
+links, their tests accuse clean campaigns of elastic arms, and without these tests a load point elsewhere
+looks like links.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.options import ElasticModel
+from jointstiff.schemas.run import CauseTest
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.evidence.selection import Cause, Step, select_causes
+from jointstiff.solver.evidence.suspects import MOST_TESTED_OBSERVATIONS
+from jointstiff.solver.evidence.term_tests import LINKS_LEVEL, MISTAKE_LEVEL, TermTests
+from jointstiff.solver.fit.estimate import Estimate
+from jointstiff.solver.mechanics.block import (
+    fitted_errors,
+)
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE
+
+CLEAR_GAIN: Final = 2.0
+"""Gain of a model with links, in paired standard errors, above which joints alone do not fit."""
+
+
+@dataclass(frozen=True)
+class HeldOutGain:
+    """Result of a cross-validation: mean residuals of held-out postures, by two models.
+
+    The models are the best one with links or coupling, and joints alone.
+    """
+
+    model: ElasticModel
+    error: float  #: mean length of the residuals of that model [m]
+    error_of_joints: float  #: mean length of the residuals of joints alone [m]
+    standard_error: float  #: of the difference, paired by posture [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Screening:
+    """Outcome of the tests for causes, links and base in addition to the joints."""
+
+    links_p_value: float  #: of the test of links added to the joints; 1 where the readings cannot decide
+    tests: tuple[
+        CauseTest, ...
+    ]  #: tests of all causes, the most significant first; empty where no test was possible
+    #: causes that explain the readings together, step by step; causes of one step explain them equally well
+    causes: tuple[Cause, ...]
+    gain: HeldOutGain | None = None  #: gain of the cross-validation; None where none was run
+    base_p_value: float = 1.0  #: p-value of the test of a base added to the joints
+    #: p-value of links added to joints and base, then of a base added to joints and links; 1 if the test of
+    #: the base alone is not significant
+    links_p_value_with_base: float = 1.0
+    base_p_value_with_links: float = 1.0
+    wrong: tuple[str, ...] = ()  #: labels of single postures whose readings are wrong
+    comparable: bool = True  #: whether the options allow a comparison of joints alone with elastic links
+
+    @property
+    def makes_links_unnecessary(self) -> bool:
+        """True if causes were found, and nothing is left for links to explain when all are fitted."""
+        last = [cause for cause in self.causes if cause.step == self.causes[-1].step]
+        return bool(last) and all(cause.makes_links_unnecessary for cause in last)
+
+    @property
+    def lack_of_fit(self) -> bool:
+        """True if a model with links explains the readings better than joints alone.
+
+        The cross-validation decides if one was run, else the F test of links.
+        """
+        significant, gain = self.links_p_value < MISTAKE_LEVEL, self.gain
+        if gain is not None:
+            significant = gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
+        return self.links_need_validation and significant
+
+    @property
+    def links_need_validation(self) -> bool:
+        """True if models with links should be cross-validated.
+
+        The test of links is then significant, and no cause explains what the links would explain.
+        """
+        return self.links_p_value < LINKS_LEVEL and not self.makes_links_unnecessary
+
+    @property
+    def base_needs_validation(self) -> bool:
+        """True if models with a bending base should be cross-validated.
+
+        The test of the base is then significant, and no cause explains what links or base would explain.
+        """
+        return self.base_p_value < MISTAKE_LEVEL and not self.makes_links_unnecessary
+
+    @property
+    def links_may_be_base(self) -> bool:
+        """True if the tests do not distinguish bending links from a bending base.
+
+        Either of the two explains the readings, and the other then explains nothing more. Held-out postures
+        do not decide, because a pedestal that yields equally about x and y moves targets exactly as link 1
+        does.
+        """
+        second = min(self.links_p_value_with_base, self.base_p_value_with_links)
+        return self.base_needs_validation and second >= LINKS_LEVEL
+
+
+def screen_estimate(
+    robot: Robot, measurements: Measurements, estimate: Estimate, scattered: bool = False
+) -> Screening:
+    """Test for causes, links and a base that explain what joints alone leave unexplained.
+
+    Only readings of targets are used, not encoders. If the load has no balance or there are no degrees of
+    freedom, no test is significant. Causes that were fitted to these measurements before stay in every fit.
+
+    Args:
+        robot: n joints.
+        measurements: N observations, with the scatter that was stated.
+        estimate: estimate by joints alone.
+        scattered: whether the residuals show a scatter of the joints, which tests must account for.
+    """
+    tested = measurements.select_evenly(MOST_TESTED_OBSERVATIONS)
+    compliance = np.maximum(estimate.compliance, 0.0)
+    balanced = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
+    compliances, visible = (compliance, balanced), ~estimate.observability.null
+    try:
+        start = Step.from_measurements(robot, measurements, tested, compliances, visible, scattered=scattered)
+    except SolverError:  # no balance under the load: the assessment reports that elsewhere
+        return Screening(1.0, (), ())
+    selection = select_causes(robot, measurements, tested, compliances, start, scattered=scattered)
+    # Links and base must show with and without the postures that were left out.
+    whole, start = start, selection.start
+    links_p_value = max(whole.links_p_value, start.links_p_value)
+    base_p_value = max(whole.base_p_value, start.base_p_value)
+    ordered = sorted(start.p_values.items(), key=lambda each: each[1])
+    screening = Screening(
+        links_p_value,
+        tuple(CauseTest(name=each.name, first=each.first, p_value=p) for each, p in ordered),
+        selection.causes,
+        wrong=selection.wrong,
+        base_p_value=base_p_value,
+    )
+    if base_p_value >= MISTAKE_LEVEL:
+        return screening
+    tests = start.tests
+    known = fitted_errors(measurements).terms
+    with_base = TermTests(tests.block, compliance, visible, known, [FULL_BASE], scattered=scattered)
+    return replace(
+        screening,
+        links_p_value_with_base=with_base.links_p_value(FULL_BASE.name),
+        base_p_value_with_links=tests.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)[0],
+    )

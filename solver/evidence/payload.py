@@ -1,0 +1,213 @@
+"""Check of the unit of forces: stiffness of a six-axis arm compared with its payload and reach.
+
+Confused units scale all forces alike, so no reading shows the mistake. Makers build joints for the torque of
+the payload at the reach, and therefore the ratio of stiffness to this torque differs little among arms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.finding import AdvisedAction, Finding
+from jointstiff.schemas.measurement import ConfusedForceUnit, ForceUnit
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.fit.estimate import JointCompliance
+from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
+from jointstiff.solver.mechanics.postures import measure_reach
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.text import PAST_CARE, figure
+
+
+@dataclass(frozen=True)
+class MeasuredArm:
+    """Arm whose stiffness was measured with forces of known unit."""
+
+    name: str
+    payload: float  #: [kg]
+    reach: float  #: of the wrist from axis 1 [m]
+    stiffness: tuple[float, ...]  #: k2 to k6 [N·m/rad]
+
+    def ratios(self) -> FloatArray:
+        """Return the ratios (5,) of the stiffnesses k2 to k6 to the torque of payload and reach [rad⁻¹]."""
+        return np.array(self.stiffness) / payload_torque(self.payload, self.reach)
+
+
+R_2000IC: Final = (2.743e6, 2.070e6, 0.3592e6, 0.4442e6, 0.1380e6)
+"""Stiffnesses k2 to k6 [N·m/rad] of a FANUC R-2000iC, by cable pulls of the repository
+breakthrough-surge-suppression-in-high-speed-robotic-drilling, commit e5c2f79."""
+MEASURED_ARMS: Final = (
+    MeasuredArm("FANUC R-2000iC/165F", 165.0, 2.655, R_2000IC),
+    MeasuredArm("FANUC R-2000iC/210F", 210.0, 2.655, R_2000IC),
+)
+"""Arms from which the plausible ratios are derived: measured ones whose payload and reach the catalogue of
+arms states. There is one, whose source names no variant; the catalogue has two with its kinematics."""
+FACTOR: Final = 3.0
+"""Factor on the mean ratio of the measured arms within which a ratio is plausible.
+
+Its square, 9, is less than a kgf in N. Therefore no ratio is plausible both with forces in N and in kgf."""
+LEAST_JOINTS: Final = 3
+"""Number of the joints 2 to 6 that must be identified."""
+_SIX: Final = 6
+"""Number of joints; joint 1 is not compared, because it often sees no torque."""
+_TYPED_UNITS: Final[tuple[ConfusedForceUnit, ...]] = ("N", "kgf", "lbf")
+"""Units of force that people type; kN is so far from N that the forces themselves show it."""
+
+
+def payload_torque(payload: float, reach: float) -> float:
+    """Return payload · g · reach [N·m] of a payload [kg] and a reach [m]."""
+    return payload * FORCE_UNITS["kgf"] * reach
+
+
+def inspect_force_unit(
+    robot: Robot, measurements: Measurements, joints: Sequence[JointCompliance]
+) -> Iterator[Finding]:
+    """Report stiffnesses that are implausible for the payload, as if forces had another unit than declared.
+
+    Yield a finding for each unit that makes the stiffnesses plausible, the likeliest first; if no unit does,
+    one finding without an action. For a robot without a payload, yield one finding that requests the payload.
+    Nothing is compared where the arm has other joints than six revolute ones, or fewer than `LEAST_JOINTS` of
+    joints 2 to 6 are identified. If some of these joints are not identified, the means of the measured arms
+    are those of the same joints.
+
+    Args:
+        robot: n joints.
+        measurements: N observations, with the unit of force that was declared.
+        joints: result for each joint, of a fit by joints alone.
+    """
+    if robot.n != _SIX or robot.prismatic.any() or not measurements.force.any():
+        return
+    compared = _ComparedJoints.of(joints)
+    if compared.is_known.sum() < LEAST_JOINTS:
+        return
+    if robot.payload is None:
+        yield _request_payload(robot, measurements, compared)
+        return
+    yield from _compare_with_payload(robot, robot.payload, measurements, compared)
+
+
+@dataclass(frozen=True)
+class _ComparedJoints:
+    """Identified joints among the joints 2 to 6, with the ratios of the measured arms for the same joints."""
+
+    names: str  # of the identified joints, in words
+    is_known: BoolArray  # (5,) which of joints 2 to 6 are identified
+    stiffness: float  # geometric mean of the identified joints [N·m/rad]; NaN without any
+
+    @classmethod
+    def of(cls, joints: Sequence[JointCompliance]) -> _ComparedJoints:
+        """Select the identified joints from the results for all six joints."""
+        stiffness_or_none = [
+            joint.stiffness if joint.status == "identified" else None for joint in joints[1:_SIX]
+        ]
+        stiffness = np.array([np.nan if each is None else each for each in stiffness_or_none])
+        is_known = stiffness > 0.0
+        names = [joint.name for joint, known in zip(joints[1:_SIX], is_known, strict=True) if known]
+        if not names:
+            return cls("", is_known, np.nan)
+        text = f"{names[0]} to {names[-1]}" if is_known.all() else ", ".join(names)
+        return cls(text, is_known, _geometric_mean(stiffness[is_known]))
+
+    @property
+    def ratios_of_arms(self) -> list[float]:
+        """Geometric mean of the ratios of each measured arm, over the identified joints [rad⁻¹]."""
+        return [_geometric_mean(arm.ratios()[self.is_known]) for arm in MEASURED_ARMS]
+
+    @property
+    def usual_ratio(self) -> float:
+        """Geometric mean of the ratios of all measured arms [rad⁻¹].
+
+        The wrist is softer than joints 2 and 3, so the ratio depends on the joints that are identified.
+        """
+        return _geometric_mean(np.array(self.ratios_of_arms))
+
+    @property
+    def plausible_ratios(self) -> tuple[float, float]:
+        """Least and greatest plausible ratio [rad⁻¹]."""
+        return self.usual_ratio / FACTOR, self.usual_ratio * FACTOR
+
+
+def _request_payload(robot: Robot, measurements: Measurements, compared: _ComparedJoints) -> Finding:
+    """Return the finding that the unit of forces is not checked, because the robot states no payload."""
+    reach = measure_reach(robot)
+    least_ratio, greatest_ratio = compared.plausible_ratios
+    payload_texts = []
+    for unit, size in _relative_units(measurements.force_unit).items():
+        if size == 1.0 or unit in _TYPED_UNITS:
+            stiffness = size * compared.stiffness
+            # A stiff arm for its payload has the greatest ratio.
+            least = stiffness / (greatest_ratio * payload_torque(1.0, reach))
+            greatest = stiffness / (least_ratio * payload_torque(1.0, reach))
+            payload_texts.append(
+                f"{figure(least, '.2g')} to {figure(greatest, '.2g')} kg with forces in {unit}"
+            )
+    return Finding(
+        code="payload_not_stated",
+        weight="use_with_care",
+        message=f"the robot states no payload, so the unit of the forces ({measurements.force_unit}) cannot "
+        f"be checked; the stiffnesses of {compared.names} are plausible for a payload of "
+        f"{', '.join(payload_texts)}",
+        remedy="state `payload`, the largest payload of the robot by its maker, in kg",
+        action=AdvisedAction.of("state_payload"),
+    )
+
+
+def _compare_with_payload(
+    robot: Robot, payload: float, measurements: Measurements, compared: _ComparedJoints
+) -> Iterator[Finding]:
+    """Yield findings for stiffnesses that are implausible for the payload [kg]."""
+    least, greatest = compared.plausible_ratios
+    reach = measure_reach(robot)
+    ratio = compared.stiffness / payload_torque(payload, reach)
+    if least <= ratio <= greatest:
+        return
+    arms = [
+        f"{figure(mean, '.3g')} ({arm.name})"
+        for arm, mean in zip(MEASURED_ARMS, compared.ratios_of_arms, strict=True)
+    ]
+    range_text = f"{figure(least, '.2g')} to {figure(greatest, '.2g')} rad⁻¹"
+    message = (
+        f"the geometric mean of the stiffnesses of {compared.names}, divided by payload · g · reach "
+        f"({figure(payload)} kg, {figure(reach, '.3g')} m), is {figure(ratio, '.3g')} rad⁻¹; the "
+        f"arm of our comparison has {' or '.join(arms)}, and {range_text} is plausible"
+    )
+    declared = measurements.force_unit
+    ratios = {unit: ratio * size for unit, size in _relative_units(declared).items()}
+    plausible_units = [unit for unit in FORCE_UNITS if least <= ratios[unit] <= greatest]
+    # The likeliest unit, whose ratio is nearest to the usual ratio, comes first.
+    plausible_units.sort(key=lambda unit: abs(np.log(ratios[unit] / compared.usual_ratio)))
+    for number, unit in enumerate(plausible_units):
+        comparison_text = (
+            f"forces in {unit}, not in {declared} as declared, would give {figure(ratios[unit], '.3g')} rad⁻¹"
+        )
+        yield Finding(
+            code="stiffness_against_payload",
+            weight="use_with_care",
+            message=f"{comparison_text}; {range_text} is plausible"
+            if number
+            else f"{message}; {comparison_text}",
+            remedy=f"check in which unit the forces were read; {PAST_CARE}; if in {unit}, set `units.force` "
+            f"to {unit}",
+            action=AdvisedAction.of("convert_units", unit=unit),
+        )
+    if not plausible_units:
+        yield Finding(
+            code="stiffness_against_payload",
+            weight="use_with_care",
+            message=f"{message}; no other unit of force would give a plausible value",
+            remedy=f"check `units.force`, and the robot's `payload`; {PAST_CARE}",
+        )
+
+
+def _relative_units(declared: ForceUnit) -> dict[ConfusedForceUnit, float]:
+    """Return the size of each unit of force relative to the unit that was declared."""
+    newtons_of_declared = FORCE_UNITS["kgf" if declared == "kg" else declared]
+    return {unit: newtons / newtons_of_declared for unit, newtons in FORCE_UNITS.items()}
+
+
+def _geometric_mean(positive: FloatArray) -> float:
+    """Return the geometric mean of positive numbers."""
+    return float(np.exp(np.log(positive).mean()))

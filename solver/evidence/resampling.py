@@ -1,0 +1,508 @@
+"""Resampling: fit m of the N configurations drawn at random, R times (method.md §6; paper: 10 of 19).
+
+How far the estimates of different draws lie apart shows what the choice of configurations decides. The
+least-squares problem of some of the configurations is a sum over them (method.md §5): with the weighted rows
+M_i = [A_i d_i] of configuration i and its weight w_i (how often it was drawn), ``Σ w_i M_iᵀ M_i`` holds all
+that the fit takes from the readings. So all repetitions are fitted together, tile by tile; those that a Gram
+matrix cannot answer go back to the rows. Repetition r has the same numbers to the last bit whichever range of
+repetitions it is computed in, so that any number of workers may share them: sums over configurations and
+joints are left to einsum: BLAS groups them by the size of the matrix and the number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.joints import JointKind
+from jointstiff.schemas.options import Resampling
+from jointstiff.schemas.run import ResampledJoint, ResamplingResult
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError, UnsupportedMethodError
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.fit.estimate import Estimate
+from jointstiff.solver.fit.identify import refuse_unsupported
+from jointstiff.solver.fit.method import Method, Settings
+from jointstiff.solver.fit.observability import NULL_COLUMN, Excitation, Spectrum, analyse_spectrum
+from jointstiff.solver.fit.problem import Bounds, IdentificationProblem
+from jointstiff.solver.fit.solution import solve_batch, solve_step
+from jointstiff.solver.fit.stack import Stack
+from jointstiff.solver.mechanics.block import build_whitened_rows, regressor_blocks
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import JOINTS
+from jointstiff.solver.messages import build_messages
+
+TILE_RESIDUALS = 2**17
+"""Maximum number of residuals per block, 1 MB: they stay in the cache."""
+TILE = 1024
+"""Number of repetitions per block."""
+_TILE_WEIGHTS = 2**22
+"""Maximum number of weights per block, 32 MB, however many configurations there are."""
+
+
+@dataclass(frozen=True, eq=False)
+class StageStack:
+    """One least-squares problem of a method, configuration by configuration.
+
+    Columns are divided by their norms over the full set, so that no square under- or overflows, and a
+    diagonal entry of a sum of Gram matrices is the share of the full set's information on that column.
+    """
+
+    joints: IndexArray  #: (p,) the joints that the stage estimates
+    known: IndexArray  #: (q,) joints that an earlier stage has estimated; their deflection is subtracted
+    stack: Stack  #: N configurations, p + q columns of unit length
+    unit: FloatArray  #: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)]
+
+    def total(self, weights: FloatArray) -> FloatArray:
+        """Return the Gram matrices ``Σ_i w_ki M_iᵀM_i`` (K, p + q + 1, p + q + 1) of K weighted subsets.
+
+        M_i are the rows of configuration i: columns of p joints, q joints of an earlier stage, and the
+        readings.
+
+        Args:
+            weights: w (K, N), how often each configuration counts in each subset.
+        """
+        return np.asarray(np.einsum("kn,nij->kij", weights, self.stack.grams))
+
+
+@dataclass(frozen=True, eq=False)
+class MethodStacks:
+    """Rows of a method on a measurement set, ready to fit any subset of the N configurations."""
+
+    parameters: int  #: n, number of joints
+    stages: tuple[StageStack, ...]  #: stages of the method, in the order in which they are solved
+    visible: IndexArray  #: (v,) joints that have an effect on the readings of the full set
+    #: (v, 3, M) regressor of the M readings of all targets in all configurations, axes of R0 [m/(rad/(N·m))];
+    #: compensation is computed from these readings, whatever the method fits
+    regressor: FloatArray
+    deflection: FloatArray  #: (3, M) deflection of the same readings, axes of R0 [m]
+
+    def __len__(self) -> int:
+        return len(self.stages[0].stack)
+
+    def compensation(self, compliance: FloatArray) -> FloatArray:
+        """Return the compensation ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all readings (method.md §6).
+
+        Args:
+            compliance: (K, n) compliances of K repetitions [rad/(N·m)].
+
+        Returns:
+            (K,) dimensionless; NaN where the compliance of a visible joint is NaN.
+        """
+        mean_deflection = np.linalg.norm(self.deflection, axis=0).mean()
+        mean_residual = np.empty(len(compliance))
+        tile_size = max(1, TILE_RESIDUALS // self.deflection.size)
+        for start in range(0, len(mean_residual), tile_size):
+            visible_compliance = compliance[start : start + tile_size, self.visible]
+            residual = self.deflection - np.einsum("kv,vim->kim", visible_compliance, self.regressor)
+            mean_residual[start : start + tile_size] = np.sqrt(np.square(residual).sum(axis=1)).mean(axis=1)
+        shares: FloatArray = 1.0 - mean_residual / mean_deflection
+        return shares
+
+
+def build_method_stacks(
+    robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate
+) -> MethodStacks:
+    """Build the least-squares rows of a method for each configuration, from which any subset is fitted.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: method, weighting and K_c are used; other settings are ignored.
+        estimate: estimate from the full set by the same method. The rows are computed at its characteristic
+            length and compliances, so that a fit is linear in the rows. Errors that were fitted with the
+            joints, such as that of the load point, are subtracted from the readings.
+    """
+    method = Method(robot, settings, estimate.characteristic_length)
+    excitation, statements = Excitation(robot.joint_kinds), estimate.statements
+    stage_rows, regressors, deflections = [], [], []
+    for block in regressor_blocks(robot, measurements, estimate.balanced):
+        excitation.add(block)
+        deflection = block.measurements.deflection
+        if statements is None:
+            whitened = build_whitened_rows(block, [JOINTS], estimate.compliance)
+        else:  # a part of the readings corrects a statement like the whole
+            whitened = statements.build_corrected_rows(block, estimate.compliance)
+            deflection = deflection - statements.compute_motion(block).targets
+        stage_rows.append([rows.fitted for rows in method.rows(block, whitened)])
+        present = block.measurements.present
+        regressors.append(block.A[present])
+        deflections.append(deflection[present])
+    observable = ~excitation.observability().null
+    visible = np.flatnonzero(observable)
+    stages = (
+        _build_stage_stack(
+            np.concatenate(rows), stage.joints[observable[stage.joints]], stage.known[observable[stage.known]]
+        )
+        for stage, rows in zip(method.stages, zip(*stage_rows, strict=True), strict=True)
+        if observable[stage.joints].any()
+    )
+    return MethodStacks(
+        parameters=robot.n,
+        stages=tuple(stages),
+        visible=visible,
+        regressor=np.ascontiguousarray(np.concatenate(regressors).transpose(2, 1, 0)[visible]),
+        deflection=np.ascontiguousarray(np.concatenate(deflections).T),
+    )
+
+
+STEP_SECONDS: Final = 0.25
+_SECONDS_A_REPETITION: Final = 8e-6
+_SECONDS_A_READING: Final = 2.5e-8
+"""Measured on the developers' machine; they decide the size of a step and nothing else."""
+
+
+class Draws:
+    """Resampling of a model of joints alone, divided into steps of about `STEP_SECONDS`."""
+
+    unit = "resamples"
+    activity = "resampling"
+
+    def __init__(self, joints: JointsAlone, plan: Resampling) -> None:
+        """Check that the plan suits the measurements and settings.
+
+        Args:
+            joints: identification of the whole set, from which the configurations are drawn.
+            plan: size and number of the draws.
+
+        Raises:
+            UnsupportedMethodError: the readings cannot support the method, or the settings make the fit
+                nonlinear.
+            RequestError: a draw is larger than the set.
+        """
+        count = len(joints.measurements)
+        refuse_unsupported(joints.robot, joints.measurements, joints.stated)
+        refuse_nonlinear(joints.stated)
+        if plan.size > count:
+            raise RequestError(
+                f"a draw of {plan.size} configurations is larger than the measurement set with {count} "
+                "configurations",
+                where="resampling.size",
+                remedy=f"set `size` to at most {count}",
+            )
+        self._joints, self._plan = joints, plan
+
+    @cached_property
+    def _stacks(self) -> MethodStacks:
+        """Rows of the method on the whole measurement set, configuration by configuration."""
+        joints = self._joints
+        return build_method_stacks(joints.robot, joints.measurements, joints.settings, joints.estimate)
+
+    def steps(self) -> tuple[tuple[int, int], ...]:
+        """Return the range of repetitions of each step of the work, as (first, one past the last)."""
+        readings = int(self._joints.measurements.present.sum())
+        seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
+        size, count = max(1, int(STEP_SECONDS / seconds)), self._plan.repetitions
+        return tuple((start, min(start + size, count)) for start in range(0, count, size))
+
+    def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
+        """Fit the compliances in the repetitions of one step of the work.
+
+        Args:
+            span: range of repetitions, as (first, one past the last); K repetitions.
+
+        Returns:
+            Arrays by name: `compliance` (K, n) [rad/(N·m)] and `compensation` (K,), dimensionless.
+
+        Raises:
+            JointstiffError: the identification of the whole set fails.
+        """
+        resamples = resample(self._stacks, self._plan, self._joints.settings.bounds, *span)
+        return {"compliance": resamples.compliance, "compensation": resamples.compensation}
+
+    def statistics(self, results: Sequence[Mapping[str, FloatArray]]) -> ResamplingResult:
+        """Return the statistics of the compliances and of the compensation over all repetitions.
+
+        Joints that are not observable in the whole set get no statistics.
+
+        Args:
+            results: arrays that `compute` returned for each step, in the order of the steps.
+        """
+        joints = self._joints.estimate.joints
+        return summarise_resamples(
+            Resamples.concatenate([Resamples(each["compliance"], each["compensation"]) for each in results]),
+            [joint.name for joint in joints],
+            kinds=[joint.kind for joint in joints],
+            is_hidden=np.array([joint.status == "not_observable" for joint in joints]),
+            confidence=self._joints.settings.confidence,
+        )
+
+
+def refuse_nonlinear(settings: Settings) -> None:
+    """Refuse settings that resampling does not support, because its fits are sums over configurations.
+
+    Raises:
+        UnsupportedMethodError: the loss is not squared, or the settings contain priors or a stiffness order.
+    """
+    if settings.loss != "squared":
+        raise UnsupportedMethodError(
+            f"resampling supports only the squared loss, not loss {settings.loss}",
+            where="resampling",
+            remedy="omit `resampling`, or use loss squared and omit the suspicious readings",
+        )
+    if settings.prior is not None or settings.order:
+        raise UnsupportedMethodError(
+            "resampling supports neither `priors` nor `stiffness_order`",
+            where="resampling",
+            remedy="omit `resampling`, or `priors` and `stiffness_order`",
+        )
+
+
+def _build_stage_stack(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageStack:
+    """Return the least-squares problem of one stage, with columns scaled to unit length.
+
+    Args:
+        rows: (N, r, n + 1) [A d] of all n joints in N configurations.
+        joints: (p,) joints that the stage estimates.
+        known: (q,) joints that an earlier stage has estimated.
+    """
+    stage_rows = rows[..., [*joints, *known, -1]]
+    row_counts = np.full(len(rows), rows.shape[1])  # every row counts as a reading
+    stack, norms = Stack(
+        stage_rows, row_counts, {"joints": len(joints), "known": len(known)}
+    ).scale_to_unit_columns()
+    return StageStack(joints, known, stack, norms[-1] / norms[:-1])
+
+
+def draw_configurations(plan: Resampling, configurations: int, start: int, stop: int) -> IndexArray:
+    """Draw the configurations for a range of repetitions, reproducibly from the seed.
+
+    With u the table ``np.random.default_rng(seed).random((repetitions, N))``, repetition r draws the
+    configurations at the m least numbers of row r. With replacement, repetition r draws the configurations
+    ⌊N u⌋ for the first m numbers u of row r.
+
+    Args:
+        plan: number m of configurations in a draw, at most N, and seed.
+        configurations: N, the number of configurations to draw from.
+        start: first repetition.
+        stop: one past the last repetition.
+
+    Returns:
+        (stop − start, m) indices of configurations.
+    """
+    # The generator makes one number for each entry of the table, so `advance` skips the rows above.
+    generator = np.random.Generator(np.random.PCG64(plan.seed).advance(start * configurations))
+    table = generator.random((stop - start, configurations))
+    if plan.replacement:
+        return (table[:, : plan.size] * configurations).astype(np.intp)
+    return np.argpartition(table, plan.size - 1, axis=1)[:, : plan.size]
+
+
+@dataclass(frozen=True, eq=False)
+class Resamples:
+    """Estimates of K repetitions.
+
+    A joint's compliance is NaN where the drawn configurations do not determine the compliance: the joint has
+    no effect on their readings, or the readings show only a combination of this joint and other joints.
+    """
+
+    compliance: FloatArray  #: (K, n) optimum [rad/(N·m)]; NaN where undetermined
+    #: (K,) ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all N configurations, drawn or not; NaN where a joint
+    #: that is visible in the full set is undetermined
+    compensation: FloatArray
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Resamples]) -> Resamples:
+        """Return the repetitions of all parts, at least one, in the given order."""
+        return cls(
+            np.concatenate([part.compliance for part in parts]),
+            np.concatenate([part.compensation for part in parts]),
+        )
+
+
+def resample(
+    blocks: MethodStacks, plan: Resampling, bounds: Bounds, start: int = 0, stop: int | None = None
+) -> Resamples:
+    """Draw configurations and fit the compliances to them, for the repetitions from `start` to `stop`.
+
+    Args:
+        blocks: rows of the method on the measurement set.
+        plan: size, number and seed of the draws.
+        bounds: bounds on all n compliances.
+        start: first repetition.
+        stop: one past the last repetition; None for the end of the plan.
+
+    Returns:
+        Estimates of these repetitions, each certified, in order.
+
+    Raises:
+        SolverError: if optimality of an estimate could not be certified.
+    """
+    stop = plan.repetitions if stop is None else stop
+    batch_size = max(1, min(TILE, _TILE_WEIGHTS // len(blocks)))
+    starts = range(start, stop, batch_size) or [start]
+    draws = (draw_configurations(plan, len(blocks), first, min(first + batch_size, stop)) for first in starts)
+    batches = []
+    for drawn_batch in draws:
+        # Count how often each repetition drew each configuration: a table (repetitions, configurations).
+        table_shape = len(drawn_batch), len(blocks)
+        cell_numbers = np.arange(len(drawn_batch))[:, None] * len(blocks) + drawn_batch
+        counts = (
+            np.bincount(cell_numbers.ravel(), minlength=table_shape[0] * table_shape[1])
+            .reshape(table_shape)
+            .astype(np.float64)
+        )
+        compliance = fit_subsets(blocks, counts, bounds)
+        batches.append(Resamples(compliance, blocks.compensation(compliance)))
+    return Resamples.concatenate(batches)
+
+
+def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> FloatArray:
+    """Fit the compliances to each of K subsets of the configurations, stage by stage.
+
+    Args:
+        blocks: rows of the method on the measurement set.
+        weights: (K, N) how often each configuration counts in each subset.
+        bounds: on all n compliances.
+
+    Returns:
+        (K, n) compliances [rad/(N·m)], NaN where undetermined.
+
+    Raises:
+        SolverError: if optimality of an estimate could not be certified.
+    """
+    compliance = np.full((len(weights), blocks.parameters), np.nan)
+    for stage in blocks.stages:
+        known, stage_bounds = compliance[:, stage.known], bounds.select(stage.joints)
+        compliance[:, stage.joints] = _solve_stage(stage, weights, known, stage_bounds)
+    return compliance
+
+
+def _solve_stage(
+    stage: StageStack, weights: FloatArray, known_compliance: FloatArray, bounds: Bounds
+) -> FloatArray:
+    """Return the compliances (K, p) of a stage's joints in K subsets [rad/(N·m)]; NaN where undetermined.
+
+    The right-hand side is ``A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the stage's joints, and A_k the
+    columns of joints whose compliances c_k an earlier stage has estimated: `known_compliance` (K, q).
+    """
+    joint_count = len(stage.joints)
+    units = stage.unit[:joint_count]
+    scaled_known = known_compliance / stage.unit[joint_count:]
+    scaled_bounds = Bounds(bounds.lower / units, bounds.upper / units)
+    grams = stage.total(weights)
+    gram = grams[:, :joint_count, :joint_count]
+    moment = grams[:, :joint_count, -1] - (
+        grams[:, :joint_count, joint_count:-1] * scaled_known[:, None, :]
+    ).sum(axis=2)
+    observable = (np.diagonal(gram, axis1=1, axis2=2) > NULL_COLUMN**2).all(axis=1)
+    solvable = np.flatnonzero(observable & np.isfinite(scaled_known).all(axis=1))
+    solution = solve_batch(gram[solvable], moment[solvable], scaled_bounds)
+    scaled_compliance = np.full(moment.shape, np.nan)
+    scaled_compliance[solvable] = solution.compliance
+    is_pending = np.ones(len(weights), dtype=np.bool_)
+    is_pending[solvable] = ~solution.certified
+    for k in np.flatnonzero(is_pending):
+        drawn = np.repeat(np.arange(weights.shape[1]), weights[k].astype(np.intp))
+        scaled_compliance[k] = _solve_from_rows(stage, drawn, scaled_known[k], scaled_bounds)
+    return bounds.hold_exactly(scaled_compliance * units, scaled_bounds.active_bounds_at(scaled_compliance))
+
+
+def _solve_from_rows(
+    stage: StageStack, drawn: IndexArray, known: FloatArray, scaled_bounds: Bounds
+) -> FloatArray:
+    """Fit one stage of one repetition to its rows, for a Gram matrix that is too ill-conditioned.
+
+    Args:
+        stage: rows of all configurations.
+        drawn: indices of the drawn configurations, repeated as often as they were drawn.
+        known: (q,) scaled compliances of the joints of an earlier stage; NaN where undetermined.
+        scaled_bounds: bounds of the scaled parameters.
+
+    Returns:
+        (p,) scaled parameters, NaN where undetermined.
+    """
+    joint_count = len(stage.joints)
+    solution_or_nan = np.full(joint_count, np.nan)
+    triangle = stage.stack[drawn].triangle().R
+    is_null = np.linalg.norm(triangle, axis=0) <= NULL_COLUMN
+    # An undetermined joint of an earlier stage does no harm if it has no effect on these rows either.
+    known = np.where(is_null[joint_count:-1] & np.isnan(known), 0.0, known)
+    columns = np.flatnonzero(~is_null[:joint_count])
+    if np.isnan(known).any() or not len(columns):
+        return solution_or_nan
+    R, z = triangle[:, columns], triangle[:, -1] - triangle[:, joint_count:-1] @ known
+    spectrum = Spectrum(R)
+    solution = solve_step(IdentificationProblem(spectrum.determined, z, scaled_bounds.select(columns)))
+    is_combined = np.isin(columns, list(analyse_spectrum(spectrum, columns).combined))
+    solution_or_nan[columns] = np.where(is_combined, np.nan, solution.compliance)
+    return solution_or_nan
+
+
+def summarise_resamples(
+    resamples: Resamples,
+    joints: Sequence[str],
+    *,
+    kinds: Sequence[JointKind] | None = None,
+    is_hidden: BoolArray | None = None,
+    confidence: float = 0.95,
+) -> ResamplingResult:
+    """Return statistics of each joint's compliance and stiffness, and of the compensation.
+
+    The statistics of a joint are those over the repetitions that determine the joint.
+
+    Args:
+        resamples: K repetitions, at least one.
+        joints: names of the n joints.
+        kinds: revolute or prismatic, for each joint; all revolute if None.
+        is_hidden: (n,) whether a joint is not observable in the whole set; such a joint gets no statistics.
+        confidence: share of the repetitions within the percentile intervals, between 0 and 1.
+    """
+    compliances = np.where(False if is_hidden is None else is_hidden, np.nan, resamples.compliance)
+    is_undetermined = np.isnan(compliances)
+    determined_counts = np.maximum((~is_undetermined).sum(axis=0), 1)
+    columns = [samples[~np.isnan(samples)] for samples in compliances.T]
+    compliance, compliance_deviation, compliance_interval = _summarise_samples(columns, confidence)
+    stiffness, stiffness_deviation, _ = _summarise_samples(
+        [1.0 / samples[samples != 0] for samples in columns], confidence
+    )
+    compensation = resamples.compensation[~np.isnan(resamples.compensation)]
+    compensation_mean, compensation_deviation, compensation_interval = _summarise_samples(
+        [compensation], confidence
+    )
+    joint_messages = build_messages(
+        ResampledJoint,
+        name=joints,
+        kind=["revolute"] * len(joints) if kinds is None else kinds,
+        compliance_mean=compliance,
+        compliance_deviation=compliance_deviation,
+        compliance_interval=compliance_interval,
+        stiffness_mean=stiffness,
+        stiffness_deviation=stiffness_deviation,
+        share_negative=(compliances < 0).sum(axis=0) / determined_counts,
+        share_infinite=(compliances == 0).sum(axis=0) / determined_counts,
+        share_undetermined=is_undetermined.mean(axis=0),
+    )
+    (result,) = build_messages(
+        ResamplingResult,
+        repetitions=[len(compliances)],
+        joints=[joint_messages],
+        share_any_negative=[float((resamples.compliance < 0).any(axis=1).mean())],
+        compensation_mean=compensation_mean,
+        compensation_deviation=compensation_deviation,
+        compensation_interval=compensation_interval,
+    )
+    return result
+
+
+def _summarise_samples(
+    samples: Sequence[FloatArray], confidence: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean (k,), standard deviation (k,) and percentile interval (k, 2) of k samples.
+
+    A mean or an interval needs one value of the sample, a deviation two values; else the number is NaN.
+    """
+    tail = (1.0 - confidence) / 2.0
+    mean = np.full(len(samples), np.nan)
+    deviation = np.full(len(samples), np.nan)
+    interval = []
+    for k, values in enumerate(samples):
+        mean[k] = values.mean() if len(values) else np.nan
+        deviation[k] = values.std(ddof=1) if len(values) > 1 else np.nan
+        interval.append(np.quantile(values, [tail, 1.0 - tail]) if len(values) else [np.nan, np.nan])
+    return mean, deviation, np.array(interval)

@@ -1,0 +1,559 @@
+"""Identification of joint stiffnesses: the story from measurements to an estimate (method.md §2-§6, §8).
+
+Fit once without the complementary stiffness K_c; with K_c, fit again until the fitted compliances equal those
+with which the robot was bent. Then propagate the errors that all observations share, and compute sigma,
+uncertainties, intervals and verdicts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
+from jointstiff.solver.fit.estimate import CommonErrors, ComplementaryStiffness, Estimate, Evidence
+from jointstiff.solver.fit.method import (
+    Method,
+    MethodTriangles,
+    Settings,
+    find_length_of_least_condition,
+    find_spherical_wrist,
+    refuse_missing_poses,
+)
+from jointstiff.solver.fit.observability import Excitation, Observability
+from jointstiff.solver.fit.prior import Prior
+from jointstiff.solver.fit.rest import find_rest
+from jointstiff.solver.fit.solution import solve, solve_step
+from jointstiff.solver.fit.stages import (
+    Fit,
+    RobustFit,
+    Scale,
+    TargetRows,
+    estimate_scale,
+    fit_huber,
+    fit_method,
+)
+from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
+from jointstiff.solver.mechanics.block import Term, fitted_errors, regressor_blocks
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS, complementary_stiffness
+from jointstiff.solver.mechanics.terms import TERMS
+
+MAX_ITERATIONS: Final = 60
+"""Maximum number of fits: with K_c alone two or three suffice, with statements five to fifteen."""
+_CHANGE_TOLERANCE: Final = 1e-10
+"""Largest relative change of the compliances by a further fit at rest."""
+_CHANGE_IN_UNCERTAINTIES: Final = 1e-6
+"""Largest change of the compliances by a further fit at rest, in standard uncertainties; for readings without
+noise the uncertainty is zero, and `_CHANGE_TOLERANCE` decides."""
+_MOST_UNCERTAINTIES: Final = 20.0
+"""Greatest fitted error, in its standard uncertainties, that still is the error that was stated."""
+SHIFT_OBSERVATIONS: Final = 4096
+"""Maximum number of observations from which the effect of neglecting K_c is estimated."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding of a position [m]: sigma is at least this, so that exact readings do not divide by zero."""
+
+
+def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:
+    """Identify the joint compliances of a robot from measured deflections.
+
+    Returns:
+        The estimate, with intervals, verdicts and certificates.
+
+    Raises:
+        UnsupportedMethodError: the readings or the robot cannot support the method or weighting.
+        NotObservableError: the readings determine no joint.
+        MeasurementError: an array has a wrong shape or wrong numbers, or the numbers overflow.
+        SolverError: optimality could not be certified, or the load has no balance with K_c.
+    """
+    refuse_unsupported(robot, measurements, settings)
+    length = settings.characteristic_length if settings.weighting == "characteristic_length" else None
+    if settings.weighting == "characteristic_length" and length is None:
+        excitation = Excitation(robot.joint_kinds)
+        for block in regressor_blocks(robot, measurements):
+            excitation.add(block)
+        has_no_effect = _require_observable(excitation).null
+        with_unit_length = Method(robot, settings, 1.0)
+        length = find_length_of_least_condition(
+            with_unit_length, regressor_blocks(robot, measurements), has_no_effect
+        )
+    method = Method(robot, settings, length)
+    stated_terms = _list_fitted_statements(measurements, settings, method)
+    first_fit = last_fit = _fit_once(robot, measurements, settings, method)
+    iterations, statements_dropped = 0, None
+    if stated_terms:
+        try:
+            last_fit, iterations = _iterate_to_convergence(
+                robot, measurements, settings, first_fit, stated_terms
+            )
+            _refuse_contradicted(last_fit)
+        except SolverError as error:  # the readings contradict a statement: its error is propagated instead
+            stated_terms, statements_dropped, last_fit = (), error.reason, first_fit
+    if settings.complementary_stiffness and not stated_terms:
+        last_fit, iterations = _iterate_to_convergence(robot, measurements, settings, first_fit, stated_terms)
+    estimate = replace(_build_estimate(robot, measurements, settings, last_fit), characteristic_length=length)
+    if settings.complementary_stiffness and not stated_terms:
+        shift: FloatArray | None = last_fit.fit.compliance - first_fit.fit.compliance
+    else:
+        shift = _estimate_neglected_shift(robot, first_fit, settings.prior, estimate.sigma)
+    estimated = estimate.estimated
+    stiffness_ratios = np.abs(estimate.compliance)[:, None] * first_fit.largest_stiffness
+    effect = ComplementaryStiffness(
+        included=settings.complementary_stiffness,
+        iterations=iterations if settings.complementary_stiffness else 0,
+        largest_ratio=float(stiffness_ratios[np.ix_(estimated, estimated)].max(initial=0.0)),
+        largest_shift=_find_largest_standardised_shift(shift, estimate),
+        shift=shift,
+    )
+    return replace(estimate, complementary_stiffness=effect, statements_dropped=statements_dropped)
+
+
+def _refuse_contradicted(fit: _Pass) -> None:
+    """Refuse a fit that explains the readings by errors far larger than stated.
+
+    Raises:
+        SolverError: an error is more than `_MOST_UNCERTAINTIES` standard uncertainties from zero.
+    """
+    fitted = fit.triangles.fit_statements(fit.fit.compliance)
+    greatest = 0.0 if fitted is None else float(np.abs(fitted.unknowns).max())
+    if greatest > _MOST_UNCERTAINTIES:
+        raise SolverError(f"the fit moves an error by {greatest:.0f} times its standard uncertainty")
+
+
+def _list_fitted_statements(
+    measurements: Measurements, settings: Settings, method: Method
+) -> tuple[Term, ...]:
+    """Return the terms with stated uncertainties that are fitted together with the joints.
+
+    Only a method of one stage with weights by covariance can fit them. With other methods the errors are
+    propagated after the fit, and no term is returned.
+    """
+    can_fit = method.by_covariance and len(method.stages) == 1 and settings.loss == "squared"
+    return list_stated_terms(measurements) if can_fit else ()
+
+
+def identify_with_fallback(
+    robot: Robot, measurements: Measurements, settings: Settings
+) -> tuple[Settings, Estimate]:
+    """Identify the compliances; if that fails with the complementary stiffness K_c, identify without K_c.
+
+    With K_c the load has no balance if the joints are very soft, as readings in a wrong unit make them
+    appear. The estimate then records why K_c was neglected.
+
+    Returns:
+        The settings that were used, and the estimate.
+
+    Raises:
+        JointstiffError: the identification fails for another reason than K_c.
+    """
+    try:
+        return settings, identify(robot, measurements, settings)
+    except SolverError as error:
+        if error.where != "complementary_stiffness":
+            raise
+        neglected = replace(settings, complementary_stiffness=False)
+        estimate = identify(robot, measurements, neglected)
+        if estimate.complementary_stiffness is None:
+            raise
+        effect = replace(estimate.complementary_stiffness, obstacle=error.reason)
+        return neglected, replace(estimate, complementary_stiffness=effect)
+
+
+def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Settings) -> None:
+    """Refuse settings that the readings or the robot cannot support, before any work is done.
+
+    Raises:
+        UnsupportedMethodError: names what is missing and a remedy.
+    """
+    if settings.method != "partial_pose":
+        refuse_missing_poses(measurements)
+    if settings.method == "decoupled_partial_pose":
+        find_spherical_wrist(robot)
+    if settings.loss != "squared" and measurements.direction is not None:
+        raise UnsupportedMethodError(
+            f"loss {settings.loss} needs the length of each residual, but a reading along one direction "
+            "has no such length",
+            where="loss",
+            remedy="use loss squared, or omit the readings along a direction",
+        )
+    weighting = settings.weighting
+    not_by_covariance = weighting != "covariance"
+    by_length = weighting == "characteristic_length"
+    for refused, why, remedy in (
+        (
+            not_by_covariance and settings.prior is not None,
+            "does not use the uncertainty of the readings, so a prior cannot be weighed against the readings",
+            "use weighting covariance, or omit `priors`",
+        ),
+        (
+            not_by_covariance and measurements.encoders is not None,
+            "cannot combine encoder readings (angles) with positions (lengths)",
+            "use weighting covariance, or omit the encoder readings",
+        ),
+        (
+            by_length and settings.method != "complete_pose",
+            f"needs rotations, but method {settings.method} does not use rotations",
+            "use weighting covariance, or method complete_pose",
+        ),
+    ):
+        if refused:
+            raise UnsupportedMethodError(f"weighting {weighting} {why}", where="weighting", remedy=remedy)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pass:
+    """One fit of all observations; with K_c several fits follow each other."""
+
+    measurements: Measurements  # with the covariances by which they were weighted
+    balanced: FloatArray | None  # (n,) compliances that bend the robot [rad/(N·m)]; None without K_c
+    observability: Observability  # in the unloaded configurations; later passes keep that of the first
+    triangles: MethodTriangles  # compressed rows that were fitted
+    fit: Fit
+    largest_stiffness: FloatArray  # (n, n) largest entries of K_c over the set, of the first pass [N·m/rad]
+    robust: RobustFit | None  # weights of the readings by the Huber loss; None for the squared loss
+    targets: TargetRows | None  # rows for the Huber loss; None for the squared loss
+    statements: Statements | None  # statements that were fitted with the joints; None without any
+
+    def estimate_noise(self) -> float:
+        """Return sigma, the standard deviation of a coordinate, from the residuals [m]; 0 if none remain."""
+        return estimate_scale(self.fit, self.triangles.all_readings, None).sigma or 0.0
+
+
+def _fit_once(
+    robot: Robot,
+    measurements: Measurements,
+    settings: Settings,
+    method: Method,
+    previous: _Pass | None = None,
+    stated_terms: Sequence[Term] = (),
+) -> _Pass:
+    """Fit all observations once.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: settings of the fit.
+        method: method of the fit.
+        previous: the fit before; None for the first fit, which neglects the complementary stiffness K_c and
+            statements. With K_c the compliances of the fit before bend the robot; the columns of statements
+            are computed at them, too.
+        stated_terms: terms with stated uncertainties, fitted together with the joints.
+    """
+    uses_load_stiffness = previous is not None and settings.complementary_stiffness
+    compliance = previous.fit.compliance if previous is not None and uses_load_stiffness else None
+    excitation, triangles = Excitation(robot.joint_kinds), MethodTriangles(method)
+    targets = TargetRows(robot.n) if settings.loss == "huber" else None
+    largest_stiffness = np.zeros((robot.n, robot.n))
+    for block in regressor_blocks(robot, measurements, compliance):
+        (triangles if targets is None else targets).add(block)
+        if previous is None:
+            excitation.add(block)
+            np.maximum(
+                largest_stiffness, np.abs(complementary_stiffness(block)).max(axis=0), out=largest_stiffness
+            )
+    observability = _require_observable(excitation) if previous is None else previous.observability
+    robust, sigma = None, measurements.sigma
+    if targets is not None:  # an unknown sigma is estimated in the first pass and then kept
+        robust = fit_huber(
+            targets,
+            observability.null,
+            settings.constraints,
+            prior=settings.prior,
+            sigma=sigma if previous is None or previous.robust is None else previous.robust.sigma,
+            threshold=settings.huber_threshold,
+        )
+        sigma, measurements = robust.sigma, robust.reweight(measurements)
+        for block in regressor_blocks(robot, measurements, compliance):
+            triangles.add(block)
+    statements = None
+    if stated_terms and previous is not None:
+        statements = Statements(
+            terms=tuple(stated_terms),
+            common=measurements.common_uncertainty,
+            compliance=np.maximum(previous.fit.compliance, 0.0),
+            sigma=max(measurements.sigma or previous.estimate_noise(), LEAST_STATED_SIGMA),
+        )
+        triangles = triangles.fit_with_statements(
+            regressor_blocks(robot, measurements, compliance), statements
+        )
+    # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
+    triangles.all_readings.rows -= fitted_errors(measurements).determined
+    solve_problem = (
+        solve_step if previous is None and (settings.complementary_stiffness or stated_terms) else solve
+    )
+    fit = fit_method(triangles, observability.null, settings.constraints, solve_problem=solve_problem)
+    if settings.prior is not None:
+        # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
+        sigma_of_readings = _require_sigma_for_prior(estimate_scale(fit, triangles.all_readings, sigma))
+        prior = settings.prior.in_units_of(sigma_of_readings)
+        fit_with_prior = fit_method(triangles, observability.null, settings.constraints, prior, solve_problem)
+        fit = replace(fit_with_prior, alone=fit)
+    return _Pass(
+        measurements,
+        compliance,
+        observability,
+        triangles,
+        fit,
+        largest_stiffness,
+        robust,
+        targets,
+        statements,
+    )
+
+
+def _require_sigma_for_prior(scale: Scale) -> float:
+    """Return the sigma of a scale [m].
+
+    Raises:
+        UnsupportedMethodError: sigma is neither stated nor estimated.
+    """
+    if not scale.sigma:
+        raise UnsupportedMethodError(
+            "a prior is weighted with sigma, but sigma is not given and cannot be estimated from these "
+            "readings",
+            where="priors",
+            remedy="state `noise`, or add observations",
+        )
+    return scale.sigma
+
+
+def _require_observable(excitation: Excitation) -> Observability:
+    """Return the observability of the joints; refuse readings that determine no joint.
+
+    Raises:
+        NotObservableError: no target moved, or the readings determine no joint.
+    """
+    observability = excitation.observability()
+    if not excitation.anything_moved:
+        raise NotObservableError(
+            "no target moved, so no compliance can be identified",
+            where="observations",
+            remedy="check that the loaded readings were taken with the load applied",
+        )
+    if observability.null.all():
+        reasons = ", or ".join(dict.fromkeys(str(each).split(":")[0] for each in observability.reasons))
+        raise NotObservableError(
+            f"the readings do not determine any joint: {reasons}",
+            where="observations",
+            remedy="add loads with a torque about the joints' axes, and targets away from these axes",
+        )
+    return observability
+
+
+def _iterate_to_convergence(
+    robot: Robot,
+    measurements: Measurements,
+    settings: Settings,
+    first_fit: _Pass,
+    stated_terms: Sequence[Term],
+) -> tuple[_Pass, int]:
+    """Repeat the fit until the fitted compliances equal those of the fit before.
+
+    With the complementary stiffness K_c, the compliances bend the robot; the columns of statements depend on
+    them, too. The iteration starts from a first-order estimate of the effect of K_c, so that with noisy
+    readings a single fit suffices without statements.
+
+    Returns:
+        The last fit, and the number of fits after the first.
+
+    Raises:
+        SolverError: the compliances do not come to rest in `MAX_ITERATIONS` fits.
+    """
+    start = first_fit.fit.compliance
+    if settings.complementary_stiffness:
+        sigma = measurements.sigma or first_fit.estimate_noise()
+        start = start + _estimate_neglected_shift(robot, first_fit, settings.prior, sigma)
+    method, last_fit, rounds = first_fit.triangles.method, first_fit, 0
+
+    def fit_at(compliance: FloatArray) -> FloatArray:
+        """Return the fitted compliances (n,) where the robot was bent with other compliances (n,)."""
+        nonlocal last_fit, rounds
+        before = replace(last_fit, fit=replace(last_fit.fit, compliance=compliance))
+        last_fit, rounds = _fit_once(robot, measurements, settings, method, before, stated_terms), rounds + 1
+        return last_fit.fit.compliance
+
+    find_rest(fit_at, start, unit=_list_changes_at_rest(first_fit), most_steps=MAX_ITERATIONS)
+    return last_fit, rounds
+
+
+def _list_changes_at_rest(first_fit: _Pass) -> FloatArray:
+    """Return the greatest changes (n,) of the compliances by a further fit that count as rest [rad/(N·m)]."""
+    # A joint that nothing moves has no compliance to compare with.
+    reference = np.maximum(first_fit.observability.reference_compliance, np.finfo(np.float64).tiny)
+    size = np.maximum(np.abs(first_fit.fit.compliance), reference)
+    uncertainty = first_fit.estimate_noise() * np.sqrt(np.diagonal(first_fit.fit.covariance))
+    uncertainty = np.where(np.isfinite(uncertainty), uncertainty, 0.0)
+    return np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
+
+
+def _estimate_neglected_shift(
+    robot: Robot, fit_without_k_c: _Pass, prior: Prior | None, sigma: float | None
+) -> FloatArray:
+    """Return the change (n,) of the compliances if K_c were included, to first order [rad/(N·m)].
+
+    The deflections by K_c are subtracted from the readings; joints at a bound stay at the bound. Of a large
+    set only `SHIFT_OBSERVATIONS` evenly spread observations are used, and the change is multiplied by the
+    ratio of the numbers of observations; where loads in all directions cancel, this overstates the change. A
+    prior is included where sigma [m] is known.
+    """
+    fit, sample = fit_without_k_c.fit, fit_without_k_c.measurements.select_evenly(SHIFT_OBSERVATIONS)
+    set_ratio = len(fit_without_k_c.measurements) / len(sample)
+    estimated = np.flatnonzero(~fit_without_k_c.observability.null & (fit.active == 0))
+    prior = prior.in_units_of(sigma) if prior and sigma else None
+    responses = fit_without_k_c.triangles.compute_responses(
+        regressor_blocks(robot, sample), [NEGLECTED_STIFFNESS], fit.compliance, estimated, prior
+    )
+    return -responses[NEGLECTED_STIFFNESS.name][:, 0] * set_ratio
+
+
+def _build_estimate(
+    robot: Robot, measurements: Measurements, settings: Settings, last_fit: _Pass
+) -> Estimate:
+    """Build the estimate from the last fit: sigma, uncertainties, intervals and a verdict on each joint.
+
+    With the Huber loss, a robust scale replaces a sigma that is unknown.
+    """
+    fit, robust, all_readings = last_fit.fit, last_fit.robust, last_fit.triangles.all_readings
+    sigma = measurements.sigma if robust is None else robust.sigma
+    # With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
+    scale = estimate_scale(fit if fit.alone is None else fit.alone, all_readings, sigma)
+    if fit.alone is not None:
+        scale = replace(estimate_scale(fit, all_readings, scale.sigma), given=scale.given)
+    scale = replace(scale, given=scale.given and measurements.sigma is not None)
+    # The weights of the Huber loss come from the residuals, which makes the covariance larger.
+    fit = fit.multiply_covariance(1.0 if robust is None else robust.inflation)
+    common_errors = None
+    if scale.sigma is not None:
+        scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
+        common_errors = _propagate_common_errors(robot, settings, last_fit, scale.sigma or 1.0)
+        if common_errors is not None:
+            fit = fit.add_common_errors(common_errors.responses_to_unfitted_errors / (scale.sigma or 1.0))
+    covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
+    numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
+    numbers += [] if covariance is None else [covariance]
+    if not all(np.isfinite(array).all() for array in numbers):
+        raise MeasurementError(
+            "the numbers overflow: the magnitudes of loads, lengths and sigma are inconsistent",
+            where="units",
+            remedy="check the units of force, length and sigma",
+        )
+    prior_to_data = np.full(robot.n, np.nan)
+    if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
+        prior_to_data = _compare_prior_to_data(fit.alone, settings.prior, scale.sigma)
+    chi_square, certificates = scale.chi_square, fit.certificates
+    if robust is not None and last_fit.targets is not None:
+        chi_square = last_fit.targets.chi_square(
+            fit.compliance, sigma=robust.sigma, threshold=robust.threshold
+        )
+        certificates = (robust.certificate, *certificates)
+    evidence = Evidence(
+        robot.joint_names,
+        fit,
+        last_fit.observability,
+        scale,
+        settings.constraints,
+        settings.confidence,
+        prior_to_data,
+    )
+    return Estimate(
+        joints=evidence.derive_joint_results(),
+        compliance=fit.compliance,
+        balanced=last_fit.balanced,
+        covariance=covariance,
+        sigma=scale.sigma,
+        sigma_given=scale.given,
+        chi_square=chi_square,
+        degrees_of_freedom=scale.degrees_of_freedom,
+        identifiability=fit.identifiability,
+        certificates=certificates,
+        triangles=last_fit.triangles,
+        observability=last_fit.observability,
+        likelihood=fit.likelihood,
+        common=common_errors,
+        robust=robust,
+    )
+
+
+def _propagate_common_errors(
+    robot: Robot, settings: Settings, last_fit: _Pass, sigma: float
+) -> CommonErrors | None:
+    """Return the changes of the estimate by one standard uncertainty of each error common to all.
+
+    The result is None if no such error has an uncertainty. `sigma` [m] weighs a prior against the readings.
+    """
+    common_uncertainty = last_fit.measurements.common_uncertainty
+    errors = fitted_errors(last_fit.measurements)
+    fitted_terms = errors.terms
+    # For each term: the name in the budget, and the standard uncertainties of the unknowns.
+    source_and_prior = {
+        name: (common_uncertainty.source(name), term.prior(common_uncertainty))
+        for name, term in TERMS.items()
+    }
+    blocks = regressor_blocks(robot, last_fit.measurements, last_fit.balanced)
+    # An error fitted from the readings replaces a stated uncertainty
+    fitted_names = {term.name for term in fitted_terms}
+    terms = [
+        TERMS[name]
+        for name, (_, uncertainties) in source_and_prior.items()
+        if any(uncertainties) and name not in fitted_names
+    ]
+    if not (terms or fitted_terms):
+        return None
+    responses = last_fit.triangles.compute_responses(
+        blocks,
+        [*terms, *fitted_terms],
+        last_fit.fit.compliance,
+        np.flatnonzero(~last_fit.observability.null),
+        None if settings.prior is None else settings.prior.in_units_of(sigma),
+    )
+    by_source = {}
+    terms_in_fit = () if last_fit.statements is None else last_fit.statements.terms
+    for source, uncertainties, response in (
+        (*source_and_prior[term.name], responses[term.name]) for term in terms
+    ):
+        # `resize` repeats the uncertainties for each column.
+        by_source[source] = np.resize(uncertainties, response.shape[1]) * response
+    in_fit = frozenset(source_and_prior[term.name][0] for term in terms_in_fit)
+    if fitted_terms:
+        responses_to_causes = np.hstack([responses[term.name] for term in fitted_terms])
+        by_source["fitted_causes"] = responses_to_causes @ errors.root
+    return CommonErrors(by_source, in_fit)
+
+
+def _compare_prior_to_data(fit_without_prior: Fit, prior: Prior, sigma: float) -> FloatArray:
+    """Return for each joint the ratio (n,) of the prior's information to the readings' information.
+
+    The ratio is ``s₀⁻² / (sigma² C_jj)⁻¹``, with s₀ the prior's standard uncertainty and C_jj the variance
+    from the readings; NaN for joints without a prior, and inf where the readings alone determine only a
+    combination with other joints.
+    """
+    variance = sigma**2 * np.diagonal(fit_without_prior.covariance)
+    ratio = np.where(prior.known, variance / prior.standard_uncertainty**2, np.nan)
+    for group in fit_without_prior.undetermined:
+        for joint in group.joints:
+            ratio[joint] = np.inf if prior.known[joint] else np.nan
+    return ratio
+
+
+def _find_largest_standardised_shift(shift: FloatArray | None, estimate: Estimate) -> float | None:
+    """Return the largest change of a compliance in standard uncertainties; None if no uncertainty is known.
+
+    Uncertainties that were assumed, not stated, are left out of the standard uncertainty.
+    """
+    if shift is None or estimate.covariance is None:
+        return None
+    variance = np.diagonal(estimate.covariance)
+    if estimate.common is not None:
+        for source in ("assumed_load_point", "assumed_force_scale"):
+            variance = variance - np.square(estimate.common.responses_to(source)).sum(axis=1)
+    has_uncertainty = estimate.estimated & (variance > 0.0)
+    return (
+        float((np.abs(shift[has_uncertainty]) / np.sqrt(variance[has_uncertainty])).max())
+        if has_uncertainty.any()
+        else None
+    )

@@ -1,0 +1,619 @@
+"""Settings of an identification, and methods as linear maps of the targets' whitened readings (method.md §4).
+
+With the whitened rows T = W [A d] of an observation, of unit covariance, a stage of a method fits N T:
+
+    partial pose            N = I: three rows a target, positions only
+    complete pose           N = Qᵀ, the whitened G = Q R of the rigid motion ``δp_X = δp_b + δφ × (X − b)``
+    decoupled, the arm      N = Q_cᵀ, the displacement ``E R⁻¹ Qᵀ`` carried to P_wrist, with orthonormal rows
+    decoupled, the wrist    N = I, less the deflection by the arm
+
+Other weightings than that by covariance scale the readings themselves, N = S W⁻¹ or S R⁻¹ Qᵀ, and leave a
+sandwich covariance: with the spread ``NᵀN A`` it is ``(AᵀNᵀN A)⁻¹ (NᵀN A)ᵀ(NᵀN A) (AᵀNᵀN A)⁻¹``. Secondary
+encoders take part in every method: what they say of a joint does not pass through the targets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Final, Literal
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from jointstiff.schemas.options import Method as MethodName
+from jointstiff.schemas.options import RunOptions, Weighting
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.fit.observability import Excitation, Spectrum
+from jointstiff.solver.fit.prior import Prior
+from jointstiff.solver.fit.problem import Bounds, Constraints, Order
+from jointstiff.solver.fit.statements import FittedStatements, Statements
+from jointstiff.solver.fit.triangle import (
+    Triangle,
+    compute_triangular_factor,
+    orthonormal_basis,
+    unit_columns,
+)
+from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, build_whitened_rows
+from jointstiff.solver.mechanics.measurements import Measurements, whitener
+from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist, find_wrist, skew
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import JOINTS
+
+Loss = Literal["squared", "huber"]
+
+DEFAULT_THRESHOLD: Final = 2.8
+"""Default threshold of the Huber loss in units of sigma, about the 95 % quantile of χ with three degrees of
+freedom, 2.796: 95 % of good readings of three coordinates stay below."""
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """Settings of an identification."""
+
+    method: MethodName  #: see method.md §4
+    weighting: Weighting  #: see method.md §3; `characteristic_length` goes with the complete pose only
+    bounds: Bounds  #: on the compliances
+    characteristic_length: float | None = None  #: [m]; None for the length of least condition number
+    confidence: float = 0.95  #: level of the intervals, between 0 and 1
+    #: pairs (i, j) of joints with c_i ≤ c_j: joint i at least as stiff as joint j
+    order: tuple[tuple[int, int], ...] = ()
+    #: prior of the compliances; with weighting by covariance only
+    prior: Prior | None = None
+    loss: Loss = "squared"  #: loss of the norm of each target's whitened residual
+    huber_threshold: float = DEFAULT_THRESHOLD  #: for the loss `huber`, in units of sigma
+    complementary_stiffness: bool = False  #: whether K_c is part of the model (method.md §2)
+
+    @classmethod
+    def from_options(cls, options: RunOptions, robot: Robot) -> Settings:
+        """Convert the options of a run into settings; stiffnesses become compliances.
+
+        Raises:
+            RequestError: an option names a joint that the robot does not have, or the order of the joints
+                contradicts itself or the bounds.
+        """
+        pairs = (pair for chain in options.stiffness_order for pair in pairwise(chain))
+        order = tuple(
+            dict.fromkeys(
+                (
+                    robot.joint_index(first, f"stiffness_order.{first}"),
+                    robot.joint_index(second, f"stiffness_order.{second}"),
+                )
+                for first, second in pairs
+            )
+        )
+        # If elastic links are requested, the loss belongs to their model, and joints alone use squares.
+        uses_huber = options.loss == "huber" and options.elasticity in {"joints", "automatic"}
+        settings = cls(
+            method=options.method,
+            weighting=options.weighting,
+            characteristic_length=options.characteristic_length,
+            bounds=_bounds_from_options(options, robot, order),
+            confidence=options.confidence,
+            order=order,
+            prior=_prior_from_options(options, robot),
+            loss="huber" if uses_huber else "squared",
+            huber_threshold=options.huber_threshold or DEFAULT_THRESHOLD,
+            complementary_stiffness=options.complementary_stiffness == "included",
+        )
+        _ = settings.constraints  # raises RequestError for contradictions before any work is done
+        return settings
+
+    @cached_property
+    def constraints(self) -> Constraints:
+        """Bounds and order of the compliances.
+
+        Raises:
+            RequestError: if order and bounds contradict each other.
+        """
+        return Constraints(self.bounds, self.order)
+
+
+def _bounds_from_options(options: RunOptions, robot: Robot, order: Order) -> Bounds:
+    """Return the bounds of the compliances; joints in an order or with a stiffness bound are positive."""
+    bounds = Bounds.positive(robot.n) if options.positive else Bounds.unconstrained(robot.n)
+    lower, upper = bounds.lower.copy(), bounds.upper.copy()
+    for pair in order:
+        lower[list(pair)] = 0.0
+    for name, (least, greatest) in options.stiffness_bounds.items():
+        j = robot.joint_index(name, f"stiffness_bounds.{name}")
+        lower[j] = 0.0 if greatest is None else 1.0 / greatest
+        upper[j] = np.inf if least is None else 1.0 / least
+    return Bounds(lower, upper)
+
+
+def _prior_from_options(options: RunOptions, robot: Robot) -> Prior | None:
+    """Return the prior of the compliances that priors of the stiffnesses imply; None without `priors`.
+
+    To first order, a stiffness k₀ with uncertainty u(k₀) gives c₀ = 1/k₀ and s₀ = u(k₀)/k₀².
+    """
+    if not options.priors:
+        return None
+    mean, uncertainty = np.full(robot.n, np.nan), np.full(robot.n, np.inf)
+    for name, known in options.priors.items():
+        j = robot.joint_index(name, f"priors.{name}")
+        mean[j] = 1.0 / known.stiffness
+        uncertainty[j] = known.standard_uncertainty / known.stiffness**2
+    return Prior(mean, uncertainty)
+
+
+MIN_TARGETS = 3
+_COLLINEAR = 1e-3
+"""Least ratio of height to length of the targets' triangle: below, rotation about its long side is noise."""
+_DECADES = (-3.0, 3.0)
+"""Range of the characteristic length, as exponents of ten [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One least-squares problem of a method; the decoupled method has two, for arm and wrist."""
+
+    joints: IndexArray  #: (p,) joints that the stage estimates
+    known: IndexArray  #: (q,) joints that an earlier stage has estimated; their deflection is subtracted
+
+
+@dataclass(frozen=True, eq=False)
+class StageRows:
+    """Rows of B observations in one stage."""
+
+    #: (B, r, K + 1) columns of all terms, then of the readings; rows of the targets, then rows of the
+    #: encoders of the stage's joints
+    fitted: FloatArray
+    #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows, N the linear map of the stage; None where N = I
+    spread: FloatArray | None
+
+
+class Method:
+    """A method with its weighting, as linear maps N of the whitened rows of the readings."""
+
+    def __init__(self, robot: Robot, settings: Settings, length: float | None) -> None:
+        """Choose the stages of the method.
+
+        Args:
+            robot: n joints.
+            settings: method and weighting.
+            length: characteristic length [m], if the weighting uses one.
+
+        Raises:
+            UnsupportedMethodError: the decoupled method, and the robot has no spherical wrist.
+        """
+        joints = np.arange(robot.n)
+        self.joint_names, self.joint_kinds = robot.joint_names, robot.joint_kinds
+        self.name, self.weighting = settings.method, settings.weighting
+        self.length = 1.0 if settings.weighting == "uniform" else length
+        self.stages: tuple[Stage, ...] = (Stage(joints, joints[:0]),)
+        if settings.method == "decoupled_partial_pose":
+            self.centre = find_spherical_wrist(robot).centre
+            arm, wrist = joints[:-WRIST_JOINTS], joints[-WRIST_JOINTS:]
+            self.stages = (Stage(arm, joints[:0]), Stage(wrist, arm))
+
+    @property
+    def by_covariance(self) -> bool:
+        """True if the rows are weighted by their covariance, as in the likelihood."""
+        return self.weighting == "covariance"
+
+    @property
+    def is_plain(self) -> bool:
+        """True if the method fits the whitened rows of the readings as they are, without a linear map."""
+        return self.by_covariance and self.name == "partial_pose"
+
+    def rows(self, block: RegressorBlock, whitened: Rows) -> Iterator[StageRows]:
+        """Yield the rows of a block of observations in each stage, in the order of the stages.
+
+        Args:
+            block: B observations.
+            whitened: whitened rows of all terms in these observations, in units of sigma.
+
+        Raises:
+            UnsupportedMethodError: if the targets of an observation lie on a line, and a pose is needed.
+        """
+        targets, encoders = whitened.targets, whitened.encoders
+        flat = targets.reshape(len(targets), -1, targets.shape[-1])
+        for stage, (observation_map, target_map) in zip(self.stages, self._stage_maps(block), strict=True):
+            if observation_map is not None:
+                fitted_rows = observation_map @ flat
+                spread_rows = observation_map.transpose(0, 2, 1) @ fitted_rows
+            elif target_map is not None:  # S W⁻¹, target by target
+                fitted_rows = target_map @ targets
+                spread_rows = (target_map.mT @ fitted_rows).reshape(flat.shape)
+                fitted_rows = fitted_rows.reshape(flat.shape)
+            else:
+                fitted_rows, spread_rows = flat, None
+            if encoders is not None:
+                fitted_rows = np.concatenate([fitted_rows, encoders[:, stage.joints]], axis=1)
+            yield StageRows(fitted_rows, spread_rows)
+
+    def _stage_maps(self, block: RegressorBlock) -> list[tuple[FloatArray | None, FloatArray | None]]:
+        """Return for each stage the linear map N of the whitened rows, as a pair of arrays or None.
+
+        The first array (B, m, 3 T) maps the rows of whole observations, the second (B, T, 3, 3) the rows of
+        single targets. At least one of them is None; if both are, N is the identity.
+        """
+        target_maps: tuple[FloatArray | None, FloatArray | None] = (None, None)
+        if not self.by_covariance:
+            target_maps = self._undo_whitening(block)
+        match self.name:
+            case "partial_pose":
+                return [target_maps]
+            case "complete_pose":
+                return [(self._map_to_pose(block), None)]
+            case _:
+                return [(self._map_to_wrist_centre(block), None), target_maps]
+
+    def _map_to_pose(self, block: RegressorBlock) -> FloatArray:
+        """Return the map (B, 6, 3 T) from whitened rows to the displacement of the flange's pose.
+
+        The displacement is whitened if the method uses covariances, else scaled by the method's length.
+        """
+        Q, R, _ = factorise_displacement(block)
+        if self.by_covariance:
+            return Q.mT
+        row_scale = np.repeat([1.0 / (self.length or 1.0), 1.0], 3)
+        scaled_map = row_scale[:, None] * np.linalg.solve(R, Q.mT)
+        return np.asarray(_least_root_weights(block.measurements) * scaled_map)
+
+    def _map_to_wrist_centre(self, block: RegressorBlock) -> FloatArray:
+        """Return the map (B, 3, 3 T) from whitened rows to the displacement of the wrist centre.
+
+        The displacement is whitened if the method uses covariances.
+        """
+        Q, R, reference = factorise_displacement(block)
+        centre = block.postures.to_base(np.broadcast_to(self.centre, (len(Q), 1, 3)))[:, 0]
+        # Map from the displacement of the reference point, and the rotation, to that of the centre.
+        identity = np.broadcast_to(np.eye(3), (len(Q), 3, 3))
+        extrapolation = np.concatenate([identity, -skew(centre - reference)], axis=2)
+        centre_map = extrapolation @ np.linalg.solve(R, Q.mT)
+        if self.by_covariance:  # orthonormal rows: the displacement of the centre, whitened
+            return np.linalg.qr(centre_map.mT)[0].mT
+        return np.asarray(_least_root_weights(block.measurements) * centre_map)
+
+    @staticmethod
+    def _undo_whitening(block: RegressorBlock) -> tuple[FloatArray | None, FloatArray | None]:
+        """Return the map from whitened rows back to equal weights, as a pair like that of `_stage_maps`."""
+        part = block.measurements
+        weight = np.ones(part.present.shape) if part.weight is None else part.weight
+        if not part.scatter:
+            return None, np.asarray(np.linalg.inv(whitener(part.covariance)), dtype=np.float64)
+        identity = np.eye(3 * weight.shape[1]).reshape(*weight.shape[1:], 3, -1)
+        whiten = block.whiten(np.broadcast_to(identity, (len(weight), *identity.shape)))
+        back = np.linalg.inv(whiten.reshape(len(weight), identity.shape[-1], -1))
+        return np.asarray(np.repeat(np.sqrt(weight), 3, axis=1)[..., None] * back, dtype=np.float64), None
+
+
+def _least_root_weights(measurements: Measurements) -> FloatArray | float:
+    """Return the root (B, 1, 1) of the least weight of each observation's targets; 1 without weights.
+
+    With a robust loss, a pose gets the least weight of its targets.
+    """
+    if measurements.weight is None:
+        return 1.0
+    least_weight = np.where(measurements.present, measurements.weight, 1.0).min(axis=1)
+    return np.asarray(np.sqrt(least_weight)[:, None, None])
+
+
+class MethodTriangles:
+    """Compressed rows of a measurement set for each stage of a method, filled block by block.
+
+    Attributes:
+        method: the method with its stages.
+        all_readings: triangle of all readings, weighted by covariance. Residuals, sigma and degrees of
+            freedom are computed on this triangle, whatever the method fits.
+        stages: triangle of each stage.
+        spreads: triangle of each stage's `StageRows.spread`; None where rows are weighted by covariance.
+        cross: (n, n) weighted covariance between the readings of the two stages: ``A₂ᵀΩ₂ Σ Ω₁A₁``.
+        seen_from_centre: excitation of the joints as the motion of the wrist centre shows it; decoupled
+            method only.
+    """
+
+    def __init__(self, method: Method) -> None:
+        """Start without observations."""
+        n = len(method.joint_names)
+        self.method = method
+        self.all_readings = Triangle(joints=n)
+        self.stages = [self.all_readings] if method.is_plain else [Triangle(joints=n) for _ in method.stages]
+        self.spreads = None if method.by_covariance else [Triangle(joints=n) for _ in method.stages]
+        self.cross: FloatArray = np.zeros((n, n))
+        self.seen_from_centre = Excitation(method.joint_kinds)
+        self._statements: Statements | None = None
+        self._with_statements: FloatArray | None = None
+        # Unknowns of the statements that one unit of each joint's column, and the readings, call for.
+        self._unknowns: FloatArray = np.zeros((n + 1, 0))
+
+    def add(self, block: RegressorBlock) -> None:
+        """Add the rows of a block of observations to all triangles."""
+        measurements = block.measurements
+        whitened = build_whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
+        self.all_readings.add(whitened.targets, count=int(measurements.coordinates.sum()))
+        if measurements.encoders is not None and whitened.encoders is not None:
+            self.all_readings.add(whitened.encoders, count=int(measurements.encoders.present.sum()))
+        if self.method.is_plain:
+            return
+        spreads = []
+        for stage, rows in enumerate(self.method.rows(block, whitened)):
+            self.stages[stage].add(rows.fitted)
+            spread = whitened.targets if rows.spread is None else rows.spread
+            spreads.append(spread.reshape(-1, spread.shape[-1])[:, :-1])
+            if self.spreads is not None and rows.spread is not None:
+                self.spreads[stage].add(rows.spread)
+        if len(spreads) > 1:
+            self.cross += spreads[1].T @ spreads[0]
+            points = block.postures.to_base(np.broadcast_to(self.method.centre, (len(block.torque), 1, 3)))
+            jacobian = block.postures.jacobian_at(points)
+            self.seen_from_centre.add_with_points(block, jacobian, np.ones((len(points), 1), dtype=bool))
+
+    def fit_with_statements(
+        self, blocks: Iterable[RegressorBlock], statements: Statements
+    ) -> MethodTriangles:
+        """Return the triangles of a method with one stage, in which statements are fitted with the joints.
+
+        Args:
+            blocks: the observations that were added.
+            statements: terms whose unknowns are stated as zero, with their standard uncertainties.
+        """
+        result, n = MethodTriangles(self.method), len(self.method.joint_names)
+        fitted: list[FloatArray] = []
+        readings: list[FloatArray] = []
+        for block in blocks:
+            terms = [JOINTS, *statements.terms]
+            whitened = statements.scale(build_whitened_rows(block, terms, statements.compliance))
+            width = whitened.targets.shape[-1]
+            (rows,) = self.method.rows(block, whitened)
+            fitted.append(compute_triangular_factor(rows.fitted.reshape(-1, width)))
+            readings.append(compute_triangular_factor(whitened.targets.reshape(-1, width)))
+            if whitened.encoders is not None:
+                readings.append(compute_triangular_factor(whitened.encoders.reshape(-1, width)))
+        compressed = []
+        for factors in (readings, fitted):
+            triangle = Triangle(joints=n, statements=width - 1 - n)
+            triangle.add(np.concatenate(factors), count=self.all_readings.rows)
+            compressed.append(triangle)
+        unit_uncertainties = np.ones(width - 1 - n)
+        result.all_readings = compressed[0].given("statements", unit_uncertainties, statements.sigma)
+        result.stages = [result.all_readings]
+        if not self.method.is_plain:
+            result.stages = [compressed[1].given("statements", unit_uncertainties, statements.sigma)]
+        statement_columns = compressed[1].matrix[:, n:]
+        fitted_rows = compressed[1].R[:, [*range(n), -1]]
+        statement_rows = statements.sigma * np.eye(statement_columns.shape[1])
+        result._statements = statements
+        result._with_statements = np.vstack([compressed[0].matrix, np.eye(width - 1)[n:] * statements.sigma])
+        result._unknowns = np.linalg.lstsq(
+            np.vstack([statement_columns, statement_rows]),
+            np.vstack([fitted_rows, np.zeros((statement_columns.shape[1], n + 1))]),
+            rcond=None,
+        )[0].T
+        return result
+
+    def rebuild(self, blocks: Sequence[RegressorBlock]) -> MethodTriangles:
+        """Return the triangles of some of the observations, with the same method and statements."""
+        triangles = MethodTriangles(self.method)
+        for block in blocks:
+            triangles.add(block)
+        return (
+            triangles if self._statements is None else triangles.fit_with_statements(blocks, self._statements)
+        )
+
+    def fit_statements(self, compliance: FloatArray) -> FittedStatements | None:
+        """Return the statements with the values that fit best for given compliances; None without any.
+
+        Args:
+            compliance: (n,) fitted compliances [rad/(N·m)].
+        """
+        if self._statements is None:
+            return None
+        return FittedStatements(self._statements, np.append(-compliance, 1.0) @ self._unknowns)
+
+    @property
+    def determined_statement_count(self) -> float:
+        """Effective number of unknowns of statements that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``.
+
+        B are the columns of the statements after projecting the joints out; σ is the noise of a reading.
+        """
+        if self._statements is None or self._with_statements is None:
+            return 0.0
+        n, statement_count = len(self.method.joint_names), self._unknowns.shape[1]
+        joints, columns = np.split(self._with_statements[:-statement_count], [n], axis=1)
+        joint_basis = orthonormal_basis(unit_columns(joints)[0])
+        columns = columns - joint_basis @ (joint_basis.T @ columns)
+        squared_singular_values = np.square(np.linalg.svd(columns, compute_uv=False))
+        return float((squared_singular_values / (squared_singular_values + self._statements.sigma**2)).sum())
+
+    @property
+    def columns(self) -> FloatArray:
+        """Compressed columns (m, n + K) of all readings: of the joints, then of K statements."""
+        return self.all_readings.matrix if self._with_statements is None else self._with_statements
+
+    def build_columns(self, block: RegressorBlock) -> FloatArray:
+        """Return the whitened columns (m, n + K) of further readings, in the order of `columns`.
+
+        First the n joints, then the K unknowns of the statements.
+        """
+        statements = self._statements
+        terms: tuple[Term, ...] = () if statements is None else statements.terms
+        compliance = np.zeros(block.robot.n) if statements is None else statements.compliance
+        whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
+        if statements is not None:
+            whitened = statements.scale(whitened)
+        return whitened.targets.reshape(-1, whitened.targets.shape[-1])[:, :-1]
+
+    def compute_responses(
+        self,
+        blocks: Iterable[RegressorBlock],
+        terms: Sequence[Term],
+        compliance: FloatArray,
+        joints: IndexArray,
+        prior: Prior | None = None,
+    ) -> dict[str, FloatArray]:
+        """Compute the bias of the estimate that one unit of each unknown of neglected terms causes.
+
+        Without bounds the estimate is linear, ĉ = H d, so the bias is ``H A_term``.
+
+        Args:
+            blocks: the observations that were added.
+            terms: neglected terms.
+            compliance: (n,) joint compliances at which the columns of the terms are computed [rad/(N·m)].
+            joints: (p,) joints that are estimated.
+            prior: prior of the fit.
+
+        Returns:
+            For each term's name the bias (n, k) that its k unknowns cause [rad/(N·m) per unit]; zero for
+            joints that are not estimated.
+        """
+        n = len(self.method.joint_names)
+        moments: list[FloatArray | float] = [0.0] * len(self.stages)
+        for block in blocks:
+            whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
+            for stage_number, rows in enumerate(self.method.rows(block, whitened)):
+                flat = rows.fitted.reshape(-1, rows.fitted.shape[-1])
+                columns = flat[:, :n] - self._build_statement_columns(block) @ self._unknowns[:-1].T
+                moments[stage_number] = moments[stage_number] + columns.T @ flat[:, n:-1]
+        bias = np.zeros(np.shape(moments[0]))
+        for stage, stage_triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
+            fitted_joints = np.intersect1d(stage.joints, joints)
+            known_joints = np.intersect1d(stage.known, joints)
+            matrix = stage_triangle.matrix
+            remaining = np.asarray(moment)[fitted_joints] - matrix[:, fitted_joints].T @ (
+                matrix[:, known_joints] @ bias[known_joints]
+            )
+            columns = matrix[:, fitted_joints]
+            with_prior = columns if prior is None else np.vstack([columns, prior.rows(fitted_joints)[0]])
+            inverse = Spectrum(with_prior).inverse
+            bias[fitted_joints] = inverse @ (inverse.T @ remaining)
+        last_columns = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]
+        return dict(zip((term.name for term in terms), np.split(bias, last_columns, axis=1), strict=True))
+
+    def _build_statement_columns(self, block: RegressorBlock) -> FloatArray:
+        """Return the columns (m, K) of K stated unknowns in the rows of a block; K = 0 without statements."""
+        statements = self._statements
+        if statements is None:
+            return np.zeros((1, 0))
+        whitened = statements.scale(build_whitened_rows(block, statements.terms, statements.compliance))
+        (rows,) = self.method.rows(block, whitened)
+        return rows.fitted.reshape(-1, rows.fitted.shape[-1])[:, :-1]
+
+
+def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return factors Q R of the map from a rigid displacement of the flange to the whitened deflections.
+
+    Target X moves by ``δp_X = δp_b + δφ × (P1X − b)``, with P1X its place and b the barycentre of the
+    targets. The least-squares displacement (δp_b, δφ) is ``R⁻¹ Qᵀ W d`` with covariance ``(Rᵀ R)⁻¹`` in units
+    of sigma²; W whitens the deflections d.
+
+    Args:
+        block: B observations with at least three targets each.
+
+    Returns:
+        Orthonormal Q (B, 3 T, 6), upper triangular R (B, 6, 6), and b (B, 3) in R0 [m].
+
+    Raises:
+        UnsupportedMethodError: if the targets of an observation lie on a line.
+    """
+    measurements = block.measurements
+    present = measurements.present[..., None]
+    reference = block.points.mean(axis=1, where=present)
+    lever_arms = np.where(present, block.points - reference[:, None], 0.0)
+    singular_values = np.linalg.svd(lever_arms, compute_uv=False)
+    collinear = np.flatnonzero(singular_values[:, 1] <= _COLLINEAR * singular_values[:, 0])
+    if len(collinear):
+        raise UnsupportedMethodError(
+            "the targets lie on a line, so the flange's rotation about this line is not observable "
+            f"({len(collinear)} observations)",
+            where="readings",
+            remedy="use method partial_pose, or place the three targets so that they form a triangle",
+        )
+    rotation_columns = -skew(lever_arms)
+    displacement_columns = measurements.project_on_directions(
+        np.concatenate([np.broadcast_to(np.eye(3), rotation_columns.shape), rotation_columns], axis=-1)
+    )
+    Q, R = np.linalg.qr(
+        block.whiten(np.where(present[..., None], displacement_columns, 0.0)).reshape(len(lever_arms), -1, 6)
+    )
+    return Q, R, reference
+
+
+def refuse_missing_poses(measurements: Measurements) -> None:
+    """Refuse measurements in which an observation has fewer than three targets with all coordinates read.
+
+    Raises:
+        UnsupportedMethodError: names the first such observation.
+    """
+    counts = (measurements.coordinates == 3).sum(axis=1)
+    too_few = np.flatnonzero(counts < MIN_TARGETS)
+    if len(too_few):
+        first = int(too_few[0])
+        raise UnsupportedMethodError(
+            f"the pose of the flange needs {MIN_TARGETS} targets, but {measurements.place(first)} has "
+            f"{counts[first]} ({len(too_few)} of {len(counts)} observations have too few)",
+            where=f"observations[{first}].readings",
+            remedy="use method partial_pose, or read three targets in every observation",
+        )
+
+
+def find_spherical_wrist(robot: Robot) -> Wrist:
+    """Return the robot's spherical wrist, which the decoupled method needs.
+
+    Raises:
+        UnsupportedMethodError: if the robot has no spherical wrist.
+    """
+    wrist = find_wrist(robot)
+    if wrist is None or robot.n == WRIST_JOINTS:
+        raise UnsupportedMethodError(
+            f"a robot with {robot.n} joints has no arm with a spherical wrist",
+            where="method",
+            remedy="use method partial_pose",
+        )
+    if not wrist.spherical:
+        raise UnsupportedMethodError(
+            f"the last three axes miss each other by {1e3 * wrist.miss_distance:.3g} mm, more than "
+            f"{1e3 * Wrist.TOLERANCE:g} mm, so the wrist has no centre",
+            where="method",
+            remedy="use method partial_pose, or correct the robot's model",
+        )
+    return wrist
+
+
+def find_length_of_least_condition(
+    method: Method, blocks: Iterable[RegressorBlock], has_no_effect: BoolArray
+) -> float:
+    """Return the length L [m] that minimises the condition number of the rows [A_v / L; A_ω].
+
+    A_v are the rows of displacements, A_ω the rows of rotations (Khan & Angeles; method.md §3). Columns are
+    first scaled to unit norm, as they are for the solution: otherwise the different sizes of the torques on
+    arm and wrist dominate, and the least condition number is at an infinite length.
+
+    Args:
+        method: complete pose with a length of 1 m.
+        blocks: all observations.
+        has_no_effect: (n,) joints that the readings do not see.
+
+    Returns:
+        L between 1 mm and 1 km [m].
+    """
+    n = len(has_no_effect)
+    displacements, rotations = Triangle(joints=n), Triangle(joints=n)
+    for block in blocks:
+        (rows,) = method.rows(block, build_whitened_rows(block, [JOINTS], np.zeros(n)))
+        displacements.add(rows.fitted[:, :3])
+        rotations.add(rows.fitted[:, 3:])
+    linear, angular = (part.matrix[:, ~has_no_effect] for part in (displacements, rotations))
+
+    def log_condition(decade: float) -> float:
+        """Return the logarithm of the condition number for the length 10**decade [m]."""
+        stacked = np.concatenate([linear / 10.0**decade, angular])
+        singular_values = np.linalg.svd(stacked / np.linalg.norm(stacked, axis=0), compute_uv=False)
+        return float(np.log(singular_values[0] / max(singular_values[-1], np.finfo(float).tiny)))
+
+    # The condition number has several local minima where singular values cross: scan, then refine.
+    grid = np.linspace(*_DECADES, 121)
+    best = int(np.argmin([log_condition(decade) for decade in grid]))
+    step = grid[1] - grid[0]
+    refined = minimize_scalar(
+        log_condition,
+        bounds=(grid[best] - step, grid[best] + step),
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    return float(10.0 ** np.clip(refined.x, *_DECADES))

@@ -1,0 +1,412 @@
+"""Observability: which compliances the readings show, alone or in combination, and why not (method.md §6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.run import ObservabilityIndex
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.fit.triangle import unit_columns
+from jointstiff.solver.mechanics.block import RegressorBlock
+from jointstiff.solver.text import figure
+
+NULL_COLUMN = 1e-9
+"""Norm of a joint's column, relative to the largest norm that the joint's levers allow, that is rounding."""
+NULL_DIRECTION = 1e-7
+"""Singular value of the equilibrated regressor, relative to the first, below which it counts as zero.
+
+One threshold for rank, pseudo-inverse and fit: no reading determines a digit in such a direction, and
+the square of its inverse, which covariances hold, would drown in rounding.
+"""
+HARD_TO_TELL = 100.0
+"""Condition number above which results are unreliable (Schröer et al. 1992, as quoted by
+Nahvi & Hollerbach 1996)."""
+_INVOLVED_PART = 1e-6
+"""Component of a unit vector in a null space above which a joint belongs to a combination."""
+_RELEVANT_PART = 0.1
+"""Coefficient, relative to the largest one, below which a joint is not mentioned."""
+_NOT_PRINTED = 0.005
+"""Coefficient below which a joint is left out of a printed sum."""
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """Joints whose compliances appear in the readings only together."""
+
+    joints: tuple[int, ...]  #: indices of the m joints
+    #: (m − k, m) weighted sums of the m compliances that the readings determine, one sum in each row, in
+    #: reduced echelon form, dimensionless; k is the number of directions that the readings do not determine
+    seen: FloatArray
+
+    def in_words(self, names: tuple[str, ...]) -> str:
+        """Return the sums that the readings determine, such as ``c(joint_4) + 0.8 c(joint_6)``.
+
+        Args:
+            names: names of all n joints of the robot.
+        """
+        return " and ".join(_sum_in_words(row, self.joints, names) for row in self.seen)
+
+    def reason(self, names: tuple[str, ...]) -> str:
+        """Return in words why no stiffness of these joints is known, and what to do.
+
+        `names` are the names of all joints of the robot.
+        """
+        together = ", ".join(names[joint] for joint in self.joints)
+        return (
+            f"only a combination of {together} is observable, {self.in_words(names)}: add postures in "
+            "which the axes of these joints differ"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class WeakDirection:
+    """Change of the compliances that has the least effect on the readings."""
+
+    joints: tuple[int, ...]  #: indices of the m joints with the largest part in the change
+    #: (m,) change of these joints' compliances, dimensionless: the largest of size 1, the first positive
+    change: FloatArray
+    #: condition number of the columns scaled to unit norm: how many times less effect on the readings this
+    #: change has than the most visible change
+    attenuation: float
+
+    def in_words(self, names: tuple[str, ...]) -> str:
+        """Return a sentence on joints that are hard to distinguish; `names` are the names of all joints."""
+        together = ", ".join(names[joint] for joint in self.joints)
+        change = " : ".join(f"{component:+.2g}" for component in self.change)
+        return (
+            f"{together} are hard to distinguish: a change of their compliances in the ratio {change} "
+            f"has {figure(self.attenuation, '.2g')} times less effect on the readings than "
+            "the most visible change"
+        )
+
+
+def split_null_space(
+    null_space: FloatArray, scale: FloatArray, columns: IndexArray
+) -> tuple[Combination, ...]:
+    """Return the groups of joints whose compliances the readings show only in combination within the group.
+
+    Args:
+        null_space: (k, p) orthonormal directions without effect on the readings, for columns of unit norm.
+        scale: (p,) norms of the regressor's columns, by which it was equilibrated.
+        columns: (p,) the joint of each column.
+    """
+    if not len(null_space):
+        return ()
+    # The projector onto the null space does not depend on the basis, and is block diagonal over the groups.
+    are_linked = np.abs(null_space.T @ null_space) > _INVOLVED_PART  # (p, p)
+    _, labels = connected_components(coo_array(are_linked), directed=False)
+    involved = are_linked.diagonal()
+    groups = [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
+    return tuple(_describe_combination(null_space, scale, group, columns) for group in groups)
+
+
+def _describe_combination(
+    null_space: FloatArray, scale: FloatArray, group: IndexArray, columns: IndexArray
+) -> Combination:
+    """Return a group of joints with the weighted sums of their compliances that the readings determine.
+
+    A sum with weights w is determined if no direction without effect on the readings changes the sum. With
+    these directions ν (k, m), one in each row, and k chosen joints f, ``w = e_i + Σ_f w_f e_f`` and ``ν w =
+    0`` give ``w_f = −ν_f⁻¹ ν_i`` for each other joint i.
+
+    Args:
+        null_space: (k, p) orthonormal directions without effect on the readings, for columns of unit norm.
+        scale: (p,) norms of the regressor's columns.
+        group: (m,) columns of the joints of the group.
+        columns: (p,) the joint of each column.
+    """
+    members = null_space[:, group]
+    values, vectors = np.linalg.eigh(members.T @ members)  # a projector: its eigenvalues are 0 or 1
+    directions = vectors[:, values > 0.5].T
+    # Choose k independent columns of `null` (k, m): the last suitable column each time rather than the
+    # largest, so that rounding does not decide between equal columns.
+    remaining, pivots = directions, list[int]()
+    for _ in range(len(directions)):
+        norms = np.linalg.norm(remaining, axis=0)
+        last = int(np.flatnonzero(norms > _RELEVANT_PART * norms.max())[-1])
+        direction = remaining[:, last] / norms[last]
+        remaining = remaining - np.outer(direction, direction @ remaining)
+        pivots.append(last)
+    chosen_joints = sorted(pivots)
+    other_joints = np.setdiff1d(np.arange(len(group)), chosen_joints)
+    directions = directions / scale[group]  # from columns of unit norm to the compliances themselves
+    sums = np.zeros((len(other_joints), len(group)))
+    sums[np.arange(len(other_joints)), other_joints] = 1.0
+    sums[:, chosen_joints] = -np.linalg.solve(directions[:, chosen_joints], directions[:, other_joints]).T
+    return Combination(tuple(int(columns[i]) for i in group), sums)
+
+
+def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ...]) -> str:
+    """Return a weighted sum of compliances as text, such as ``c(joint_4) + 0.8 c(joint_6)``.
+
+    Args:
+        row: (m,) weights of the compliances.
+        joints: indices of the m joints.
+        names: names of all joints.
+    """
+    words = ""
+    for weight, joint in zip(row.tolist(), joints, strict=True):
+        if abs(weight) < _NOT_PRINTED:
+            continue
+        weight_text = f"{abs(weight):.2g}"
+        sign = "-" if weight < 0 else "+" if words else ""
+        words += f" {sign} " if words else sign
+        words += f"c({names[joint]})" if weight_text == "1" else f"{weight_text} c({names[joint]})"
+    return words
+
+
+@dataclass(frozen=True, eq=False)
+class Observability:
+    """Dependence of the readings on each joint, and excitation of each joint by the loads."""
+
+    #: (n,) mask of joints that have no effect on the readings: the joint's column is zero up to rounding
+    null: BoolArray
+    #: (n,) compliance with which the joint alone, at its full lever, would explain all deflection
+    #: [rad/(N·m)]
+    reference_compliance: FloatArray
+    #: (n,) reason why the joint has no effect, with a remedy; None for a joint that has an effect
+    reasons: tuple[str | None, ...]
+    #: (n,) norm of the joint's column over the largest norm possible, with the force across the joint's lever
+    #: and the moment about the joint's axis in every observation; 0 to 1
+    excitation: FloatArray
+    #: (n,) greatest torque of the load about the joint over all observations [N·m]
+    greatest_torque: FloatArray
+    kinds: tuple[JointKind, ...]  #: (n,) kinds of the joints
+
+
+class Excitation:
+    """Sums over observations of the effect of loads on each joint, and of each joint on the targets.
+
+    For each joint the sums compare the effect with the largest effect possible at the same levers, with the
+    force perpendicular to the levers. The ratios do not depend on unit or frame.
+    """
+
+    def __init__(self, joint_kinds: tuple[JointKind, ...]) -> None:
+        n = len(joint_kinds)
+        self._kinds = joint_kinds
+        # Sums over the observations of the squares of each joint's torque and of the largest torque possible;
+        # and of the joint's column in the regressor and of the largest column possible
+        self._squared_torque, self._squared_largest_torque = np.zeros((2, n))
+        self._squared_column, self._squared_largest_column = np.zeros((2, n))
+        self._squared_deflection = 0.0  # sum over all readings
+        self._greatest_torque = np.zeros(n)
+
+    def add(self, block: RegressorBlock) -> None:
+        """Add a block of observations of the targets."""
+        self.add_with_points(block, block.jacobian, block.measurements.present)
+
+    def add_with_points(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
+        """Add a block of observations of points that move with the flange, and of encoders.
+
+        An encoder counts like a target at the distance from the axis at which a target has the same weight.
+
+        Args:
+            block: B observations.
+            jacobian: (B, T, 3, n) Jacobian J_v of the T points [m/rad].
+            present: (B, T) whether the point counts in the observation.
+        """
+        measurements = block.measurements
+        force = np.linalg.norm(measurements.force, axis=1)[:, None]
+        moment = np.linalg.norm(measurements.moment, axis=1)[:, None]
+        lever_arm = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
+        jacobians = jacobian if present.all() else jacobian * present[..., None, None]
+        jacobians = jacobians.reshape(len(jacobians), -1, jacobians.shape[-1])
+        squared_motion = np.einsum("bij,bij->bj", jacobians, jacobians)
+        if measurements.encoders is not None:
+            squared_lever, encoders = measurements.encoder_lever**2, measurements.encoders
+            squared_motion += squared_lever * encoders.present
+            self._squared_deflection += float((squared_lever * encoders.deflection**2).sum())
+        squared_greatest_torque = (lever_arm * force + moment) ** 2  # of a force perpendicular to the lever
+        self._squared_torque += (block.torque**2).sum(axis=0)
+        np.maximum(self._greatest_torque, np.abs(block.torque).max(axis=0), out=self._greatest_torque)
+        self._squared_largest_torque += squared_greatest_torque.sum(axis=0)
+        self._squared_column += (block.torque**2 * squared_motion).sum(axis=0)
+        self._squared_largest_column += (squared_greatest_torque * squared_motion).sum(axis=0)
+        self._squared_deflection += float((measurements.deflection**2).sum())
+
+    @property
+    def anything_moved(self) -> bool:
+        """True if any target moved."""
+        return self._squared_deflection > 0
+
+    def observability(self) -> Observability:
+        """Return the observability of the joints in all observations added so far."""
+        largest = self._squared_largest_column
+        has_no_lever = largest <= NULL_COLUMN**2 * largest.max()
+        null = has_no_lever | (self._squared_column <= NULL_COLUMN**2 * largest)
+        divisor = np.where(largest > 0, largest, np.inf)
+        return Observability(
+            null=null,
+            reference_compliance=np.sqrt(self._squared_deflection / divisor),
+            reasons=tuple(self._explain_no_effect(j) if null[j] else None for j in range(len(null))),
+            excitation=np.sqrt(self._squared_column / divisor),
+            greatest_torque=self._greatest_torque,
+            kinds=self._kinds,
+        )
+
+    def _explain_no_effect(self, joint: int) -> str:
+        """Return why a joint has no effect on the readings, with a remedy."""
+        words = JOINT_UNITS[self._kinds[joint]]
+        # If the load always acts on the joint's axis, the joint's own sum is zero: compare with the greatest
+        # sum of all joints.
+        largest_torques = self._squared_largest_torque
+        if not largest_torques.any():
+            return "no observation has a force or a moment: give the loads"
+        squared_limit = NULL_COLUMN**2 * max(largest_torques[joint], 1e-6 * largest_torques.max())
+        if self._squared_torque[joint] <= squared_limit:
+            return f"the load never {words.loads} this joint: add loads that {words.load_verb} the joint"
+        return f"no target moves when this joint {words.moves}: place a target away from the joint's axis"
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """Observability analysis of the equilibrated, weighted regressor over the observable joints."""
+
+    rank: int  #: number of directions that the readings determine
+    condition_number: float  #: ratio of the extreme singular values; inf if rank deficient
+    singular_values: FloatArray  #: largest first, dimensionless
+    combinations: tuple[Combination, ...]  #: groups of joints that appear only in combination
+    #: least observable direction; None if the rank is not full, or every direction is well observable
+    weakest: WeakDirection | None
+
+    @property
+    def combined(self) -> frozenset[int]:
+        """Indices of the joints that appear only in combination with others."""
+        return frozenset(joint for group in self.combinations for joint in group.joints)
+
+
+class Spectrum:
+    """Singular value decomposition of a weighted regressor with columns scaled to unit norm.
+
+    One threshold decides the rank for verdicts, fit and covariance alike.
+
+    Attributes:
+        rank: number of singular values above the threshold.
+        singular_values: (p,) largest first.
+        scale: (p,) norms of the columns, 1 where a norm is zero.
+        weakest: (p,) singular vector of the least singular value, for columns of unit norm.
+        null_space: (p − rank, p) orthonormal directions without effect on the readings, for columns of unit
+            norm.
+        determined: (m, p) the regressor with the directions of `null_space` removed, so that no fit follows
+            rounding; the regressor itself where the rank is full.
+        inverse: (p, m) pseudo-inverse of the regressor.
+        seen: (rank, p) weighted sums of the compliances that the readings determine, one in each row.
+    """
+
+    def __init__(self, R: FloatArray) -> None:
+        """Decompose a regressor.
+
+        Args:
+            R: (m, p) weighted regressor, compressed; p may be zero.
+        """
+        unit, self.scale = unit_columns(R)
+        scale = self.scale
+        U, singular, Vt = np.linalg.svd(unit, full_matrices=R.shape[0] < R.shape[1])
+        self.singular_values = np.zeros(R.shape[1])
+        self.singular_values[: len(singular)] = singular
+        largest = singular.max(initial=0.0)
+        self.rank = rank = int((self.singular_values > NULL_DIRECTION * largest).sum())
+        self.weakest: FloatArray = Vt[-1] if len(Vt) else np.zeros(0)
+        self.null_space: FloatArray = Vt[rank:]
+        strong = U[:, :rank] * singular[:rank]
+        self.determined: FloatArray = R if rank == R.shape[1] else strong @ Vt[:rank] * scale
+        self.seen: FloatArray = Vt[:rank] * scale
+        self.inverse: FloatArray = (Vt[:rank].T / singular[:rank]) @ U[:, :rank].T / scale[:, None]
+
+    def deviation(self, column: int) -> float | None:
+        """Return the standard uncertainty of a column's unknown; None if the rows do not determine it."""
+        if (self.null_space[:, column] ** 2).sum() > _INVOLVED_PART:
+            return None
+        return float(np.linalg.norm(self.inverse[column]))
+
+
+def analyse_spectrum(spectrum: Spectrum, columns: IndexArray) -> Identifiability:
+    """Return rank, condition number, combined joints and weakest direction from a spectrum.
+
+    Args:
+        spectrum: spectrum of the regressor of p joints.
+        columns: (p,) index of the joint of each column; the result uses these indices.
+    """
+    singular_values = spectrum.singular_values
+    has_full_rank = spectrum.rank == len(columns)
+    condition = float(singular_values[0] / singular_values[-1]) if has_full_rank else float("inf")
+    weakest = None
+    if has_full_rank and condition > HARD_TO_TELL:
+        direction = spectrum.weakest
+        involved = np.flatnonzero(np.abs(direction) > _RELEVANT_PART * np.abs(direction).max())
+        change = direction[involved] / spectrum.scale[involved]
+        # The sign of a singular vector is arbitrary: choose the sign for which the first part is positive.
+        change = change * (np.sign(change[0]) / np.abs(change).max())
+        weakest = WeakDirection(tuple(int(columns[i]) for i in involved), change, condition)
+    return Identifiability(
+        rank=spectrum.rank,
+        condition_number=condition,
+        singular_values=singular_values,
+        combinations=split_null_space(spectrum.null_space, spectrum.scale, columns),
+        weakest=weakest,
+    )
+
+
+def explain_noise(
+    joint: int, names: tuple[str, ...], observability: Observability, uncertainty: float
+) -> str:
+    """Return a sentence on why noise hides a joint that the readings depend on, with a remedy.
+
+    Args:
+        joint: index of the joint.
+        names: names of the n joints.
+        observability: observability of the joints in the same observations.
+        uncertainty: standard uncertainty of the joint's compliance [rad/(N·m)].
+    """
+    torque = observability.greatest_torque
+    most_loaded = int(np.argmax(observability.greatest_torque))
+    units, units_of_most = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most_loaded))
+    least, greatest = figure(torque[joint], ".2g"), figure(torque[most_loaded], ".2g")
+    most_loaded_joint = (
+        ""
+        if most_loaded == joint
+        else f", and {names[most_loaded]} with up to {greatest} {units_of_most.effort}"
+    )
+    return (
+        "hidden by noise: the compliance of this joint has a standard uncertainty of "
+        f"{figure(uncertainty, '.2g')} {units.compliance}, but a compliance of "
+        f"{figure(observability.reference_compliance[joint], '.2g')} {units.compliance} would explain "
+        f"all deflections by this joint alone; the load {units.loads} the joint with at most {least} "
+        f"{units.effort}{most_loaded_joint}: add loads that {units.load_verb} the joint more"
+    )
+
+
+def observability_indices(
+    regressor: FloatArray, observability: Observability
+) -> dict[ObservabilityIndex, float] | None:
+    """Return the observability indices O1 to O5 of robot calibration, over the joints that the readings see.
+
+    Each column is divided by the largest norm that the joint's levers allow, so ``Σ s² ≤ p``, and no index
+    exceeds 1. These norms grow with the number of readings, so that readings taken twice change nothing;
+    Borm & Menq divide by the square root of the number of readings instead.
+
+    Args:
+        regressor: (m, n) regressor of all readings, weighted with their covariance, in any unit.
+        observability: observability in the same readings.
+
+    Returns:
+        The indices by name; None where the rank is not full.
+    """
+    visible = ~observability.null
+    spectrum = Spectrum(regressor[:, visible])
+    if spectrum.rank < np.count_nonzero(visible):
+        return None
+    columns = regressor[:, visible] / spectrum.scale * observability.excitation[visible]
+    singular_values = np.linalg.svd(columns, compute_uv=False).astype(np.float64, copy=False)
+    return {
+        "o1": float(np.exp(np.log(singular_values).mean())),  # Borm & Menq 1991
+        "o2": float(singular_values[-1] / singular_values[0]),  # Driels & Pathre 1990
+        "o3": float(singular_values[-1]),  # Nahvi, Hollerbach & Hayward 1994
+        "o4": float(singular_values[-1] ** 2 / singular_values[0]),  # Nahvi & Hollerbach 1996
+        "o5": float(1.0 / np.sum(1.0 / singular_values)),  # Sun & Hollerbach 2008
+    }

@@ -1,0 +1,450 @@
+"""Convex programs of the project, stated in cvxpy and solved by Clarabel; docs/method.md has the formulas.
+
+    solve_least_squares  minimise ‖A x − b‖²                            identification (§5)
+    solve_huber          minimise Σ_i ρ(‖d_i − A_i x‖) + ½ ‖S x − t‖²   identification with Huber's loss (§5)
+    state_semidefinite   minimise ‖T y − z‖² + pᵀy                      elastic links (§7)
+    state_sum_of_norms   minimise Σ_i ρ(‖A_i x + B_i v − d_i‖) + ‖v‖²/(2h) + pᵀx    links, robust losses (§7)
+    state_penalised_end  minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J   effective compliance's interval (§7)
+    state_mass_cones     minimise ‖A x − b‖²                            stiffness without a load (§14)
+    state_mass_cone_end  minimise aᵀx subject to ‖A x − b‖ ≤ 1          interval without a load (§14)
+    solve_e_optimal_design  maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0         E-optimal design (§10)
+
+The first two are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
+with x = near + y in the first of them, the next two to the cones of `conic.MassCones`, and the last one to
+M(w) = M0 + Σ w_i K_i, Σ w = 1 and w ≥ 0. Variables are equilibrated. A program is compiled once for a
+shape, its data being parameters. `solve_huber`, `state_sum_of_norms`, `state_penalised_end` and designs are
+stated with their data, as that compiles faster. Ends of joints' intervals are found in batches, by
+`fit.estimate`.
+
+The points returned are near an optimum, to Clarabel's tolerance: callers polish them, and certify the outcome
+from the data. cvxpy takes a second to import: this module is imported where a program is needed first.
+"""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import lru_cache
+from typing import Any, Final
+
+import clarabel
+import cvxpy as cp
+import numpy as np
+from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
+from scipy.sparse import csc_array, csr_array, triu
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.fit.cone import Block, Cone, to_matrix
+from jointstiff.solver.fit.problem import IdentificationProblem, Scaled
+
+TOLERANCE: Final = 1e-10
+"""Tolerance of Clarabel for least squares: the default, an absolute gap of 1e-8, bounds the residual only by
+the root of the gap, 1e-4."""
+
+_DESIGN_TOLERANCES: Final = (1e-9, 1e-7)
+"""Tolerances for designs, tried in this order."""
+
+SETTINGS: Final[Mapping[str, Any]] = {
+    "verbose": False,
+    "max_iter": 200,
+    "max_threads": 1,
+    "iterative_refinement_abstol": 1e-14,
+    "iterative_refinement_reltol": 1e-14,
+    "iterative_refinement_max_iter": 30,
+}
+
+COMPILING: Final = threading.RLock()
+"""Lock that a thread acquires to state and compile a program, as threads share cvxpy's variable counter."""
+
+
+class Program:
+    """A program that cvxpy has compiled: cone data ``minimise ½ vᵀP v + qᵀv, A v + s = b, s in a cone``.
+
+    P is constant, and q, A and b are affine in the parameters, as cvxpy's `ParamConeProg` describes. Solving
+    changes nothing in the program, so that threads may share a program.
+    """
+
+    def __init__(self, objective: cp.Minimize, constraints: Sequence[cp.Constraint], x: cp.Variable) -> None:
+        """Compile a program.
+
+        Args:
+            objective: quadratic or linear, without parameters in the quadratic part.
+            constraints: membership in cones, linear in the variables.
+            x: the variable whose optimum `solve` returns.
+        """
+        problem = cp.Problem(objective, list(constraints))
+        for parameter in problem.parameters():
+            parameter.value = np.zeros(parameter.shape)
+        data, _, _ = problem.get_problem_data(cp.CLARABEL)
+        compiled = data[cp.settings.PARAM_PROB]
+        self._P, self._q, self._A, self._b = (data.get(name) for name in ("P", "c", "A", "b"))
+        self._P = csc_array((len(self._q),) * 2) if self._P is None else triu(self._P, format="csc")
+        self._dims = data["dims"]  # cones are built from it in `solve`, as Clarabel's cannot be pickled
+        # Second-order cones come after the equations and the inequalities.
+        first = int(data["dims"].zero) + int(data["dims"].nonneg)
+        self._norms = slice(first, first + int(sum(data["dims"].soc)))
+        self._columns = {each.name(): compiled.param_id_to_col[each.id] for each in problem.parameters()}
+        self._maps: tuple[csr_array, csr_array, tuple[Any, ...]] | None = None
+        if self._columns:
+            reduced = compiled.reduced_A
+            self._maps = compiled.q.tocsr(), reduced.reduced_mat, reduced.problem_data_index
+        start = compiled.var_id_to_col[x.id]
+        self._x = slice(start, start + x.size)
+
+    def solve(self, data: Mapping[str, FloatArray], *tolerances: float) -> FloatArray | None:
+        """Return Clarabel's optimum of x, for the first tolerance that is reached; None if none is reached.
+
+        Args:
+            data: value of each parameter, by the parameter's name.
+            tolerances: tolerances of gap and feasibility, in the order in which they are tried.
+        """
+        answer = self.solve_with_duals(data, *tolerances)
+        return None if answer is None else answer[0]
+
+    def solve_with_duals(
+        self, data: Mapping[str, FloatArray], *tolerances: float
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Solve by Clarabel; try the tolerances in turn until Clarabel reports `Solved`.
+
+        Args:
+            data: value of each parameter, by the parameter's name.
+            tolerances: tolerances of gap and feasibility, in the order in which they are tried.
+
+        Returns:
+            The optimum of x, and the multipliers of the second-order cones; None if no tolerance is reached.
+        """
+        settings = clarabel.DefaultSettings()
+        for name, value in SETTINGS.items():
+            setattr(settings, name, value)
+        q, A, b = self._cone_data(data)
+        cones = dims_to_solver_cones(self._dims)
+        for tolerance in tolerances:
+            settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+            answer = clarabel.DefaultSolver(self._P, q, A, b, cones, settings).solve()
+            x = np.asarray(answer.x[self._x], dtype=np.float64)
+            if answer.status == clarabel.SolverStatus.Solved and np.isfinite(x).all():
+                return x, np.asarray(answer.z[self._norms], dtype=np.float64)
+        return None
+
+    def _cone_data(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
+        """Return q, A and b of the cone program ``minimise ½xᵀPx + qᵀx, b − A x in the cones``.
+
+        `data` has the value of each parameter by the parameter's name; other entries are ignored.
+        """
+        if self._maps is None:
+            return self._q, self._A, self._b
+        to_q, to_Ab, (indices, indptr, (row_count, columns)) = self._maps
+        values = np.zeros(to_Ab.shape[1])
+        values[-1] = 1.0  # the constant part
+        for name, column in self._columns.items():
+            values[column : column + data[name].size] = data[name].ravel(order="F")
+        entries, first_of_b = to_Ab @ values, indptr[-2]  # entries of A, column by column, then those of b
+        A = csc_array(
+            (-entries[:first_of_b], indices[:first_of_b], indptr[:-1]), shape=(row_count, columns - 1)
+        )
+        b = np.zeros(row_count)
+        b[indices[first_of_b:]] = entries[first_of_b:]
+        return (to_q @ values)[:-1], A, b
+
+
+def solve_least_squares(scaled: Scaled) -> FloatArray | None:
+    """Solve ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d`` by Clarabel.
+
+    Returns a point x (n,) near the optimum; None if Clarabel fails.
+    """
+    return _state_least_squares(*_find_shape(scaled)).solve(_collect_data(scaled), TOLERANCE)
+
+
+@lru_cache(maxsize=128)
+def _state_least_squares(
+    rows: int, columns: int, below: _Places, above: _Places, inequalities: int
+) -> Program:
+    """Compile ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d`` for a problem's shape.
+
+    Args:
+        rows: number of rows of A.
+        columns: number of variables x.
+        below: indices of the variables that have a lower bound.
+        above: indices of the variables that have an upper bound.
+        inequalities: number of rows of B.
+
+    Returns:
+        The program; its parameters are A, b, lower, upper, B and d.
+    """
+    with COMPILING:
+        x, r = cp.Variable(columns), cp.Variable(rows)
+        A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
+        constraints = [r == A @ x - b, *_state_constraints(x, below, above, inequalities)]
+        return Program(cp.Minimize(cp.sum_squares(r)), constraints, x)
+
+
+def solve_huber(
+    A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, squared: IdentificationProblem
+) -> FloatArray | None:
+    """Solve ``minimise Σ_i ρ(‖d_i − A_i c‖) + ½ ‖S c − t‖²`` under the constraints.
+
+    ρ(u) is u²/2 up to 1, and u − ½ beyond (Huber 1964, on norms, so that no frame is preferred).
+
+    Args:
+        A: (K, 3, n) regressor of K targets, in units of the threshold.
+        d: (K, 3) deflections of the targets, in units of the threshold.
+        S: (q, n) regressor of the rows whose loss stays squared.
+        t: (q,) readings of these rows.
+        squared: least-squares problem with the same rows: gives the constraints and the scaling of columns.
+
+    Returns:
+        (n,) compliances [rad/(N·m)] to Clarabel's tolerance; None if Clarabel fails.
+    """
+    scaled = Scaled.from_problem(squared)
+    n = len(scaled.unit)
+    with COMPILING:
+        x = cp.Variable(n)
+        residuals = d.ravel() - (A * scaled.unit).reshape(-1, n) @ x
+        norms = cp.norm(cp.reshape(residuals, d.shape, order="C"), axis=1)
+        loss = 0.5 * cp.sum(cp.huber(norms, 1.0)) + 0.5 * cp.sum_squares((S * scaled.unit) @ x - t)
+        _, _, below, above, inequalities = _find_shape(scaled)
+        program = Program(cp.Minimize(loss), _state_constraints(x, below, above, inequalities), x)
+    point = program.solve(_collect_data(scaled), TOLERANCE)
+    return None if point is None else scaled.bounds.snap(point) * scaled.unit
+
+
+@lru_cache(maxsize=8)  # a program of 264 parameters takes 15 MB
+def state_semidefinite(rows: int, cone: Cone) -> Program:
+    """State ``minimise ‖T y − z‖² + pᵀy subject to near_j + y_j ≥ 0, Mat(near_b + y_b) ⪰ 0``.
+
+    With the residual as a variable of its own the Gram matrix, whose condition is the square of the
+    regressor's, is never formed.
+
+    Args:
+        rows: number of rows of T.
+        cone: cone in which near + y lies, with m parameters.
+
+    Returns:
+        The compiled program; its parameters are T (rows, m), z (rows,), p (m,) and near (m,).
+    """
+    with COMPILING:
+        m = cone.dimension
+        y, r = cp.Variable(m), cp.Variable(rows)
+        T, z = cp.Parameter((rows, m), name="T"), cp.Parameter(rows, name="z")
+        p, near = cp.Parameter(m, name="p"), cp.Parameter(m, name="near")
+        constraints = [r == T @ y - z, *_state_cone(near + y, cone)]
+        return Program(cp.Minimize(cp.sum_squares(r) + p @ y), constraints, y)
+
+
+def state_sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone, B: FloatArray) -> Program:
+    """State ``minimise Σ_i ρ(‖A_i x + B_i v − d_i‖) + ‖v‖²/(2h) + pᵀx, x_j ≥ 0, Mat(x_b) ⪰ 0``.
+
+    ρ(u) is u²/(2h) up to h and u − h/2 beyond (Huber's), as ``min_s ‖s‖²/(2h) + ‖A_i x − d_i − s‖``: one
+    second-order cone a target.
+
+    Args:
+        A: (K, 3, m) regressor of K targets.
+        d: (K, 3) deflections of the targets.
+        cone: cone in which x lies.
+        B: (K, 3, q) columns of the errors v, which are stated as zero within one unit.
+
+    Returns:
+        The compiled program of (x, v/√h); its parameters are p (m,) and root (1,), the square root of h.
+    """
+    with COMPILING:
+        K, _, m = A.shape
+        unknowns, t, s = cp.Variable(m + B.shape[-1]), cp.Variable(K), cp.Variable(3 * K)
+        p, root = cp.Parameter(m, name="p"), cp.Parameter(1, name="root")
+        x, errors = unknowns[:m], unknowns[m:]
+        explained, beyond_threshold = A.reshape(-1, m) @ x, root[0] * s
+        loss = cp.sum(t) + 0.5 * cp.sum_squares(s)
+        if B.shape[-1]:
+            beyond_threshold -= root[0] * (B.reshape(3 * K, -1) @ errors)
+            loss += 0.5 * cp.sum_squares(errors)
+        residual = explained - d.ravel() - beyond_threshold
+        norms = cp.SOC(t, cp.reshape(residual, (K, 3), order="C"), axis=1)
+        return Program(cp.Minimize(loss + p @ x), [norms, *_state_cone(x, cone)], unknowns)
+
+
+def state_penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: float, cone: Cone) -> Program:
+    """State ``minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J, x_j ≥ 0, Mat(x_b) ⪰ 0``.
+
+    Args:
+        T: (k, m) compressed regressor.
+        z: (k,) compressed readings.
+        p: (m,) gradient of the penalty.
+        limit: J > 0, the greatest value of the objective.
+        cone: cone in which x lies.
+
+    Returns:
+        The compiled program; its parameter is a (m,).
+    """
+    with COMPILING:
+        x, a = cp.Variable(T.shape[1]), cp.Parameter(T.shape[1], name="a")
+        # ‖u‖² ≤ v is equivalent to ‖(2u, 1 − v)‖ ≤ 1 + v; here u = (T x − z)/√J, and v = 1 − pᵀx/J.
+        v = 1.0 - (p / limit) @ x
+        norm = cp.hstack([(2.0 / np.sqrt(limit)) * (T @ x - z), cp.reshape(1.0 - v, (1,), order="C")])
+        ball = cp.SOC(1.0 + v, norm)
+        return Program(cp.Minimize(a @ x), [ball, *_state_cone(x, cone)], x)
+
+
+@lru_cache(maxsize=32)
+def state_mass_cones(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, c ≤ cap`` (see `conic.MassCones`).
+
+    Args:
+        rows: number of rows of A.
+        blocks: layout of x, one block for each joint.
+
+    Returns:
+        The compiled program; its parameters are A (rows, p), b (rows,) and cap, one entry for each block.
+    """
+    with COMPILING:
+        p = sum(block.size for block in blocks)
+        x, r = cp.Variable(p), cp.Variable(rows)
+        A, b = cp.Parameter((rows, p), name="A"), cp.Parameter(rows, name="b")
+        return Program(cp.Minimize(cp.sum_squares(r)), [r == A @ x - b, *_state_block_cones(x, blocks)], x)
+
+
+@lru_cache(maxsize=32)
+def state_mass_cone_end(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise aᵀy subject to ‖A y − b‖ ≤ 1, near + y in the cones of the blocks, c ≤ cap``.
+
+    `near` is the optimum and the unit is the radius of the ball ‖A y − b‖ ≤ 1, because Clarabel needs a
+    well-scaled program. The ball is the first of the program's second-order cones.
+
+    Args:
+        rows: number of rows of A.
+        blocks: layout of near + y, one block for each joint.
+
+    Returns:
+        The compiled program; its parameters are A (rows, p), b (rows,), a (p,), near (p,), and cap with one
+        entry for each block.
+    """
+    with COMPILING:
+        p = sum(block.size for block in blocks)
+        y, a, near = cp.Variable(p), cp.Parameter(p, name="a"), cp.Parameter(p, name="near")
+        A, b = cp.Parameter((rows, p), name="A"), cp.Parameter(rows, name="b")
+        ball = cp.SOC(cp.Constant(1.0), A @ y - b)
+        return Program(cp.Minimize(a @ y), [ball, *_state_block_cones(near + y, blocks)], y)
+
+
+def _state_block_cones(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constraint]:
+    """Return the constraints of all blocks: ``0 ≤ c ≤ cap, |ζ_k| ≤ c, ‖ν‖ ≤ c + ratio ζ_k``.
+
+    x has (c, ζ, ν) of one block after the other: the compliance c of a joint, then ζ and ν, c times unknown
+    masses and moments. `Block.balls` has k and ratio for the limit of each ν (3,); ``k = −1`` means the limit
+    c. `cap`, with one entry for each block, is a parameter.
+    """
+    cap = cp.Parameter(len(blocks), name="cap")
+    constraints, start = [], 0
+    for number, block in enumerate(blocks):
+        c, zeta = x[start], x[start + 1 : start + 1 + block.boxes]
+        constraints += [c >= 0, c <= cap[number]]
+        if block.boxes:
+            constraints += [zeta <= c, -zeta <= c]
+        first_nu = start + 1 + block.boxes
+        for ball, (k, ratio) in enumerate(block.balls):
+            radius = c + ratio * zeta[k] if k >= 0 else c
+            constraints.append(cp.SOC(radius, x[first_nu + 3 * ball : first_nu + 3 * ball + 3]))
+        start += block.size
+    return constraints
+
+
+def _state_cone(x: cp.Expression, cone: Cone) -> list[cp.Constraint]:
+    """Return the constraints of a cone: x_j ≥ 0 for the scalars, and Mat(x_b) ⪰ 0 for the blocks.
+
+    Mat(x_b) is the symmetric matrix that the entries of block b represent, see `cones.to_matrix`.
+    """
+    constraints = [x[: cone.nonnegative] >= 0] if cone.nonnegative else []
+    for size, place in cone.blocks():
+        entries = place.stop - place.start
+        basis = to_matrix(np.eye(entries), size).reshape(entries, -1).T
+        block = cp.reshape(basis @ x[place], (size, size), order="C")
+        constraints.append(x[place] >= 0 if size == 1 else block >> 0)
+    return constraints
+
+
+_Places = tuple[int, ...]
+"""Indices of the parameters that have a bound."""
+
+
+def _find_shape(scaled: Scaled) -> tuple[int, int, _Places, _Places, int]:
+    """Return the shape of a problem; problems of the same shape share a compiled program.
+
+    The shape is (rows, variables, indices of the variables with a lower bound, indices of those with an upper
+    bound, number of inequalities).
+    """
+    bounds = scaled.bounds
+    with_lower = np.flatnonzero(np.isfinite(bounds.lower)).tolist()
+    with_upper = np.flatnonzero(np.isfinite(bounds.upper)).tolist()
+    return *scaled.A.shape, tuple(with_lower), tuple(with_upper), len(scaled.d)
+
+
+def _state_constraints(
+    x: cp.Variable, below: _Places, above: _Places, inequalities: int
+) -> list[cp.Constraint]:
+    """Return the constraints lower ≤ x ≤ upper and B x ≥ d, with parameters lower, upper, B and d.
+
+    Only variables with indices in `below` have a lower bound, and only those in `above` an upper bound.
+    """
+    constraints = []
+    if below:
+        constraints.append(x[list(below)] >= cp.Parameter(len(below), name="lower"))
+    if above:
+        constraints.append(x[list(above)] <= cp.Parameter(len(above), name="upper"))
+    if inequalities:
+        B = cp.Parameter((inequalities, x.size), name="B")
+        d = cp.Parameter(inequalities, name="d")
+        constraints.append(B @ x >= d)
+    return constraints
+
+
+def _collect_data(scaled: Scaled) -> dict[str, FloatArray]:
+    """Return the values of the parameters A, b, lower, upper, B and d of a problem, by their names."""
+    bounds = scaled.bounds
+    lower = bounds.lower[np.isfinite(bounds.lower)]
+    upper = bounds.upper[np.isfinite(bounds.upper)]
+    return {"A": scaled.A, "b": scaled.b, "lower": lower, "upper": upper, "B": scaled.B, "d": scaled.d}
+
+
+def solve_e_optimal_design(
+    base: FloatArray, K: FloatArray, metric: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Solve ``maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0``, the E-optimal design.
+
+    M(w) = M0 + Σ w_i K_i is the information with weights w_i of the candidates. The optimal t is the least
+    eigenvalue of V C V, with C the information on the first s parameters and V their units on the diagonal:
+    the design gives as much information as possible on the combination of these parameters that is determined
+    worst.
+
+    Args:
+        base: M0 (p, p) information before any candidate is measured.
+        K: (k, p, p) information K_i of each candidate.
+        metric: V (s,) units of the first s parameters.
+
+    Returns:
+        The weights w (k,) of the candidates, and the dual variable Z (s, s).
+
+    Raises:
+        SolverError: Clarabel does not solve the program.
+    """
+    s, p = len(metric), len(base)
+    E = np.zeros(base.shape)
+    E[:s, :s] = np.diag(metric**-2.0)
+    with COMPILING:
+        w, t = cp.Variable(len(K)), cp.Variable()
+        M = cp.reshape(K.reshape(len(K), -1).T @ w + base.ravel(), (p, p), order="C")
+        inequality = 0.5 * (M + M.T) - t * E >> 0
+        problem = cp.Problem(cp.Maximize(t), [inequality, cp.sum(w) == 1, w >= 0])
+        for tolerance in _DESIGN_TOLERANCES:
+            settings = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), tolerance)
+            with suppress(cp.SolverError), warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the status is checked below
+                problem.solve(solver=cp.CLARABEL, max_threads=1, **settings)
+            if problem.status == cp.OPTIMAL:
+                break
+        else:
+            raise SolverError(f"Clarabel did not solve the E-optimal design: its status is {problem.status}")
+    weights = np.clip(np.asarray(w.value, dtype=np.float64), 0.0, 1.0)
+    weights[weights < 1e-7] = 0.0  # rounding
+    dual = np.asarray(inequality.dual_value)[:s, :s] / np.outer(metric, metric)
+    return np.asarray(weights / weights.sum()), dual

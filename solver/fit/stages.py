@@ -1,0 +1,799 @@
+"""Fit of a method: its stages, solved one after the other, and their likelihood (method.md §4-§6).
+
+Huber's loss on the targets' residuals, and the weights of the readings at its optimum (method.md §5):
+
+    minimise  Σ_i ρ(‖W_i (d_i − A_i c)‖) + ½ ‖rows of encoders and prior‖²  under the constraints,
+    ρ(t) = t²/2 up to the threshold, linear beyond,
+
+over the targets i, each with its three coordinates (Huber, *Robust estimation of a location parameter*,
+1964; on norms, so that no frame is preferred). At the optimum reading i has the weight
+``w_i = min(1, threshold/‖r_i‖)``, and weighted least squares with these weights has the same optimum. So the
+methods use the weights as covariances Σ_i/w_i: partial pose, and complete pose by covariance on three
+targets, then give exactly the Huber estimate; the weights make every other method and weighting robust, too.
+Clarabel solves the problem that `programs` states; rounds of weighted least squares, damped between Newton's
+step and reweighting, refine Clarabel's point, and the outcome is certified from the data. The rows of all
+targets are kept until then: 24 (n + 1) bytes for each reading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final, Literal
+
+import numpy as np
+from scipy import special
+from scipy.linalg import block_diag
+
+from jointstiff.schemas.run import SupportFinder
+from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.fit.method import MethodTriangles
+from jointstiff.solver.fit.observability import (
+    Combination,
+    Identifiability,
+    Spectrum,
+    analyse_spectrum,
+)
+from jointstiff.solver.fit.prior import Prior
+from jointstiff.solver.fit.problem import Constraints, IdentificationProblem, Scaled
+from jointstiff.solver.fit.solution import (
+    Certificate,
+    Solution,
+    certify,
+    compare_answers,
+    solve,
+    solve_step,
+)
+from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor
+from jointstiff.solver.mechanics.block import RegressorBlock, build_whitened_rows
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.springs import JOINTS
+
+SIGMA_TEST_LEVEL: Final = 0.01
+"""Significance level: share of campaigns whose stated sigma is rejected although model and sigma are
+right."""
+
+_LEAST_FREEDOM = 0.5
+"""Least degrees of freedom; they are integers, or nearly, for every method."""
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """Gaussian likelihood L of p of the compliances c: ``−2 sigma² log L(c) = ‖R (c − ĉ)‖² + constant``.
+
+    An unconstrained estimate ĉ = H d from deflections d of covariance sigma² Σ is Gaussian with covariance
+    sigma² C, C = H Σ Hᵀ, so RᵀR = C⁻¹ in the directions that the readings determine. For weighting by
+    covariance in one stage R is the compressed regressor.
+    """
+
+    joints: IndexArray  #: (p,) indices of the compliances, ascending
+    centre: FloatArray  #: (p,) the unconstrained estimate ĉ [rad/(N·m)]
+    covariance: FloatArray  #: (p, p) C, in units of sigma²
+    given_rows: FloatArray | None = None  #: (k, p) R; None to compute R from C, which needs a unique ĉ
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        """Matrix R (k, p) of the likelihood: RᵀR is the inverse covariance of the p compliances."""
+        return invert_to_root(self.covariance) if self.given_rows is None else self.given_rows
+
+    def multiply_covariance(self, factor: float) -> Likelihood:
+        """Return the likelihood with its covariance multiplied by a factor, and the same centre."""
+        rows = None if self.given_rows is None else self.given_rows / np.sqrt(factor)
+        return Likelihood(self.joints, self.centre, factor * self.covariance, rows)
+
+    def add_common_errors(self, responses: FloatArray) -> Likelihood:
+        """Return the likelihood with the covariance S Sᵀ of errors common to all observations added.
+
+        The information ``RᵀR`` then becomes ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``, with R the rows of the likelihood.
+
+        Args:
+            responses: S (p, k), change of the estimate by one standard uncertainty of each of k errors, in
+                units of sigma.
+        """
+        rows = self.given_rows
+        if rows is not None:
+            U, singular_values, _ = np.linalg.svd(rows @ responses, full_matrices=False)
+            rows = rows + U @ ((1.0 / np.hypot(1.0, singular_values) - 1.0)[:, None] * (U.T @ rows))
+        return Likelihood(self.joints, self.centre, self.covariance + responses @ responses.T, rows)
+
+
+def invert_to_root(covariance: FloatArray) -> FloatArray:
+    """Return a root R (p, p) of the inverse of a covariance (p, p): RᵀR is the inverse.
+
+    Eigenvalues of the correlation matrix below rounding are raised to rounding, so that information is
+    understated, never overstated.
+    """
+    deviation = np.sqrt(np.diagonal(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(deviation, deviation))
+    least_eigenvalue = len(values) * np.finfo(float).eps * values[-1]
+    rows: FloatArray = (vectors / np.sqrt(np.maximum(values, least_eigenvalue))).T / deviation
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The estimate of a method, with covariances in units of sigma², before sigma is known."""
+
+    compliance: FloatArray  #: (n,) optimum [rad/(N·m)]; zero for joints without effect
+    active: ActiveBounds  #: (n,) -1 or 1 at a lower or upper bound, else 0
+    tied: BoolArray  #: (n,) mask of joints whose compliance an order makes equal to that of another joint
+    #: (n, n) covariance of the unconstrained estimate, in units of sigma²; zero for joints without effect
+    covariance: FloatArray
+    likelihood: Likelihood  #: likelihood of the compliances that the readings see, before any constraint
+    #: number of parameters that the readings determine: the rank, less the part that a prior determines
+    parameters: float
+    #: groups of joints that neither the readings nor a prior tell apart
+    undetermined: tuple[Combination, ...]
+    identifiability: tuple[Identifiability, ...]  #: identifiability of each stage, by the readings alone
+    certificates: tuple[Certificate, ...]  #: certificates of each stage
+    alone: Fit | None = None  #: the fit without the prior; None if no prior was used
+
+    def multiply_covariance(self, factor: float) -> Fit:
+        """Return the fit with the covariance of the estimate multiplied by a factor."""
+        likelihood = self.likelihood.multiply_covariance(factor)
+        return replace(self, covariance=factor * self.covariance, likelihood=likelihood)
+
+    def add_common_errors(self, responses: FloatArray) -> Fit:
+        """Return the fit with the uncertainty of errors that all observations share added to its covariance.
+
+        Args:
+            responses: (n, k) change of the estimate by one standard uncertainty of each of k errors, in units
+                of sigma.
+        """
+        return replace(
+            self,
+            covariance=self.covariance + responses @ responses.T,
+            likelihood=self.likelihood.add_common_errors(responses[self.likelihood.joints]),
+        )
+
+
+Find = Callable[[IdentificationProblem], Solution]
+"""Function that finds and certifies the optimum of a problem."""
+
+
+@dataclass(frozen=True, eq=False)
+class StageFit:
+    """Solution of one stage of a method."""
+
+    joints: IndexArray  #: (p,) joints of the stage's columns
+    spectrum: Spectrum  #: spectrum of the stage's rows, including the rows of a prior
+    analysis: Identifiability  #: identifiability by the readings, without the prior
+    undetermined: tuple[Combination, ...]  #: groups of joints that neither readings nor prior tell apart
+    parameters: float  #: number of parameters that the readings determine
+    prior: FloatArray  #: (k,) right-hand side of the prior's rows, which come last
+    solution: Solution  #: optimum under the constraints
+    tied: BoolArray  #: (p,) mask of joints whose compliance an order makes equal to that of another joint
+
+    @classmethod
+    def from_rows(
+        cls,
+        R: FloatArray,
+        z: FloatArray,
+        joints: IndexArray,
+        constraints: Constraints,
+        prior: Prior | None = None,
+        solve_problem: Find = solve,
+    ) -> StageFit:
+        """Solve one stage: minimise ``‖R c − z‖²`` over p compliances under constraints.
+
+        Args:
+            R: (m, p) compressed rows of the stage's readings.
+            z: (m,) compressed deflections, less the deflections due to joints of an earlier stage.
+            joints: (p,) joints of the columns.
+            constraints: constraints on these p compliances.
+            prior: prior of all compliances, in units of sigma, added as further rows.
+            solve_problem: function that solves a problem.
+        """
+        spectrum = Spectrum(R)
+        observability = analyse_spectrum(spectrum, joints)
+        undetermined = observability.combinations
+        parameter_count = float(spectrum.rank)
+        prior_values = np.zeros(0)
+        if prior is not None:
+            prior_rows, prior_values = prior.rows(joints)
+            spectrum = Spectrum(np.vstack([R, prior_rows]))
+            undetermined = analyse_spectrum(spectrum, joints).combinations
+            # Trace of the influence of the readings: parameters that the prior determines do not count.
+            parameter_count = float(np.sum(spectrum.inverse[:, : len(R)].T * R))
+        solution = solve_problem(
+            IdentificationProblem(
+                spectrum.determined,
+                np.concatenate([z, prior_values]),
+                constraints.bounds,
+                constraints.inequalities,
+            )
+        )
+        is_tied = np.zeros(len(joints), dtype=np.bool_)
+        if solution.tight is not None:
+            equalised = constraints.equalise_tied(solution.compliance, solution.tight)
+            solution = replace(solution, compliance=equalised)
+            is_tied[np.array(constraints.order)[solution.tight].ravel()] = True
+        return cls(
+            joints, spectrum, observability, undetermined, parameter_count, prior_values, solution, is_tied
+        )
+
+    def estimate_without_constraints(self, z: FloatArray) -> FloatArray:
+        """Return the compliances (p,) of the fit without constraints; the shortest solution if not unique.
+
+        Args:
+            z: (m,) compressed deflections.
+        """
+        estimate: FloatArray = self.spectrum.inverse @ np.concatenate([z, self.prior])
+        return estimate
+
+
+def fit_method(
+    triangles: MethodTriangles,
+    has_no_effect: BoolArray,
+    constraints: Constraints,
+    prior: Prior | None = None,
+    solve_problem: Find = solve,
+) -> Fit:
+    """Solve the stages of a method in turn, without the joints that have no effect on the readings.
+
+    A later stage takes the compliances of an earlier stage as known. The stage of the arm comes first, so a
+    stiffness order between an arm joint and a wrist joint only bounds the wrist joint.
+
+    Args:
+        triangles: compressed rows of all observations.
+        has_no_effect: (n,) mask of joints that have no effect on the readings.
+        constraints: constraints on all n compliances.
+        prior: prior of the n compliances, in units of sigma; only for weighting by covariance.
+        solve_problem: function that solves a problem; `solve_step` is faster, for use in iterations.
+
+    Returns:
+        The fit of all stages: compliances, covariance, and the evidence of optimality.
+
+    Raises:
+        RequestError: if the bounds on a wrist joint from the stiffness order leave no feasible compliance.
+        UnsupportedMethodError: if an arm joint moves the targets but not the wrist centre, or if the wrist
+            centre determines arm joints only in combination, so that the arm's share of the targets'
+            deflection is unknown.
+    """
+    n, method = len(has_no_effect), triangles.method
+    compliance, unconstrained = np.zeros(n), np.zeros(n)
+    fits: dict[int, StageFit] = {}
+    if len(method.stages) > 1:
+        _refuse_joints_without_effect_on_centre(triangles, has_no_effect)
+    for number, (stage, compressed) in enumerate(zip(method.stages, triangles.stages, strict=True)):
+        joints = stage.joints[~has_no_effect[stage.joints]]
+        known_joints = stage.known[~has_no_effect[stage.known]]
+        if not len(joints):
+            continue
+        R = compressed.matrix[:, joints]
+        z = compressed.rhs
+        columns_of_known = compressed.matrix[:, known_joints]
+        remaining_constraints = constraints.fix_joints(known_joints, compliance[known_joints], joints)
+        fitted = StageFit.from_rows(
+            R,
+            z - columns_of_known @ compliance[known_joints],
+            joints,
+            remaining_constraints,
+            prior,
+            solve_problem,
+        )
+        if fitted.undetermined and stage is not method.stages[-1]:
+            combined = sorted(j for group in fitted.undetermined for j in group.joints)
+            raise UnsupportedMethodError(
+                "the displacement of the wrist centre determines only a combination of "
+                f"{', '.join(method.joint_names[j] for j in combined)}, so the arm's part of the "
+                "deflection is unknown",
+                where="method",
+                remedy="use method partial_pose, or add postures and load directions",
+            )
+        compliance[joints] = unconstrained[joints] = fitted.solution.compliance
+        # The estimate without constraints differs if a constraint acts in this stage or in an earlier stage.
+        is_constrained = fitted.solution.active.any() or fitted.tied.any()
+        if is_constrained or (unconstrained[known_joints] != compliance[known_joints]).any():
+            remainder = z - columns_of_known @ unconstrained[known_joints]
+            unconstrained[joints] = fitted.estimate_without_constraints(remainder)
+        fits[number] = fitted
+    return _combine_stages(triangles, fits, compliance, unconstrained)
+
+
+def _refuse_joints_without_effect_on_centre(triangles: MethodTriangles, has_no_effect: BoolArray) -> None:
+    """Raise UnsupportedMethodError if an arm joint moves the targets but not the wrist centre."""
+    arm, names = triangles.method.stages[0].joints, triangles.method.joint_names
+    not_shown = [j for j in arm[triangles.seen_from_centre.observability().null[arm]] if not has_no_effect[j]]
+    if not_shown:
+        raise UnsupportedMethodError(
+            f"the wrist centre does not move when {', '.join(names[j] for j in not_shown)} turns, so "
+            "the displacement of the wrist centre does not show the compliance of that joint",
+            where="method",
+            remedy="use method partial_pose",
+        )
+
+
+def _combine_stages(
+    triangles: MethodTriangles, fits: dict[int, StageFit], compliance: FloatArray, unconstrained: FloatArray
+) -> Fit:
+    """Combine the solutions of all stages into the fit of the whole method.
+
+    Args:
+        triangles: compressed rows of all observations.
+        fits: solved stages by their number.
+        compliance: (n,) optimum [rad/(N·m)].
+        unconstrained: (n,) estimate without constraints [rad/(N·m)].
+    """
+    stages = list(fits.values())
+    active = np.zeros(len(unconstrained), dtype=np.int8)
+    tied = np.zeros(len(unconstrained), dtype=np.bool_)
+    for stage in stages:
+        tied[stage.joints], active[stage.joints] = stage.tied, stage.solution.active
+    joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
+    covariance = _compute_covariance(triangles, fits)
+    covariance_of_fitted = covariance[np.ix_(joints, joints)]
+    undetermined = tuple(group for stage in stages for group in stage.undetermined)
+    # R of the likelihood: the compressed rows where these have the covariance of the estimate, else computed
+    # from the covariance of the determined sums; None leaves the computation to `Likelihood`.
+    rows = None
+    if len(triangles.stages) == 1 and triangles.spreads is None and stages:
+        rows = stages[0].spectrum.determined
+    elif undetermined:
+        determined = block_diag(*(stage.spectrum.seen for stage in stages))
+        rows = invert_to_root(determined @ covariance_of_fitted @ determined.T) @ determined
+    return Fit(
+        compliance,
+        active,
+        tied,
+        covariance,
+        Likelihood(joints, unconstrained[joints], covariance_of_fitted, rows),
+        sum(stage.parameters for stage in stages),
+        undetermined,
+        tuple(stage.analysis for stage in stages),
+        tuple(stage.solution.certificate for stage in stages),
+    )
+
+
+def _compute_covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -> FloatArray:
+    """Return the exact covariance (n, n) of the unconstrained estimate, in units of sigma² (method.md §4).
+
+    An estimate ĉ = H d from deflections d has the covariance H Σ Hᵀ. The decoupled method has two estimates:
+    ĉ_a of the arm, and ĉ_w = L (d − A_a ĉ_a) of the wrist. The covariance of ĉ_w is L Σ Lᵀ, less the
+    correlation of the two stages, plus L A_a cov(ĉ_a) (L A_a)ᵀ.
+    """
+    n = len(triangles.cross)
+    covariance = np.zeros((n, n))
+    for number, stage in fits.items():
+        root = stage.spectrum.inverse  # (p, m), root @ root.T is the covariance
+        if triangles.spreads is not None:  # the rows were not weighted with the covariance of the readings
+            root = root @ root.T @ triangles.spreads[number].matrix[:, stage.joints].T
+        covariance[np.ix_(stage.joints, stage.joints)] = root @ root.T
+    if len(fits) > 1:
+        arm, wrist = fits.values()
+        wrist_inverse = wrist.spectrum.inverse
+        rows = triangles.stages[1].matrix[:, arm.joints]
+        # L A_a; rows of a prior of the wrist do not depend on the arm
+        L_A = wrist_inverse[:, : len(rows)] @ rows
+        cross_covariance = (wrist_inverse @ wrist_inverse.T) @ triangles.cross[
+            np.ix_(wrist.joints, arm.joints)
+        ]
+        cross_covariance = cross_covariance @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)  # cov(L d, ĉ_a)
+        arm_covariance = covariance[np.ix_(arm.joints, arm.joints)]
+        correlation = cross_covariance @ L_A.T
+        wrist_block = np.ix_(wrist.joints, wrist.joints)
+        covariance[wrist_block] += L_A @ arm_covariance @ L_A.T - correlation - correlation.T
+        covariance[np.ix_(wrist.joints, arm.joints)] = cross_covariance - L_A @ arm_covariance
+        covariance[np.ix_(arm.joints, wrist.joints)] = covariance[np.ix_(wrist.joints, arm.joints)].T
+    return covariance
+
+
+def student_quantile(probability: float, degrees_of_freedom: float | None) -> float:
+    """Return a quantile of Student's distribution, or of the normal one if `degrees_of_freedom` is None."""
+    if degrees_of_freedom is None:
+        return float(special.ndtri(probability))
+    return float(special.stdtrit(degrees_of_freedom, probability))
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Sigma, and the chi-square of the residuals under this sigma."""
+
+    #: standard uncertainty of one coordinate of one reading [m]; None where it was not given and there are
+    #: no degrees of freedom to estimate it from
+    sigma: float | None
+    given: bool  #: whether sigma was stated with the readings
+    chi_square: float  #: sum of the squared residuals of the targets over sigma²
+    degrees_of_freedom: float  #: expectation of `chi_square` if model and sigma are right
+
+    def quantile(self, probability: float) -> float:
+        """Return a quantile of the distribution of (estimate − true value) / standard uncertainty.
+
+        The distribution is normal, or Student's where sigma was estimated from the residuals.
+        """
+        return student_quantile(probability, None if self.given else self.degrees_of_freedom)
+
+
+def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
+    """Return sigma, the chi-square of the targets' residuals, and the chi-square's degrees of freedom.
+
+    For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
+    weighted least squares. Here p is the number of parameters that the readings, not a prior, determine; A
+    are the regressors and Σ the covariance of the readings. All methods get sigma from the same readings.
+
+    Args:
+        fit: outcome of a method.
+        readings: compressed rows of all readings, whitened in units of sigma.
+        sigma: stated standard uncertainty of a coordinate [m]; None to estimate sigma from the residuals.
+    """
+    R = readings.matrix
+    residual_squares = float(np.sum((R @ fit.compliance - readings.rhs) ** 2))
+    information = float(np.sum((R @ fit.covariance) * R))
+    degrees_of_freedom = readings.rows - 2 * fit.parameters + information
+    degrees_of_freedom = 0.0 if degrees_of_freedom < _LEAST_FREEDOM else degrees_of_freedom
+    if sigma is not None:
+        with np.errstate(all="ignore"):  # `_build_estimate` refuses numbers that overflow, with a remedy
+            chi_square = float(np.float64(residual_squares) / np.float64(sigma) ** 2)
+        return Scale(sigma, True, chi_square, degrees_of_freedom)
+    if degrees_of_freedom < _LEAST_FREEDOM:
+        return Scale(None, False, 0.0, degrees_of_freedom)
+    return Scale(
+        float(np.sqrt(residual_squares / degrees_of_freedom)), False, degrees_of_freedom, degrees_of_freedom
+    )
+
+
+@dataclass(frozen=True)
+class SigmaTest:
+    """Two-sided chi-square test of a stated sigma against the residuals."""
+
+    p_value: float
+    result: Literal["consistent", "residuals_too_large", "residuals_too_small"]
+
+
+def sigma_test(
+    chi_square: float, degrees_of_freedom: float, from_stated_errors: float = 0.0
+) -> SigmaTest | None:
+    """Test a stated sigma against the residuals, two-sided; return None without degrees of freedom.
+
+    Args:
+        chi_square: sum of squared residuals over the squared sigma.
+        degrees_of_freedom: expectation of `chi_square` if model, sigma and stated uncertainties are right.
+        from_stated_errors: part of this expectation that stated errors cause, such as errors of masses; the
+            expectation is lower by this part if the stated values are exact.
+    """
+    if degrees_of_freedom < _LEAST_FREEDOM:
+        return None
+    least_expected = max(degrees_of_freedom - from_stated_errors, _LEAST_FREEDOM)
+    tails = special.chdtr(least_expected, chi_square), special.chdtrc(degrees_of_freedom, chi_square)
+    p_value = min(1.0, 2.0 * float(min(tails)))
+    if p_value >= SIGMA_TEST_LEVEL:
+        return SigmaTest(p_value, "consistent")
+    too_large = tails[1] < tails[0]
+    return SigmaTest(p_value, "residuals_too_large" if too_large else "residuals_too_small")
+
+
+SUSPICIOUS_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.999)))
+"""Length of a residual above which a reading is suspicious, 4.03 sigma: of a thousand good readings of three
+coordinates, one exceeds this length."""
+
+MEDIAN_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
+"""1.538: median of the norm of three standard normal coordinates."""
+_LEAST_SCALE = 1e-6
+"""Smallest scale of the residuals relative to the rms deflection: no tracker measures better, and exact
+readings would give a scale of zero."""
+_SCALE_TOLERANCE = 1e-6
+_SCALE_ROUNDS = 100
+MOST_ROUNDS = 200
+"""Maximum rounds of reweighting."""
+_LEAST_DAMPING = 1e-8
+MOST_STATED = 500
+"""Number of readings up to which Clarabel solves Huber's problem: 12 ms for 100, about 40 ms for 500."""
+_NO_DESCENT = 1e-12
+"""Relative increase of the objective that counts as rounding."""
+
+
+class TargetRows:
+    """Whitened rows of all readings, kept uncompressed for the Huber loss: 24 (n + 1) bytes a reading."""
+
+    def __init__(self, parameters: int) -> None:
+        """Create a store without observations for a number of parameters."""
+        self._rows: list[FloatArray] = []
+        self._present: list[BoolArray] = []
+        self.squared = Triangle(joints=parameters)
+        """Rows of the encoders, whose loss stays squared."""
+
+    def add(self, block: RegressorBlock) -> None:
+        """Add the whitened rows of a block of observations."""
+        rows = build_whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
+        self._rows.append(rows.targets[block.measurements.present])
+        self._present.append(block.measurements.present)
+        if rows.encoders is not None:
+            self.squared.add(rows.encoders)
+
+    @property
+    def rows(self) -> FloatArray:
+        """Rows (K, 3, n + 1) [A d] of the K readings, whitened, in units of sigma."""
+        return np.concatenate(self._rows)
+
+    @property
+    def present(self) -> BoolArray:
+        """Mask (N, T) of the targets that were read in each observation; K entries are true."""
+        return np.concatenate(self._present)
+
+    def chi_square(self, compliance: FloatArray, *, sigma: float, threshold: float) -> float:
+        """Return the chi-square of an estimate, with each residual cut at the threshold to limit outliers.
+
+        The targets add ``Σ min(‖r‖/σ, k)² / b``, with r the residual of a target, k the threshold, and b such
+        that good readings have the expectation of a plain chi-square: ``3 b = E[min(t, k)²]``, t the norm of
+        three standard normal coordinates.
+
+        Args:
+            compliance: (n,) the estimate [rad/(N·m)].
+            sigma: standard uncertainty of one coordinate of one reading [m].
+            threshold: k, in units of sigma.
+        """
+        norm = np.linalg.norm(self.rows[..., -1] - self.rows[..., :-1] @ compliance, axis=1) / sigma
+        half_square = 0.5 * threshold**2
+        normaliser = special.gammainc(2.5, half_square) + threshold**2 / 3.0 * special.gammaincc(
+            1.5, half_square
+        )
+        squared_residuals = (self.squared.matrix @ compliance - self.squared.rhs) / sigma
+        return float(
+            np.sum(np.minimum(norm, threshold) ** 2) / normaliser + squared_residuals @ squared_residuals
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RobustFit:
+    """Result of a fit of N observations of T targets with the Huber loss."""
+
+    threshold: float  #: norm beyond which a reading counts less, in units of sigma
+    sigma: float  #: standard uncertainty of one coordinate of one reading [m]: as stated, or the robust scale
+    weight: FloatArray  #: (N, T) weight of the readings; 1 where a target was not read
+    #: (N, T) lengths of the whitened residuals of the Huber estimate, in units of sigma, whatever the method;
+    #: 0 where a target was not read
+    residual_norm: FloatArray
+    certificate: Certificate  #: certificate of the optimum of the Huber problem
+
+    @property
+    def suspicious(self) -> IndexArray:
+        """Indices (K, 2) of observation and target of the suspicious readings, worst first.
+
+        A reading is suspicious if its weight is below 1 and its residual exceeds `SUSPICIOUS_NORM`.
+        """
+        beyond = np.argwhere((self.weight < 1.0) & (self.residual_norm > SUSPICIOUS_NORM))
+        order = np.argsort(-self.residual_norm[beyond[:, 0], beyond[:, 1]], kind="stable")
+        return beyond[order]
+
+    @property
+    def inflation(self) -> float:
+        """Factor ≥ 1 that turns the covariance of weighted least squares into that of the Huber estimate.
+
+        The covariance is larger because the weights w are computed from the same readings. The factor is
+        Huber's asymptotic ``a / b²`` over ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6): a is the mean of
+        ``(w ‖r‖)²`` per coordinate, with r the residual; b is the mean derivative of ``w r``. The derivative
+        is 1
+        below the threshold; beyond, it is w across the residual's direction and 0 along the direction.
+        Below the threshold the expected ``‖r‖²`` is used. The factor is 1.0 for good readings.
+        """
+        half_square = 0.5 * self.threshold**2
+        # E[χ²₃ | χ²₃ ≤ t²] / 3, with t the threshold: expected square per coordinate below the threshold
+        mean_square_below = float(special.gammainc(2.5, half_square) / special.gammainc(1.5, half_square))
+        weights = self.weight[self.residual_norm > 0]  # weights of the targets that were read
+        if not len(weights):
+            return 1.0
+        mean_square = float(np.mean(np.where(weights < 1.0, self.threshold**2 / 3.0, mean_square_below)))
+        mean_derivative = float(np.mean(np.where(weights < 1.0, 2.0 * weights / 3.0, 1.0)))
+        return max(1.0, mean_square * float(np.mean(weights)) / mean_derivative**2)
+
+    def reweight(self, measurements: Measurements) -> Measurements:
+        """Return the same readings with the weights of the robust fit.
+
+        Weighted least squares of these readings gives the Huber estimate.
+        """
+        return replace(measurements, weight=self.weight)
+
+
+@dataclass(frozen=True, eq=False)
+class _HuberProblem:
+    """Data of a fit with the Huber loss, in units of the threshold: the loss ρ is linear beyond 1."""
+
+    rows: FloatArray  # (K, 3, p + 1) [A d] of the K readings of targets
+    squared: FloatArray  # (q, p + 1) [S t] of rows whose loss stays squared
+    constraints: Constraints
+
+    def in_units_of(self, length: float) -> _HuberProblem:
+        """Return the problem with all rows divided by a length [m], so that residuals are in this unit."""
+        return replace(self, rows=self.rows / length, squared=self.squared / length)
+
+    def residuals_at(self, c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the residuals (K, 3) at compliances c (p,), and their norms (K,)."""
+        residual = self.rows[..., -1] - self.rows[..., :-1] @ c
+        return residual, np.linalg.norm(residual, axis=1)
+
+    def objective(self, c: FloatArray) -> float:
+        """Return the Huber loss of the targets plus half the squares of the other rows, at c (p,)."""
+        norm = self.residuals_at(c)[1]
+        squared = self.squared[:, :-1] @ c - self.squared[:, -1]
+        return float(np.where(norm <= 1.0, 0.5 * norm**2, norm - 0.5).sum() + 0.5 * (squared @ squared))
+
+    def state_problem(self, spectrum: Spectrum, z: FloatArray) -> IdentificationProblem:
+        """Return the least-squares problem of decomposed rows and readings z (m,) under the constraints."""
+        return IdentificationProblem(
+            spectrum.determined, z, self.constraints.bounds, self.constraints.inequalities
+        )
+
+    def build_weighted_problem(self, weight: FloatArray) -> IdentificationProblem:
+        """Return the least-squares problem with weights (K,) of the targets, under the constraints."""
+        rows = (np.sqrt(weight)[:, None, None] * self.rows).reshape(-1, self.rows.shape[2])
+        R = compute_triangular_factor(np.vstack([rows, self.squared]))
+        return self.state_problem(Spectrum(R[:, :-1]), R[:, -1])
+
+    def build_unweighted_problem(self) -> IdentificationProblem:
+        """Return the problem with squared instead of Huber loss: least squares with all weights 1."""
+        return self.build_weighted_problem(np.ones(len(self.rows)))
+
+    def minimise_quadratic_model(self, c: FloatArray, damping: float) -> tuple[FloatArray, Certificate]:
+        """Minimise a quadratic model of the objective around compliances c (p,) under the constraints.
+
+        A reading beyond the threshold adds the curvature ``w (I − (1 − damping) u uᵀ)``, with w its weight
+        and u the direction of its residual: damping 0 gives Newton's step, and 1 a reweighted step, which
+        never increases the objective.
+
+        Returns:
+            The minimiser (p,), and the certificate of the model's minimum.
+        """
+        regressor, squared_rows = self.rows[..., :-1], self.squared[:, :-1]
+        residual, norm = self.residuals_at(c)
+        weight = _huber_weights(norm)
+        unit_residuals = residual / np.maximum(norm, 1.0)[:, None]
+        flattened = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)  # curvature removed along u
+        scaled_A = regressor - flattened[:, None, None] * unit_residuals[..., None] * (
+            unit_residuals[:, None] @ regressor
+        )
+        weighted = (np.sqrt(weight)[:, None, None] * scaled_A).reshape(-1, len(c))
+        R = compute_triangular_factor(np.vstack([weighted, squared_rows]))
+        gradient = squared_rows.T @ (squared_rows @ c - self.squared[:, -1])
+        gradient -= np.einsum("kij,ki->j", regressor, weight[:, None] * residual)
+        spectrum = Spectrum(R)
+        solution = solve_step(self.state_problem(spectrum, R @ c - spectrum.inverse.T @ gradient))
+        return solution.compliance, solution.certificate
+
+    def certificate(self, c: FloatArray, solved_by: SupportFinder) -> Certificate:
+        """Return the certificate of a point c (p,) as the Huber optimum.
+
+        The Huber optimum is also the optimum of weighted least squares with the weights at that optimum, so
+        the certificate is computed for the weighted least-squares problem with the weights at c.
+        """
+        scaled = Scaled.from_problem(self.build_weighted_problem(_huber_weights(self.residuals_at(c)[1])))
+        return certify(scaled, c / scaled.unit, solved_by)
+
+
+def fit_huber(
+    targets: TargetRows,
+    has_no_effect: BoolArray,
+    constraints: Constraints,
+    *,
+    prior: Prior | None,
+    sigma: float | None,
+    threshold: float,
+) -> RobustFit:
+    """Fit the compliances with the Huber loss on all targets.
+
+    Where sigma is unknown, a robust scale replaces it: the median norm of the whitened residuals over the
+    median of χ with three degrees of freedom, times √(rows/(rows − parameters)), because a fit shrinks its
+    residuals. Scale and fit are iterated to convergence; then the scale is fixed.
+
+    Args:
+        targets: whitened rows of all readings.
+        has_no_effect: (n,) mask of joints that have no effect on the readings.
+        constraints: constraints on all n compliances.
+        prior: prior of the n compliances; the loss of its rows stays squared.
+        sigma: stated standard uncertainty of a coordinate [m]; None if it is unknown.
+        threshold: length of a residual from which the loss is linear, in units of sigma.
+
+    Returns:
+        Weights and residuals of the readings, and the certificate of the optimum.
+
+    Raises:
+        UnsupportedMethodError: sigma is unknown, and there are too few readings to estimate it.
+        SolverError: optimality could not be certified.
+    """
+    joints = np.flatnonzero(~has_no_effect)
+    columns = [*joints, -1]
+    problem = _HuberProblem(
+        targets.rows[..., columns], targets.squared.R[:, columns], constraints.select(joints)
+    )
+    if sigma is None:
+        sigma = _estimate_robust_scale(problem, threshold)
+    if prior is not None:
+        rows, values = prior.in_units_of(sigma).rows(joints)
+        problem = replace(problem, squared=np.vstack([problem.squared, np.column_stack([rows, values])]))
+    problem = problem.in_units_of(threshold * sigma)
+    compliance, certificate = _minimise_huber_loss(problem)
+    residual_norm = problem.residuals_at(compliance)[1]
+    present = targets.present
+    weights, norms = np.ones(present.shape), np.zeros(present.shape)
+    weights[present], norms[present] = _huber_weights(residual_norm), threshold * residual_norm
+    return RobustFit(threshold, sigma, weights, norms, certificate)
+
+
+def _huber_weights(norm: FloatArray) -> FloatArray:
+    """Return the weights (K,) of residuals with norms (K,) in units of the threshold: 1 or 1/norm."""
+    return 1.0 / np.maximum(norm, 1.0)
+
+
+def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
+    """Return the optimum (p,) of the Huber problem and its certificate.
+
+    Clarabel's point is refined by Newton's method. With more than `MOST_STATED` readings, least squares gives
+    the start instead, with full damping, because that is faster than Clarabel.
+
+    Raises:
+        SolverError: no certified optimum after `MOST_ROUNDS` rounds.
+    """
+    clarabel_point = None
+    if len(problem.rows) <= MOST_STATED:
+        from jointstiff.solver.fit import programs  # takes a second to import
+
+        # The last column of rows is the right-hand side.
+        rows, squared = problem.rows, problem.squared
+        clarabel_point = programs.solve_huber(
+            rows[..., :-1],
+            rows[..., -1],
+            squared[..., :-1],
+            squared[..., -1],
+            problem.build_unweighted_problem(),
+        )
+    compliance = (
+        solve_step(problem.build_unweighted_problem()).compliance
+        if clarabel_point is None
+        else clarabel_point
+    )
+    damping = 1.0 if clarabel_point is None else _LEAST_DAMPING
+    objective = problem.objective(compliance)
+    for _ in range(MOST_ROUNDS):
+        proposed, model_certificate = problem.minimise_quadratic_model(compliance, damping)
+        value = problem.objective(proposed)
+        if value > objective * (1.0 + _NO_DESCENT) and damping < 1.0:
+            damping = 1.0  # Newton's step went too far: reweighting from the same point always descends
+            continue
+        compliance, objective = proposed, value
+        damping = max(0.1 * damping, _LEAST_DAMPING)
+        # Clarabel found the active bounds if the refined point has zeros at the same joints.
+        same_zeros = clarabel_point is not None and np.array_equal(clarabel_point == 0.0, compliance == 0.0)
+        solved_by = "clarabel" if same_zeros else model_certificate.solved_by
+        certificate = problem.certificate(compliance, solved_by)
+        if certificate.is_optimal():
+            if len(problem.rows) > MOST_STATED:
+                return compliance, certificate  # Clarabel was not asked
+            rows = problem.rows.reshape(-1, problem.rows.shape[-1])
+            witness = compare_answers(rows[:, :-1], clarabel_point, compliance, rows[:, -1])
+            return compliance, replace(certificate, witness=witness)
+    raise SolverError(
+        "the fit with the Huber loss did not converge to an optimum (primal "
+        f"{certificate.primal:.1e}, dual {certificate.dual:.1e})",
+        where="loss",
+        remedy="use loss squared, and report this problem with the data",
+    )
+
+
+def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
+    """Return the robust scale of the residuals [m], iterated with the fit to convergence.
+
+    Raises:
+        UnsupportedMethodError: there are no more readings than parameters.
+    """
+    compliance = solve_step(problem.build_unweighted_problem()).compliance
+    row_count = problem.rows[..., 0].size
+    degrees_of_freedom = row_count - len(compliance)
+    if degrees_of_freedom < 1:
+        raise UnsupportedMethodError(
+            "the Huber loss needs sigma, but sigma cannot be estimated: there are no more readings than "
+            "joints",
+            where="loss",
+            remedy="state `noise`, or add observations",
+        )
+    # Factor from the median norm to the standard deviation of one coordinate
+    factor = np.sqrt(row_count / degrees_of_freedom) / MEDIAN_NORM
+    least_scale = _LEAST_SCALE * float(np.sqrt(np.mean(problem.rows[..., -1] ** 2)))
+    scale = np.inf
+    for _ in range(_SCALE_ROUNDS):
+        norms = problem.residuals_at(compliance)[1]
+        previous_scale, scale = scale, max(least_scale, factor * float(np.median(norms)))
+        if abs(scale - previous_scale) <= _SCALE_TOLERANCE * scale:
+            break
+        compliance, _ = problem.in_units_of(threshold * scale).minimise_quadratic_model(compliance, 1.0)
+    return scale

@@ -1,1 +1,0 @@
-"""Elastic links as positive semidefinite compliance matrices."""

@@ -1,0 +1,1060 @@
+"""Assessment of an identification: one verdict on whether its numbers may be used, with the reasons.
+
+Reasons lie in the readings (mistakes that their checks found, and one that would explain them better), or in
+the fit (joints that are not identified, not certain, not explained or not plausible). No reason means "use":
+noise alone raises one in less than one of a hundred sets.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, groupby
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.finding import (
+    ROOT_MISTAKES,
+    ActionKind,
+    AdvisedAction,
+    Finding,
+    FindingCode,
+    NamedCause,
+    Verdict,
+)
+from jointstiff.schemas.options import MAX_CAUSES
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.evidence.alternatives import LARGEST_RATIO, AlternativeKind, BetterAlternative
+from jointstiff.solver.evidence.causes import Screening
+from jointstiff.solver.evidence.joints import JointsAlone, residuals_within_noise
+from jointstiff.solver.evidence.payload import inspect_force_unit
+from jointstiff.solver.evidence.pure_error import PureError, compute_pure_error
+from jointstiff.solver.evidence.reliability import LeastMistake, describe_unseen_mistakes
+from jointstiff.solver.evidence.selection import Cause
+from jointstiff.solver.evidence.unloading import Unloading, compare_unloaded_positions
+from jointstiff.solver.fit.estimate import (
+    ComplementaryStiffness,
+    Estimate,
+    JointCompliance,
+    Prediction,
+)
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.triangle import solve_nonnegative
+from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, fitted_errors, targets_in_flange
+from jointstiff.solver.mechanics.measurements import (
+    ASSUMED_FORCE_SCALE,
+    ASSUMED_LOAD_POINT,
+    NOISE_SIGMAS,
+    Measurements,
+)
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.text import (
+    PAST_CARE,
+    PAST_DO_NOT_USE,
+    figure,
+    length_text,
+    stiffness_text,
+    unknowns_text,
+)
+
+SAME_PLACE: Final = 2e-3
+"""Distance between load point and target [m] below which they count as the same."""
+OUTLYING: Final = 6.0
+"""Ratio of a residual to the median residual above which a model of joints and links does not explain an
+observation."""
+FEW: Final = 0.1
+"""Largest share of suspicious observations that the Huber loss, or leaving them out, can handle."""
+MOST_LEFT_OUT: Final = 0.3
+"""Largest share of the observations that a proposed action leaves out: if more are bad, something else is
+wrong."""
+HARMFUL: Final = 0.05
+"""Relative change of a compliance above which a proved mistake in the load forbids its use."""
+COVERED: Final = 2.0
+"""Number of standard uncertainties by the load point within which a change is covered by the intervals."""
+CARE_RATIO_OF_LINKS, UNUSABLE_RATIO = 1.5, 3.0
+"""Ratios of the residuals to sigma: above the first a model with links, whose penalty enlarges the residuals,
+gets a warning; above the second any result is unusable."""
+CARE_LEVEL: Final = 1e-3
+"""p-value of the residuals below which a warning is given: noise alone causes that in one of two thousand
+campaigns."""
+WORTH_A_WARNING: Final = 0.1
+"""Relative error of sigma up to which no warning is given: it changes no conclusion, though large sets show
+it."""
+CARE_SHARE, UNUSABLE_SHARE = 0.7, 0.5
+"""Compensation below which more than the joints deflects: with a warning, and with an unusable result; the
+joints of real robots explain 80 %."""
+LARGEST_SIGMA: Final = 1e-4
+"""Sigma from the residuals [m] above any laser tracker's: readings of a robot have 10 to 40 µm. Three targets
+show the tracker's noise itself (`pure_error`)."""
+LEAST_SIGMA: Final = 1e-8
+"""Residuals [m] below which the readings are computed, not measured."""
+PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
+"""Range of joint stiffness of industrial robots [N·m/rad, N/m], with a margin of three decades."""
+LARGEST_SHIFT: Final = 0.5
+"""Bias, in standard uncertainties, at which a 95 % interval contains the true value in only 92 % of cases."""
+_PLACES: Final = 60
+_LEAST_FREEDOM: Final = 0.5
+_LEAST_POSTURES: Final = 3
+_DISTINCT: Final = float(np.radians(5.0))
+"""Difference of a joint's angle [rad] from which on two postures count as distinct."""
+_SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset({"joint_sign_suspect", "joints_swapped"})
+"""Findings of mistakes that `BetterAlternative` reports too, with an action that corrects them."""
+_LENGTHS: Final = ("deflection_implausibly_large", "deflection_implausibly_small")
+_ORDER: Final[dict[Verdict, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
+_BY_STATUS: Final[dict[str, Verdict]] = {
+    "identified": "use",
+    "uncertain": "use_with_care",
+    "at_bound": "use_with_care",
+    "not_observable": "do_not_use",
+}
+_NOT_LINEAR: Final = frozenset({"play", "curved_springs"})
+"""Causes that readings at one size of the load may not distinguish."""
+_READ_HALF: Final = (
+    "not linear: read two postures again at half the load; play stays the same, a hardening spring "
+    "deflects by more than half"
+)
+_FIT_CAUSES_FIRST: Final = (
+    "first fit the named causes with the joints; the remaining residuals then show the noise"
+)
+_CHECK_NOISE: Final = (
+    "check frames, joint map, units and noise; if all are correct, something besides the joints deflects: "
+    "omit `noise` so that sigma is estimated from the residuals"
+)
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """Verdict on a whole result and on each joint, with the reasons."""
+
+    verdict: Verdict  #: verdict on the whole result: the weight of the most severe reason
+    reasons: tuple[Finding, ...]  #: most severe first; none where the verdict is "use"
+    #: verdict on each joint, never better than the weight of a reason on the whole set or on this joint
+    joints: tuple[Verdict, ...]
+    notes: tuple[str, ...] = ()  #: sentences on assumptions, and on checks that the readings do not allow
+    remarks: tuple[Finding, ...] = ()  #: findings of the weight "use", which do not change the verdict
+
+    def drop_meaningless_numbers(self, prediction: Prediction) -> Prediction:
+        """Return a prediction without the numbers that mean nothing after this assessment.
+
+        After an exact fit or a mistake in the data, the compensation and the contributions of the joints are
+        removed; if no joint is identified, only the contributions are.
+        """
+        codes = {reason.code for reason in self.reasons}
+        meaningless = bool(codes & (ROOT_MISTAKES | {"no_residual_freedom"}))
+        return replace(
+            prediction,
+            compensation=None if meaningless else prediction.compensation,
+            contributions=None if meaningless or "no_joint_identified" in codes else prediction.contributions,
+        )
+
+
+def assess(
+    joints: JointsAlone,
+    estimate: Estimate,
+    prediction: Prediction,
+    screening: Screening | None,
+    unseen: Sequence[LeastMistake] = (),
+) -> Assessment:
+    """Assess an identification: collect all reasons against its numbers, and derive the verdicts.
+
+    Args:
+        joints: identification by joints alone, with measurements and findings of their integrity checks.
+        estimate: estimate to be assessed, of joints alone or of a model with links or base.
+        prediction: prediction of the same measurements by the estimate.
+        screening: tests for other causes of the deflections, with the cross-validation if models were
+            compared; None without tests.
+        unseen: least mistakes that the tests find; empty where more than the joints may bend.
+    """
+    robot, measurements, settings = joints.robot, joints.measurements, joints.settings
+    findings: Sequence[Finding] = joints.noticed
+    unloading = compare_unloaded_positions(robot, measurements, joints.estimate.compliance)
+    notes = tuple(_list_notes(measurements, estimate, unloading))
+    if joints.refuted:
+        notes += (f"The stiffnesses are identified without the refuted {_name_postures(joints.refuted)}.",)
+    root_mistakes = _group_by_code([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
+    if root_mistakes:  # after such a mistake no other check means anything
+        reasons: list[Finding] = []
+        for group in root_mistakes:
+            # Findings of one code become one reason; but of several robots that fit, the user chooses one.
+            is_choice = group[0].code == "another_robot_fits"
+            reasons += group if is_choice else [_summarise_findings(group, group[0].action)]
+        reasons += _report_solver(estimate)
+        return replace(derive_assessment(estimate.joints, reasons), notes=notes)
+    better = joints.find_gross_mistake(estimate)
+    if better is not None:
+        findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
+    # With a gross error in the data, tests of smaller effects mean nothing.
+    gross = any(finding.weight == "do_not_use" for finding in findings)
+    if gross:
+        screening = None
+    causes: Sequence[Cause] = () if screening is None else screening.causes
+    # Postures with a mistake that another finding names need no second finding.
+    named = {finding.observation for finding in findings}
+    wrong = (
+        () if screening is None else tuple(each for each in screening.wrong if causes or each not in named)
+    )
+    fitted = sum(bool(term.words) for term in fitted_errors(measurements).terms)
+    if better is not None:
+        # Report either the mistake in the data or the causes: whichever explains the readings better.
+        if (
+            screening is not None
+            and screening.makes_links_unnecessary
+            and causes[0].ratio < LARGEST_RATIO * better.ratio
+        ):
+            better = None
+        else:
+            screening, causes, wrong = None, (), ()
+    found = chain(
+        () if better is None else [report_alternative(robot, measurements, better)],
+        [report_causes(causes, estimate, wrong, most=MAX_CAUSES - fitted)] if causes else (),
+        report_fitted_causes(measurements),
+        # The measured arms were fitted by joints alone; and a gross error in the data changes the stiffness.
+        ()
+        if gross or better is not None
+        else inspect_force_unit(robot, measurements, joints.estimate.joints),
+        find_reading_problems(
+            robot,
+            measurements,
+            settings,
+            prediction,
+            findings,
+            labels=joints.labels,
+            wrong=wrong,
+            cause_found=bool(causes),
+        ),
+        [report_remaining_deflection(unloading)] if unloading is not None and unloading.remains else (),
+        find_fit_problems(
+            measurements,
+            estimate,
+            prediction,
+            screening,
+            pure_error=measure_pure_error(robot, measurements, estimate, prediction),
+            explained=gross or better is not None,
+            cause_found=bool(causes),
+        ),
+    )
+    unseen_note = describe_unseen_mistakes(() if screening is None or causes else unseen)
+    notes += () if unseen_note is None else (unseen_note,)
+    return replace(derive_assessment(estimate.joints, found), notes=notes)
+
+
+def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloading | None) -> Iterator[str]:
+    """Yield sentences on assumptions, and on checks that the readings do not allow."""
+    force = float(np.linalg.norm(measurements.force, axis=1).max())
+    if force > 0.0:
+        deflection = length_text(float(np.linalg.norm(measurements.deflection, axis=2).max()))
+        kgf = float(np.linalg.norm(STANDARD_GRAVITY))
+        yield (
+            f"Forces up to {figure(force)} N ({figure(force / kgf, '.3g')} kgf), deflections up to "
+            f"{deflection}. If N and kgf were confused, every stiffness would be wrong by a factor of "
+            f"{kgf:.3g}, and no reading would show it."
+        )
+    if estimate.common is not None and estimate.common.responses_to("assumed_load_point").any():
+        yield (
+            f"The load point is assumed to be known to ±{1e3 * ASSUMED_LOAD_POINT:g} mm. Measure where the "
+            "force acts on the flange, and enter the uncertainty of this point (`noise.load_point`; on "
+            "the page: Advanced, Uncertainty of the load point)."
+        )
+    if estimate.common is not None and estimate.common.responses_to("assumed_force_scale").any():
+        yield (
+            f"The forces are assumed to be known to ±{100 * ASSUMED_FORCE_SCALE:g} %. Enter the "
+            "uncertainty of the load cell or of the weight (`noise.force.scale`; on the page: Advanced, "
+            "Scale of the force)."
+        )
+    if unloading is not None:
+        yield describe_unloading(unloading)
+    elif not measurements.in_flange[measurements.present].all():
+        yield (
+            "Each posture was read only once without load, so a deflection that remains after unloading is "
+            "not detected. Read each posture again after unloading (`unloaded_after`)."
+        )
+    if measurements.in_flange[measurements.present].all():
+        yield (
+            "The set has deflections but no positions, so the joint angles and the geometry of robot, "
+            "frames and targets cannot be checked."
+        )
+
+
+def describe_unloading(unloading: Unloading) -> str:
+    """Return a sentence on the positions after the load was removed."""
+    count = unloading.postures
+    where = f"{count} posture{'s' if count > 1 else ''} read again after unloading"
+    text = (
+        f"After unloading, the targets return to within {length_text(unloading.distance)} (root mean square, "
+        f"{where})"
+    )
+    if unloading.share is None or unloading.standard_uncertainty is None:
+        return f"{text}."
+    share = f"{100.0 * unloading.share:.2g} %"
+    uncertainty = f"{100.0 * unloading.standard_uncertainty:.2g} %"
+    return f"{text}; {share} of the deflection remains (u = {uncertainty})."
+
+
+def report_remaining_deflection(unloading: Unloading) -> Finding:
+    """Return the finding that a part of the deflections remains after the load was removed."""
+    share, u = unloading.share or 0.0, unloading.standard_uncertainty or 0.0
+    return Finding(
+        code="deflection_remains",
+        weight="use_with_care",
+        message=f"{100.0 * share:.2g} % of the deflection remains after unloading (u = {100.0 * u:.2g} %): "
+        "the stiffnesses refer to the mean of the unloaded positions before and after the load; with only "
+        f"one of these positions the stiffnesses would differ by {50.0 * abs(share):.2g} %",
+        remedy="load and unload the arm once before the first reading; check that tool, hook and base are "
+        "tight",
+    )
+
+
+def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:
+    """Return the assessment that follows from findings and from the status of each joint.
+
+    The verdict is the weight of the most severe finding; reasons and remarks are in order of severity.
+    """
+    ordered = tuple(sorted(findings, key=lambda finding: -_ORDER[finding.weight]))
+    names = {joint.name for joint in joints}
+    verdicts = []
+    for joint in joints:
+        # The verdict follows from the joint's status, and from findings on the joint or on the whole set.
+        weights = [finding.weight for finding in ordered if finding.where not in names - {joint.name}]
+        verdicts.append(max([_BY_STATUS[joint.status], *weights], key=_ORDER.__getitem__))
+    return Assessment(
+        verdict=ordered[0].weight if ordered else "use",
+        reasons=tuple(finding for finding in ordered if not finding.is_remark),
+        remarks=tuple(finding for finding in ordered if finding.is_remark),
+        joints=tuple(verdicts),
+    )
+
+
+_ALTERNATIVE_TEXTS: Final[dict[AlternativeKind, tuple[str, str]]] = {
+    "columns_exchanged": (
+        "the columns of {first} and {last} exchanged",
+        (
+            "check the columns of {first} and {last}; if the two columns are exchanged, exchange the columns "
+            "back"
+        ),
+    ),
+    "load_and_target_exchanged": (
+        "the load applied at target {target}",
+        (
+            "check the load point and the target's position in the flange frame; if the two are exchanged, "
+            "exchange the two back"
+        ),
+    ),
+    "zero_offset": (
+        "the zero of {first} offset by {turn:+.0f}°",
+        "check where the controller's zero of {first} is; correct the joint map's offset",
+    ),
+    "joint_map": (
+        "another joint map for {names}",
+        "check signs and coupling of the joint map against the controller's manual",
+    ),
+    "sign_reversed": ("the sign of {first} reversed", "check the joint map's signs"),
+    "joints_coupled": (
+        "the controller's angle of {first} {coupled} that of {last}",
+        "check in the manual whether the controller couples these joints, and correct the joint map",
+    ),
+}
+"""Words for each kind of alternative: the change that undoes the mistake, and the remedy."""
+
+
+def report_alternative(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Finding:
+    """Return the finding that the readings are explained far better after undoing a mistake in the data."""
+    alternative = better.alternative
+    names = [robot.joint_names[j] for j in alternative.joints]
+    first, last = (alternative.joints[0], alternative.joints[-1]) if names else (0, 0)
+    words = {
+        "names": ", ".join(names),
+        "first": robot.joint_names[first],
+        "last": robot.joint_names[last],
+        "target": (alternative.target or 0) + 1,
+        "turn": float(np.degrees(alternative.offset[first])),
+        "coupled": "added to" if alternative.matrix[last, first] > 0.0 else "taken from",
+    }
+    what, remedy = (text.format(**words) for text in _ALTERNATIVE_TEXTS[alternative.kind])
+    if alternative.target is not None:
+        action = AdvisedAction.of("exchange_load_and_target", target=measurements.targets[alternative.target])
+    elif alternative.kind == "columns_exchanged":
+        action = AdvisedAction.of("exchange_columns", joints=names)
+    else:
+        matrix = robot.joint_map.matrix @ alternative.matrix
+        offset = robot.joint_map.matrix @ alternative.offset + robot.joint_map.offset
+        if alternative.kind == "zero_offset":  # whole turns bring the angles within the limits
+            turns_to_middle = (
+                robot.limits.mean(axis=1) - np.median(measurements.joints, axis=0) @ matrix.T - offset
+            )
+            offset = offset + 2.0 * np.pi * np.round(
+                np.where(np.isfinite(turns_to_middle), turns_to_middle, 0.0) / (2.0 * np.pi)
+            )
+        action = AdvisedAction.of(
+            "apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist()
+        )
+    return Finding(
+        code="alternative_explains_better",
+        weight="do_not_use",
+        message=f"with {what}, the joints explain {100 * better.compensation:.3g} % of the mean deflection "
+        f"instead of {100 * better.compensation_as_given:.3g} %; the sum of squared residuals falls to "
+        f"{100 * better.ratio:.2g} %",
+        remedy=remedy,
+        action=action,
+    )
+
+
+def report_causes(
+    causes: Sequence[Cause], estimate: Estimate, wrong: Sequence[str] = (), *, most: int = MAX_CAUSES
+) -> Finding:
+    """Return the finding that joints and causes explain the readings better than joints alone.
+
+    Causes of one step explain the readings equally well; causes of several steps explain them together. The
+    weight of the finding is "do_not_use" if the causes make links unnecessary and change a compliance by more
+    than `HARMFUL`. A change because of the load point counts only if it exceeds `COVERED` times the
+    uncertainty by the load point in the intervals.
+
+    Args:
+        causes: causes that were found, step by step.
+        estimate: estimate by joints alone.
+        wrong: labels of single postures whose readings are wrong, which were left out.
+        most: largest number of causes that a run may fit in addition to those that it fits already.
+    """
+    remedies, changes, harm = [], [0.0], False
+    for cause in causes:
+        remedies.append(cause.suspect.term.remedy)
+        known = estimate.estimated & (estimate.compliance > 0.0) & (cause.compliance > 0.0)
+        change = np.abs(cause.compliance[known] / estimate.compliance[known] - 1.0)
+        harmful = change > HARMFUL
+        if {each.suspect.name for each in causes} == {"load_point"} and estimate.common is not None:
+            # Changes that the intervals already cover do no harm.
+            sources = [
+                estimate.common.responses_to("assumed_load_point"),
+                estimate.common.responses_to("load_point"),
+            ]
+            covered = np.linalg.norm(np.hstack(sources)[known], axis=1)
+            harmful &= change * estimate.compliance[known] > COVERED * covered
+        changes.append(float(change.max(initial=0.0)))
+        harm |= bool(harmful.any())
+    steps = [[*step] for _, step in groupby(causes, key=lambda cause: cause.step)]
+    not_linear = [{cause.suspect.name for cause in step} == _NOT_LINEAR for step in steps]
+    if any(not_linear):  # only readings at a smaller load distinguish the two
+        remedies = [_READ_HALF, *(c.suspect.term.remedy for c in causes if c.suspect.name not in _NOT_LINEAR)]
+    if wrong:
+        remedies.append(f"repeat the readings of {_name_postures(wrong)}")
+    # A tie is fitted as a whole as far as a run may fit so many causes; the best of each step comes first.
+    fitted = [step[0] for step in steps] + [cause for step in steps for cause in step[1:]]
+    named = [NamedCause(name=c.suspect.name, first=c.suspect.first) for c in fitted[:most]]
+    links_unnecessary = all(cause.makes_links_unnecessary for cause in steps[-1])
+    others = "" if links_unnecessary else ", but links may bend as well"
+    return Finding(
+        code="alternative_explains_better",
+        weight="do_not_use" if links_unnecessary and harm else "use_with_care",
+        message=f"{'the joints are not linear: ' if any(not_linear) else ''}"
+        f"{f'without {_name_postures(wrong)}, and ' if wrong else ''}"
+        f"with {', and with '.join(map(_describe_tie, steps))}, the joints explain the readings "
+        f"significantly better (F test, p = {max(cause.p_value for cause in causes):.1g}){others}; "
+        f"compliances change by up to {100 * max(changes):.2g} %",
+        remedy="; ".join(dict.fromkeys(remedies)),
+        action=AdvisedAction.of("fit_causes", wrong, causes=named) if named else None,
+    )
+
+
+def _name_postures(labels: Sequence[str]) -> str:
+    """Return the labels of postures as a list in words."""
+    return ", ".join(f"'{label}'" for label in labels)
+
+
+def _describe_tie(causes: Sequence[Cause]) -> str:
+    """Return causes that explain the readings equally well, with their sizes, in words."""
+    sizes = [(each.suspect.term, each.unknowns.tolist()) for each in causes]
+    return ", or with ".join(term.words.format(unknowns_text(term.unit, size)) for term, size in sizes)
+
+
+def _report_wrong_postures(
+    measurements: Measurements, settings: Settings, wrong: Sequence[str]
+) -> Iterator[Finding]:
+    """Yield a finding on single postures whose readings disagree with all others."""
+    if wrong and settings.loss != "huber":
+        yield Finding(
+            code="residual_outlier",
+            weight="use_with_care",
+            observation=wrong[0],
+            message=f"the readings of {_name_postures(wrong)} disagree with the joint stiffnesses that fit "
+            "all other readings (F test)",
+            remedy="check these readings and their loads; repeat the readings, or identify with loss huber",
+            action=AdvisedAction.of("use_huber" if measurements.direction is None else "show_posture", wrong),
+        )
+
+
+def report_fitted_causes(measurements: Measurements) -> Iterator[Finding]:
+    """Yield a finding for each cause that was fitted with the joints: the cause's stated value is wrong."""
+    fitted, start = fitted_errors(measurements), 0
+    uncertainty = np.linalg.norm(fitted.root, axis=1)
+    for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
+        half = 2.0 * uncertainty[start : start + len(values)]
+        start += len(values)
+        if not term.words:  # what is uncertain about the columns of another term
+            continue
+        text = f"{unknowns_text(term.unit, values.tolist())} ± {unknowns_text(term.unit, half.tolist())}"
+        yield Finding(
+            code="cause_fitted",
+            weight="use_with_care",
+            message=f"{term.words.format(text)} (95 %) was fitted with the joints; the intervals include the "
+            "uncertainty of this cause, and the readings contradict the stated value",
+            remedy=term.remedy,
+        )
+
+
+def find_reading_problems(
+    robot: Robot,
+    measurements: Measurements,
+    settings: Settings,
+    prediction: Prediction,
+    findings: Sequence[Finding],
+    *,
+    labels: tuple[str, ...],
+    wrong: Sequence[str] = (),
+    cause_found: bool = False,
+) -> Iterator[Finding]:
+    """Yield findings on problems of the readings.
+
+    Findings of the integrity checks are merged into one for each kind, and findings on the whole set come
+    first. Leaving observations out is proposed only if few observations are concerned.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: settings of the fit.
+        prediction: prediction of these measurements.
+        findings: findings of the integrity checks.
+        labels: labels of all observations, with those that were refuted and left out.
+        wrong: labels of single postures whose readings disagree with all others.
+        cause_found: whether a cause explains the readings, and the finding about it names these postures.
+    """
+    yield from _report_load_at_target(robot, measurements)
+    outliers = [finding for finding in findings if finding.code == "residual_outlier"]
+    others = [finding for finding in findings if finding.code != "residual_outlier"]
+    errors = _group_by_code(others, "do_not_use")
+    errors.sort(key=lambda group: group[0].observation is not None)
+    for group in errors:
+        first, observations = group[0], _list_observations(labels, group)
+        if first.code == "target_moved" and first.observation is not None:
+            row = labels.index(first.observation)
+            # The target moved for good: leave out the observations before or after, whichever are fewer.
+            observations = min(labels[row:], labels[:row], key=len)
+        only_few = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
+        yield _summarise_findings(
+            group, AdvisedAction.of("leave_out_readings", observations) if only_few else first.action
+        )
+    for group in _group_by_code(others, "use_with_care"):
+        observations = _list_observations(labels, group)
+        yield _summarise_findings(
+            group, AdvisedAction.of("show_posture", observations) if observations else None
+        )
+    if cause_found:  # a robust loss is no mend for a cause that moves many postures
+        left = [finding for finding in outliers if finding.observation not in wrong]
+        yield from _report_outlying(measurements, settings, prediction, left, mend="show_posture")
+    elif outliers:
+        yield from _report_outlying(measurements, settings, prediction, outliers)
+    else:
+        yield from _report_wrong_postures(measurements, settings, wrong)
+    noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
+    greatest = float(np.linalg.norm(measurements.deflection, axis=2).max())
+    if measurements.sigma is not None and greatest <= NOISE_SIGMAS * noise:
+        yield Finding(
+            code="deflections_below_noise",
+            weight="use_with_care",
+            message=f"no target moved by more than {length_text(greatest)}, and the noise of a deflection is "
+            f"{length_text(noise)}: these readings give only lower limits of the stiffnesses",
+            remedy="increase the load; check that the loaded readings were taken with the load applied, and "
+            "check the stated noise",
+        )
+
+
+def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator[Finding]:
+    """Yield a finding if the load point coincides with one of several targets, where a reflector sits.
+
+    A single target may well be at the tool's point, so it is not reported.
+    """
+    part = measurements.select_evenly(_PLACES)
+    if part.present.shape[1] < 2 or not part.force.any():
+        return
+    places = np.where(part.in_flange[..., None], part.position, targets_in_flange(robot, part))
+    distance = np.linalg.norm(places - part.load_point[:, None], axis=2)
+    # Only targets whose three coordinates were read have a known place.
+    distance = np.where((part.coordinates == 3).any(axis=0), distance, np.inf).max(axis=0)
+    t = int(distance.argmin())
+    if distance[t] <= SAME_PLACE:
+        yield Finding(
+            code="load_at_target",
+            weight="use_with_care",
+            message=f"the load point coincides with target {t + 1}, where a reflector is mounted",
+            remedy="check the load point in the flange frame",
+            action=AdvisedAction.of("exchange_load_and_target", target=measurements.targets[t]),
+        )
+
+
+def _report_outlying(
+    measurements: Measurements,
+    settings: Settings,
+    prediction: Prediction,
+    outliers: Sequence[Finding],
+    mend: ActionKind = "use_huber",
+) -> Iterator[Finding]:
+    """Yield a finding on observations that joint springs fitted to all observations do not explain.
+
+    A few such observations are wrong readings, for which the Huber loss is proposed; many mean that the model
+    lacks something, such as links that bend. Outliers that links or fitted causes explain are not reported.
+    """
+    norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
+    if prediction.contributions is None or fitted_errors(measurements).terms:  # links, base or causes
+        beyond = {measurements.labels[i] for i in np.flatnonzero(norm > OUTLYING * np.median(norm))}
+        outliers = [f for f in outliers if f.observation is None or f.observation in beyond]
+    observations = _list_observations(measurements.labels, outliers)
+    if not observations:
+        return
+    # Count all observations with residuals as large as those of the outliers.
+    count = int((norm >= norm[[measurements.labels.index(label) for label in observations]].min()).sum())
+    if count >= FEW * len(measurements):
+        yield Finding(
+            code="deflection_unexplained",
+            weight="use_with_care",
+            message=f"{count} of {len(measurements)} observations disagree with the joint stiffnesses that "
+            "fit the other observations. These are too many for single wrong readings: something besides "
+            "the joints bends, or angles or loads are wrong",
+            remedy="check these postures; if the readings are right, try elasticity joints_and_links",
+            action=AdvisedAction.of("show_posture", observations),
+        )
+    elif settings.loss != "huber":
+        action = AdvisedAction.of(mend if measurements.direction is None else "show_posture", observations)
+        yield _summarise_findings(outliers, action)
+
+
+def _group_by_code(findings: Sequence[Finding], weight: Verdict) -> list[list[Finding]]:
+    """Return the findings of one weight in groups of the same code, in the order in which codes appear."""
+    of_weight = [finding for finding in findings if finding.weight == weight]
+    codes = dict.fromkeys(finding.code for finding in of_weight)
+    return [[finding for finding in of_weight if finding.code == code] for code in codes]
+
+
+def _list_observations(labels: Sequence[str], group: Sequence[Finding]) -> tuple[str, ...]:
+    """Return the labels of the observations that the findings name, in the order of the set."""
+    named = {finding.observation for finding in group}
+    return tuple(label for label in labels if label in named)
+
+
+def _summarise_findings(group: Sequence[Finding], action: AdvisedAction | None) -> Finding:
+    """Return a group's first finding with an action, and the number of other findings in the message."""
+    more = f" (and {len(group) - 1} more of this kind)" if len(group) > 1 else ""
+    return group[0].model_copy(update={"message": group[0].message + more, "action": action})
+
+
+def find_fit_problems(
+    measurements: Measurements,
+    estimate: Estimate,
+    prediction: Prediction,
+    screening: Screening | None = None,
+    *,
+    pure_error: PureError | None = None,
+    explained: bool = False,
+    cause_found: bool = False,
+) -> Iterator[Finding]:
+    """Yield findings on problems of an estimate and its prediction.
+
+    A finding of the weight `use` does not change the verdict.
+
+    Args:
+        measurements: N observations.
+        estimate: from these measurements.
+        prediction: of these measurements by the estimate.
+        screening: tests for other causes of the deflections; None without tests.
+        pure_error: noise of the readings whatever the model; None if the readings do not show it.
+        explained: whether another finding already explains large residuals, which are then not reported.
+        cause_found: whether a cause explains the readings; large residuals are then no sign of large noise.
+    """
+    statuses = [joint.status for joint in estimate.joints]
+    remedy, action = "add postures and loads that twist the joints", None
+    if set(statuses) - {"not_observable"} == {"at_bound"}:  # all observable joints seem rigid
+        remedy = (
+            "choose another robot, or check the joint map and the frame of the forces: the joints of "
+            "the chosen robot would move the targets in another way"
+        )
+        # If the negated deflections fit, unloaded and loaded readings, or all forces, are reversed.
+        d = estimate.triangles.all_readings.rhs
+        if solve_nonnegative(estimate.regressor, -d)[1] < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d):
+            remedy = "exchange unloaded and loaded readings, or change the sign of every force"
+            action = AdvisedAction.of("exchange_readings")
+    yield from report_no_identified_joint(statuses, remedy, action)
+    yield from _report_freedom(measurements, estimate, known=pure_error is not None)
+    postures: list[FloatArray] = []
+    for joints in measurements.joints:
+        if all(np.abs(joints - other).max() >= _DISTINCT for other in postures):
+            postures.append(joints)
+        if len(postures) >= _LEAST_POSTURES:
+            break
+    else:  # the loop found fewer distinct postures than needed
+        yield Finding(
+            code="few_postures",
+            weight="use_with_care",
+            message=f"the set has {len(postures)} distinct posture{'s' if len(postures) > 1 else ''}, so the "
+            "stiffnesses were not tested in other postures",
+            remedy=f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° "
+            "or more",
+        )
+    if not explained:
+        named = prediction.bending is not None or (screening is not None and bool(screening.causes))
+        named = named or estimate.sigma_given or measurements.refuted_sigma is not None
+        yield from _report_residuals(
+            measurements,
+            estimate,
+            pure_error,
+            joints_alone=prediction.contributions is not None,
+            cause_found=cause_found,
+        )
+        if pure_error is not None and pure_error.shows_motion and not named:
+            yield report_unexplained_motion(pure_error)
+        yield from _report_unexplained(measurements, estimate, prediction)
+        yield from _report_dropped_statements(estimate)
+    yield from report_implausible_results(estimate)
+    yield from _report_solver(estimate)
+    yield from _report_links(prediction, screening)
+
+
+def _report_dropped_statements(estimate: Estimate) -> Iterator[Finding]:
+    """Yield a finding if stated errors could not be fitted together with the joints."""
+    if estimate.statements_dropped is not None and estimate.estimated.any():
+        yield Finding(
+            code="statement_dropped",
+            weight="use_with_care",
+            message="what is stated of load and places could not be fitted together with the joints: "
+            f"{estimate.statements_dropped}",
+            remedy="check the stated load point and the units of force and length",
+        )
+
+
+def _report_solver(estimate: Estimate) -> Iterator[Finding]:
+    """Yield a finding if Clarabel's own answer is not the certified optimum to its tolerance."""
+    witnesses = [each.witness for each in estimate.certificates if each.witness is not None]
+    for witness in [each for each in witnesses if not each.agrees][:1]:
+        how_far = "gave no answer"
+        if np.isfinite(witness.distance):
+            how_far = f"differs by {witness.distance:.1g} of the readings, more than {witness.limit:.0e}"
+        yield Finding(
+            code="solver_disagrees",
+            weight="use",
+            message=f"Clarabel's own answer {how_far}; the numbers stand, as the certificate proves them",
+            remedy="reinstall the package clarabel, and report this problem with the data",
+        )
+
+
+def report_no_identified_joint(
+    statuses: Sequence[str], remedy: str, action: AdvisedAction | None = None
+) -> Iterator[Finding]:
+    """Yield a finding if no joint has the status `identified`.
+
+    Args:
+        statuses: status of each joint.
+        remedy: remedy of the finding.
+        action: proposed action of the finding.
+    """
+    if "identified" in statuses:
+        return
+    counts = Counter(status.replace("_", " ") for status in statuses)
+    yield Finding(
+        code="no_joint_identified",
+        weight="do_not_use",
+        message="the readings identify no joint: "
+        + ", ".join(f"{count} {status}" for status, count in counts.items()),
+        remedy=remedy,
+        action=action,
+    )
+
+
+def measure_pure_error(
+    robot: Robot, measurements: Measurements, estimate: Estimate, prediction: Prediction
+) -> PureError | None:
+    """Return the noise of the readings whatever the model; None if the readings do not show it."""
+    rows = float(measurements.coordinates.sum())
+    if measurements.encoders is not None:
+        rows += float(measurements.encoders.present.sum())
+    unknowns = rows - estimate.degrees_of_freedom
+    return compute_pure_error(robot, measurements, prediction.residual, unknowns)
+
+
+def report_unexplained_motion(pure_error: PureError) -> Finding:
+    """Return the finding that the model leaves more of the flange's motion than the readings' noise."""
+    return Finding(
+        code="sigma_implausible",
+        weight="use_with_care",
+        message="targets of the same posture show that the tracker reads to within "
+        f"{length_text(pure_error.sigma)}, but the model does not explain {length_text(pure_error.left)} "
+        f"of the flange's motion (F test, p = {pure_error.p_value:.1g}). This unexplained motion is "
+        "counted as noise",
+        remedy="check loads, angles and geometry, and read one posture again without the load; if the robot "
+        "returns to a posture less exactly, state `noise.repeatability`",
+    )
+
+
+def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bool) -> Iterator[Finding]:
+    """Yield a finding if the fit has no degrees of freedom, or residuals too small or large for a tracker.
+
+    If the noise of the readings is known whatever the model, residuals are compared with that noise instead.
+    """
+    # A rigid flange moves by six coordinates at most, however many targets it has.
+    coordinates = int(np.minimum(measurements.coordinates.sum(axis=1), 6).sum())
+    if measurements.encoders is not None:
+        coordinates += int(measurements.encoders.present.sum())
+    freedom = min(estimate.degrees_of_freedom, coordinates - estimate.rank)
+    sigma = None if estimate.sigma_given else estimate.sigma
+    if freedom < _LEAST_FREEDOM:
+        stated = estimate.sigma_given
+        consequence = (
+            "the uncertainty comes from the stated noise only" if stated else "the uncertainty is unknown"
+        )
+        yield Finding(
+            code="no_residual_freedom",
+            weight="use_with_care" if stated else "do_not_use",
+            message="there are as many parameters as readings, so the fit reproduces any readings exactly: "
+            f"{consequence}",
+            remedy="measure at least twice as many observations",
+        )
+    elif sigma is not None and sigma < LEAST_SIGMA:
+        yield Finding(
+            code="residuals_vanish",
+            weight="use_with_care",
+            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per reading, but "
+            f"for a tracker at least {length_text(LEAST_SIGMA)} is plausible: these readings are computed, "
+            "not measured, so the uncertainties are meaningless",
+            remedy=f"state `noise` from the tracker's data sheet; {PAST_CARE}",
+        )
+    elif sigma is not None and sigma > LARGEST_SIGMA and not known:
+        yield Finding(
+            code="sigma_implausible",
+            weight="use_with_care",
+            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
+            f"reading, but laser trackers have 10 to 40 µm, and at most {length_text(LARGEST_SIGMA)} is "
+            "plausible: most of this value comes from deflections that the model does not explain",
+            remedy="state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
+            f"whether links bend; {PAST_CARE}",
+        )
+
+
+def report_refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[Finding]:
+    """Yield a finding if the stated noise was refuted and sigma [m] comes from the residuals instead.
+
+    Such a sigma counts deflections that the model does not explain as noise.
+    """
+    refuted = measurements.refuted_sigma
+    if refuted is not None and sigma is not None:
+        yield Finding(
+            code="residuals_exceed_sigma",
+            weight="use_with_care",
+            message=f"the stated standard uncertainty is {length_text(refuted)} per coordinate of a reading, "
+            f"but the residuals give {length_text(sigma)}, {figure(sigma / refuted, '.3g')} times as "
+            "much: deflections that the model does not explain are counted as noise",
+            remedy=_CHECK_NOISE,
+        )
+
+
+def _report_residuals(
+    measurements: Measurements,
+    estimate: Estimate,
+    pure_error: PureError | None,
+    *,
+    joints_alone: bool,
+    cause_found: bool = False,
+) -> Iterator[Finding]:
+    """Yield a finding if the residuals are larger or smaller than the stated sigma predicts."""
+    test = estimate.sigma_test
+    yield from report_refuted_noise(measurements, estimate.sigma)
+    ratio = float(np.sqrt(estimate.chi_square / max(estimate.degrees_of_freedom, _LEAST_FREEDOM)))
+    if test is None or test.result == "consistent" or abs(ratio - 1.0) < WORTH_A_WARNING:
+        return
+    if test.result == "residuals_too_small":
+        chance = "p < 0.001" if test.p_value < 0.001 else f"p = {test.p_value:.1g}"
+        yield Finding(
+            code="sigma_overstated",
+            weight="use",
+            message=f"the residuals are only {figure(ratio, '.3g')} times as large as sigma predicts "
+            f"(chi-square test, {chance}), so the uncertainties are too large",
+            remedy="check `noise` and `units.length`; omit `noise` so that sigma is estimated from the "
+            "residuals",
+        )
+    else:
+        weight: Verdict = "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
+        if test.p_value > CARE_LEVEL or (not joints_alone and ratio <= CARE_RATIO_OF_LINKS):
+            weight = "use"  # chance, or the penalty of the links, may enlarge the residuals so far
+        agreement = ""
+        if pure_error is not None and pure_error.shows_motion:
+            agreement = (
+                f". Targets of one posture agree to within {length_text(pure_error.sigma)}, so the flange "
+                "moves differently from the model"
+            )
+        yield Finding(
+            code="residuals_exceed_sigma",
+            weight=weight,
+            message=f"the residuals are {figure(ratio, '.3g')} times as large as the stated noise allows, so "
+            "the uncertainties are too small; how much too small depends on the deflections that the "
+            f"model does not explain{agreement}",
+            remedy=_FIT_CAUSES_FIRST if cause_found else _CHECK_NOISE,
+            action=None if cause_found else AdvisedAction.of("omit_noise"),
+        )
+
+
+def _report_unexplained(
+    measurements: Measurements, estimate: Estimate, prediction: Prediction
+) -> Iterator[Finding]:
+    """Yield a finding if the joints explain too small a share of the deflections.
+
+    If the stated noise explains the residuals, the finding has the weight `use`.
+    """
+    share, is_noise = prediction.compensation, residuals_within_noise(estimate)
+    if share is None or share >= (UNUSABLE_SHARE if is_noise else CARE_SHARE):
+        return
+    weight: Verdict = "use_with_care" if share >= UNUSABLE_SHARE else "do_not_use"
+    norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
+    yield Finding(
+        code="deflection_unexplained",
+        weight="use" if is_noise else weight,
+        message=f"the joints explain only {100 * share:.3g} % of the mean deflection; the joints of "
+        "industrial robots usually explain about 80 %",
+        remedy="check the robot's model, the joint map, the frame and signs of the forces, and the units",
+        action=AdvisedAction.of("show_posture", [measurements.labels[norm.argmax()]]),
+    )
+
+
+def report_implausible_results(estimate: Estimate) -> Iterator[Finding]:
+    """Yield findings on dominant priors, implausible stiffnesses, and a neglected K_c that matters."""
+    for joint in estimate.joints:
+        ratio = joint.prior_to_data
+        if ratio is not None and ratio > 1.0:
+            description = (
+                "alone separates this joint from other joints"
+                if np.isinf(ratio)
+                else f"carries {figure(ratio, '.3g')} times as much information as the readings"
+            )
+            yield Finding(
+                code="prior_dominates",
+                weight="use_with_care",
+                message=f"the prior of {joint.name} {description}: the estimate mainly repeats "
+                "the data sheet",
+                remedy="add loads and postures with more torque about the joint's axis, or omit the prior "
+                "to see the result of the readings alone",
+                where=joint.name,
+            )
+    yield from report_implausible_joints(estimate.joints)
+    if estimate.complementary_stiffness is not None:
+        yield from _report_complementary_stiffness(estimate.complementary_stiffness)
+
+
+def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
+    """Yield a finding for each identified stiffness outside the range of industrial robots."""
+    identified = {
+        joint.name: 1.0 / joint.compliance if joint.compliance else np.inf
+        for joint in joints
+        if joint.status == "identified" and joint.compliance is not None
+    }
+    least, greatest = PLAUSIBLE_STIFFNESS
+    implausible = {name: k for name, k in identified.items() if not least <= abs(k) <= greatest}
+    kinds = {joint.name: joint.kind for joint in joints}
+    for name, stiffness in implausible.items():
+        # A wrong unit scales all joints, a wrong column or map changes single joints.
+        remedy = (
+            f"check the angles and the joint map of {name} and its neighbours; the stiffnesses of the "
+            "other joints are plausible"
+        )
+        if stiffness < 0.0:
+            remedy = (
+                "set `positive` to true; check the joint map, the order of the angles, and the signs of the "
+                "forces"
+            )
+        elif len(implausible) == len(identified):
+            remedy = "check the units of force, length and moment: all joints are out of range"
+        yield Finding(
+            code="stiffness_implausible",
+            weight="do_not_use",
+            message=f"the stiffness of {name} is {stiffness_text(stiffness, kinds[name])}; for joints of "
+            f"industrial robots, {stiffness_text(least, kinds[name])} to "
+            f"{stiffness_text(greatest, kinds[name])} is plausible",
+            remedy=f"{remedy}; {PAST_DO_NOT_USE}",
+            where=name,
+        )
+
+
+def _report_complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Finding]:
+    """Yield a finding if K_c was neglected although its effect is large, or although it was requested."""
+    if size.obstacle is not None:
+        yield Finding(
+            code="complementary_stiffness_matters",
+            weight="use_with_care",
+            message=f"the complementary stiffness K_c had to be neglected: {size.obstacle}",
+            remedy="check the units of force and length",
+        )
+    elif not size.included and size.largest_shift is not None and size.largest_shift > LARGEST_SHIFT:
+        yield Finding(
+            code="complementary_stiffness_matters",
+            weight="use_with_care",
+            message="neglecting the complementary stiffness K_c biases a compliance by "
+            f"{size.largest_shift:.2g} standard uncertainties",
+            remedy="set complementary_stiffness: included",
+            action=AdvisedAction.of("include_complementary_stiffness"),
+        )
+
+
+def _report_links(prediction: Prediction, screening: Screening | None) -> Iterator[Finding]:
+    """Yield a finding if links or base bend (method.md §7), or if joints alone do not fit the readings."""
+    gain, evidence_of_bending = None, ""
+    if screening is not None:
+        gain = screening.gain
+        evidence_of_bending = (
+            f"something besides the joints bends (F test, p = {screening.links_p_value:.1g})"
+        )
+    if gain is not None:
+        evidence_of_bending += (
+            f". The model with {gain.model.replace('_', ' ')} predicts held-out postures to "
+            f"{length_text(gain.error)}, the model with joints alone to "
+            f"{length_text(gain.error_of_joints)}"
+        )
+    evidence = "" if gain is None else f"{evidence_of_bending}. "
+    if prediction.bending == "links_or_base":
+        intervals = "the intervals of the stiffnesses contain the values of both models"
+        if not prediction.joined:
+            used, other = ("base", "links") if prediction.predicted_by == "base" else ("links", "base")
+            intervals = (
+                f"the intervals of the stiffnesses are computed from the model with {used} only, because the "
+                f"model with {other} has no certified solution"
+            )
+        yield Finding(
+            code="links_or_base",
+            weight="use_with_care",
+            message=f"{evidence}Links or the base bend: the readings do not distinguish a model with links "
+            f"from a model with a base. Predictions use the model with {prediction.predicted_by}; "
+            f"{intervals}",
+            remedy="turn joint 1 between the readings, or put a target on the base plate",
+        )
+    elif prediction.bending == "base":
+        yield Finding(
+            code="base_bends",
+            weight="use_with_care",
+            message=f"{evidence}The base below the first joint bends under the load. Readings cannot "
+            "distinguish a rotation of the base about the first axis from a rotation of joint 1; the "
+            "stiffnesses of the other joints do not include the base",
+            remedy="tighten and stiffen the base, or use the stiffnesses of joints and base together; a "
+            "target on the base plate shows directly how the base moves",
+        )
+    elif prediction.bending == "links":
+        yield Finding(
+            code="links_bend_with_joints",
+            weight="use_with_care",
+            message=f"{evidence}Each joint's stiffness includes some bending of its link; the bias exceeds "
+            "the stated uncertainty. Predicted deflections are not affected",
+            remedy="use the model to predict deflections; do not quote the stiffness of a single joint, as "
+            "readings under load cannot separate a joint from its link",
+        )
+    elif screening is not None and screening.lack_of_fit:
+        yield Finding(
+            code="lack_of_fit",
+            weight="use_with_care",
+            message=evidence_of_bending,
+            remedy="set elasticity to automatic: the readings then choose the model; otherwise use these "
+            "stiffnesses only for postures and loads like the measured ones, because the stiffnesses "
+            "include the bending of links",
+            action=AdvisedAction.of("choose_model") if gain is None and screening.comparable else None,
+        )

@@ -1,0 +1,174 @@
+"""Errors that a posture's targets share: found, weighted as one reading, and no excuse for mistakes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.springs import SIGMA, SpringCampaign, robot_of
+
+from jointstiff.schemas.options import RunOptions
+from jointstiff.simulator import TARGETS, default_arm, deflections
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.evidence.scatter import Repeatability, compute_target_motion
+from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.mechanics.block import get_whole_block
+from jointstiff.solver.mechanics.measurements import Scatter
+
+ARM = default_arm()
+ROBOT = robot_of(ARM)
+SETTINGS = Settings.from_options(RunOptions(complementary_stiffness="neglected"), ROBOT)
+POINTS = np.array(list(TARGETS.values()))
+
+
+def scattered(scatter, *, seed=0, station=0.0, sigma=SIGMA, count=24):
+    """Readings of joints that come back with a standard deviation [rad], and of a station that errs [m]."""
+    campaign = SpringCampaign.of(ARM, configurations=count, seed=seed)
+    generator, plan = np.random.default_rng([seed, 3]), campaign.experiment
+    joints = plan.joints + scatter * generator.standard_normal(plan.joints.shape)
+    loaded = deflections(ARM, joints, *plan.wrenches, POINTS)[1]
+    loaded = loaded + station * generator.standard_normal((count, 1, 3))
+    noise = SIGMA * generator.standard_normal((2, *loaded.shape))
+    return campaign.measurements(campaign.unloaded + noise[0], loaded + noise[1], sigma=sigma)
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, None])
+@pytest.mark.parametrize("planted", [1e-5, 2e-5, 4e-5])
+def test_the_repeatability_of_the_joints_is_found(planted, sigma):
+    found = []
+    for seed in range(4):
+        joints = JointsAlone(ROBOT, scattered(planted, seed=seed, sigma=sigma), SETTINGS)
+        found.append(Repeatability.from_measurements(ROBOT, joints.measurements, joints.estimate.sigma).joint)
+    assert np.mean(found) == pytest.approx(planted, rel=0.25)
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, None])
+def test_joints_that_repeat_show_no_scatter(sigma):
+    for seed in range(6):
+        measurements = scattered(0.0, seed=seed, sigma=sigma)
+        assert JointsAlone(ROBOT, measurements, SETTINGS).measurements is measurements
+
+
+def test_the_error_of_a_station_is_not_taken_for_that_of_three_targets():
+    joints = JointsAlone(ROBOT, scattered(0.0, station=5e-5), SETTINGS)
+    assert joints.measurements.scatter.station * SIGMA == pytest.approx(5e-5, rel=0.3)
+
+
+def test_the_motion_of_the_targets_is_that_of_drawn_shifts_and_joints():
+    """Shifts along three axes and turns of six joints, drawn and moved by the simulator."""
+    generator, plan = np.random.default_rng(4), SpringCampaign.of(ARM, configurations=24).experiment
+    scatter, squares = Scatter(joints=1.5, station=2.0), []
+    for _ in range(400):
+        joints = plan.joints + scatter.joints * SIGMA * generator.standard_normal(plan.joints.shape)
+        shift = scatter.station * SIGMA * generator.standard_normal((24, 1, 3))
+        at, moved = (ARM.posture(each).targets_to_base(POINTS) for each in (plan.joints, joints))
+        squares.append(np.square(moved - at + shift).sum(axis=-1).mean())
+    block = get_whole_block(ROBOT, scattered(0.0))
+    assert compute_target_motion(block, scatter, SIGMA) == pytest.approx(np.sqrt(np.mean(squares)), rel=0.02)
+
+
+def test_a_fit_with_scatter_is_generalised_least_squares():
+    """Independent of whitening: the estimate and its covariance by the inverse of the whole covariance."""
+    scatter = Scatter(joints=1.2, station=0.7)
+    measurements = replace(scattered(2e-5), scatter=scatter)
+    found = identify(ROBOT, measurements, SETTINGS)
+    block = get_whole_block(ROBOT, measurements)
+    A, J = (each.reshape(len(measurements), -1, ROBOT.n) for each in (block.A, block.jacobian))
+    d = measurements.deflection.reshape(len(measurements), -1)
+    ones = np.tile(np.eye(3), (len(POINTS), 1))
+    V = 2.0 * np.eye(d.shape[1]) + scatter.joints**2 * J @ J.mT + scatter.station**2 * ones @ ones.T
+    N = (A.mT @ np.linalg.solve(V, A)).sum(axis=0)
+    expected = np.linalg.solve(N, (A.mT @ np.linalg.solve(V, d[..., None])).sum(axis=0))[:, 0]
+    np.testing.assert_allclose(found.compliance, expected, rtol=1e-9)
+    np.testing.assert_allclose(found.covariance, SIGMA**2 * np.linalg.inv(N), rtol=1e-8)
+
+
+def test_complete_and_partial_pose_agree_with_scatter():
+    """Three targets of all coordinates tell as much as their pose, whatever they share."""
+    measurements = replace(scattered(2e-5), scatter=Scatter(1.0, 0.5))
+    complete = Settings.from_options(
+        RunOptions(method="complete_pose", complementary_stiffness="neglected"), ROBOT
+    )
+    np.testing.assert_allclose(
+        identify(ROBOT, measurements, complete).compliance,
+        identify(ROBOT, measurements, SETTINGS).compliance,
+        rtol=1e-8,
+    )
+
+
+def test_equal_weights_stay_equal_with_scatter():
+    measurements = scattered(2e-5)
+    uniform = Settings.from_options(
+        RunOptions(weighting="uniform", complementary_stiffness="neglected"), ROBOT
+    )
+    plain = identify(ROBOT, measurements, uniform)
+    shared = identify(ROBOT, replace(measurements, scatter=Scatter(1.0, 0.5)), uniform)
+    np.testing.assert_allclose(shared.compliance, plain.compliance, rtol=1e-9)
+    assert (np.diag(shared.covariance) > np.diag(plain.covariance)).all()
+
+
+def test_one_wrong_posture_is_no_scatter():
+    measurements = scattered(0.0)
+    off = measurements.deflection.copy()
+    off[7] += 2e-3
+    joints = JointsAlone(ROBOT, replace(measurements, deflection=off), SETTINGS)
+    assert not joints.measurements.scatter
+
+
+def test_residuals_beyond_any_robot_in_order_are_no_scatter():
+    assert not JointsAlone(ROBOT, scattered(5e-4), SETTINGS).measurements.scatter
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, None])
+def test_a_repeatability_that_is_stated_is_used(sigma):
+    measurements = replace(scattered(3e-5, sigma=sigma), repeatability=3e-5)
+    if sigma:
+        measurements = replace(measurements, scatter=Scatter(3e-5 / sigma))
+    joints = JointsAlone(ROBOT, measurements, SETTINGS)
+    found = Repeatability.from_measurements(ROBOT, joints.measurements, joints.estimate.sigma)
+    assert found.source == "given"
+    assert found.joint == pytest.approx(3e-5, rel=1e-9 if sigma else 0.1)
+
+
+def test_a_stated_repeatability_excuses_no_larger_errors():
+    """0.4 mm of a station are no repeatability of 10 µrad."""
+    measurements = replace(scattered(0.0, station=4e-4), repeatability=1e-5, scatter=Scatter(1e-5 / SIGMA))
+    joints = JointsAlone(ROBOT, measurements, SETTINGS)
+    assert joints.measurements.scatter == Scatter(1e-5 / SIGMA)
+    assert joints.estimate.sigma_test.result == "residuals_too_large"
+
+
+def test_a_straight_wrist_hides_no_scatter():
+    """Axes 4 and 6 coincide in every posture: their columns depend on each other."""
+    found = []
+    for seed in range(4):
+        campaign = SpringCampaign.of(ARM, configurations=24, seed=seed)
+        plan = replace(
+            campaign.experiment, joints=campaign.experiment.joints * [1.0, 1.0, 1.0, 1.0, 0.0, 1.0]
+        )
+        generator = np.random.default_rng([seed, 5])
+        turned = plan.joints + 1.2e-5 * generator.standard_normal(plan.joints.shape)
+        straight = SpringCampaign.by(ARM, plan)
+        loaded = deflections(ARM, turned, *plan.wrenches, POINTS)[1]
+        noise = SIGMA * generator.standard_normal((2, *loaded.shape))
+        read = straight.measurements(straight.unloaded + noise[0], loaded + noise[1], sigma=SIGMA)
+        joints = JointsAlone(ROBOT, read, SETTINGS)
+        found.append(joints.measurements.scatter.joints * SIGMA)
+    assert np.mean(found) == pytest.approx(1.2e-5, rel=0.3)
+
+
+def test_noise_of_one_target_that_is_stated_too_small_is_no_scatter():
+    for seed in range(4):
+        measurements = scattered(0.0, seed=seed, sigma=SIGMA / 1.6, count=30)
+        one = replace(measurements, present=np.arange(3) == np.zeros((30, 1)))
+        one = replace(one, deflection=np.where(one.present[..., None], one.deflection, 0.0))
+        joints = JointsAlone(ROBOT, one, SETTINGS)
+        assert not joints.measurements.scatter
+        assert joints.estimate.sigma_test.result == "residuals_too_large"
+
+
+@pytest.mark.parametrize("stated", [-1e-6, np.nan, np.inf])
+def test_a_repeatability_that_is_none_is_refused(stated):
+    with pytest.raises(MeasurementError, match="repeatability"):
+        replace(scattered(0.0), repeatability=stated)
