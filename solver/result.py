@@ -82,13 +82,13 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
     Raises:
         JointstiffError: the identification of the joints fails.
     """
-    robot, measurements = joints.robot, joints.measurements
+    robot, rows = joints.robot, joints.rows
     settings, estimate = joints.settings, joints.estimate
     model = JointModel.from_estimate(robot, estimate, settings.constraints)
     jackknife = None  # fits that each leave out one posture; None if such a fit fails
     error: ModelError | JointstiffError
     try:
-        error = estimate_error_by_leaving_postures_out(robot, measurements, settings, estimate, model)
+        error = estimate_error_by_leaving_postures_out(rows, settings, estimate, model)
         jackknife = error.left_out
     except JointstiffError as failure:  # the run is valid without a model error; predictions say why
         error = failure
@@ -99,10 +99,8 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
     if budget is not None and has_lack_of_fit:
         estimate = budget.widen_intervals(estimate, settings.bounds)
     prediction = predict(
-        robot,
-        measurements,
+        rows.at(estimate.balanced),
         estimate.compliance,
-        balanced_compliance=estimate.balanced,
         is_estimated=estimate.estimated,
         statements=estimate.statements,
     )
@@ -110,7 +108,7 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
     least_mistakes: tuple[LeastMistake, ...] = ()
     if not (screening.causes or screening.lack_of_fit) and joints.are_sound:
         prior = None if settings.prior is None else settings.prior.in_units_of(estimate.sigma or 1.0)
-        least_mistakes = find_least_mistakes(robot, measurements, estimate, len(screening.tests), prior)
+        least_mistakes = find_least_mistakes(rows, estimate, len(screening.tests), prior)
     assessment = assess(joints, estimate, prediction, screening, least_mistakes)
     return RunOutcome(
         estimate=estimate,
@@ -120,7 +118,7 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
         model=build_stored_model(model, error),
         choice=choice,
         screening=screening,
-        repeatability=Repeatability.from_measurements(robot, measurements, estimate.sigma),
+        repeatability=Repeatability.from_rows(rows, estimate.sigma),
         budget=budget,
         unseen=least_mistakes,
     )
@@ -139,7 +137,7 @@ def report_elastic_model(
         screening: tests of the residuals of joints alone.
     """
     # The scatter that residuals of joints alone show includes the bending of links, so it is not used here.
-    robot, measurements, elastic_estimate = joints.robot, joints.given, elastic.estimate
+    robot, measurements, elastic_estimate = joints.robot, joints.given.measurements, elastic.estimate
     estimate = replace_by_effective(joints.estimate, elastic_estimate, elastic.effective)
     assessment = assess(joints, estimate, elastic_estimate.prediction, screening)
     # Outliers of joints alone are kept only if links leave these readings unexplained, too.
@@ -154,7 +152,7 @@ def report_elastic_model(
             warnings += report_losses(int(measurements.present.sum()))
     error: ModelError | JointstiffError
     try:
-        error = estimate_error_by_leaving_folds_out(robot, measurements, elastic_estimate)
+        error = estimate_error_by_leaving_folds_out(joints.given, elastic_estimate)
     except JointstiffError as failure:  # the run is valid without a model error; predictions say why
         error = failure
     return RunOutcome(
@@ -165,7 +163,7 @@ def report_elastic_model(
         model=build_stored_model(ElasticPredictor.from_estimate(robot, elastic_estimate), error),
         choice=describe_choice_by_comparison(winner, screening),
         screening=screening,
-        repeatability=Repeatability.from_measurements(robot, measurements, estimate.sigma),
+        repeatability=Repeatability.from_rows(joints.given, estimate.sigma),
         links=LinksResult(
             loss_source="cross_validation" if competition.loss_is_compared else "given",
             penalty=elastic_estimate.penalty,

@@ -41,6 +41,7 @@ from jointstiff.solver.fit.estimate import (
     Prediction,
 )
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import solve_nonnegative
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, fitted_errors, targets_in_flange
 from jointstiff.solver.mechanics.measurements import (
@@ -169,7 +170,7 @@ def assess(
     """
     robot, measurements, settings = joints.robot, joints.measurements, joints.settings
     findings: Sequence[Finding] = joints.noticed
-    unloading = compare_unloaded_positions(robot, measurements, joints.estimate.compliance)
+    unloading = compare_unloaded_positions(joints.rows, joints.estimate.compliance)
     notes = tuple(_list_notes(measurements, estimate, unloading))
     if joints.refuted:
         notes += (f"The stiffnesses are identified without the refuted {_name_postures(joints.refuted)}.",)
@@ -230,7 +231,7 @@ def assess(
             estimate,
             prediction,
             screening,
-            pure_error=measure_pure_error(robot, measurements, estimate, prediction),
+            pure_error=measure_pure_error(joints.rows, estimate, prediction),
             explained=gross or better is not None,
             cause_found=bool(causes),
         ),
@@ -677,7 +678,7 @@ def find_fit_problems(
             "the chosen robot would move the targets in another way"
         )
         # If the negated deflections fit, unloaded and loaded readings, or all forces, are reversed.
-        d = estimate.triangles.all_readings.rhs
+        d = estimate.compressed.all_readings.rhs
         if solve_nonnegative(estimate.regressor, -d)[1] < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d):
             remedy = "exchange unloaded and loaded readings, or change the sign of every force"
             action = AdvisedAction.of("exchange_readings")
@@ -767,15 +768,13 @@ def report_no_identified_joint(
     )
 
 
-def measure_pure_error(
-    robot: Robot, measurements: Measurements, estimate: Estimate, prediction: Prediction
-) -> PureError | None:
+def measure_pure_error(rows: Rows, estimate: Estimate, prediction: Prediction) -> PureError | None:
     """Return the noise of the readings whatever the model; None if the readings do not show it."""
-    rows = float(measurements.coordinates.sum())
+    measurements = rows.measurements
+    readings = float(measurements.coordinates.sum())
     if measurements.encoders is not None:
-        rows += float(measurements.encoders.present.sum())
-    unknowns = rows - estimate.degrees_of_freedom
-    return compute_pure_error(robot, measurements, prediction.residual, unknowns)
+        readings += float(measurements.encoders.present.sum())
+    return compute_pure_error(rows, prediction.residual, readings - estimate.degrees_of_freedom)
 
 
 def report_unexplained_motion(pure_error: PureError) -> Finding:

@@ -27,6 +27,7 @@ from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.refuted import list_refuted
 from jointstiff.solver.evidence.resampling import Draws
 from jointstiff.solver.fit.method import Loss, Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.own_weight.run import run_by_weight
@@ -91,7 +92,7 @@ class Identification:
         if options.weight is None:  # a run by the robot's own weight has no long part
             causes = [cause.name_and_first_label for cause in options.causes]
             refuted = list_refuted(measurements, self._noticed)
-            self._measurements = fit_causes(robot, measurements.require_loads(), causes, refuted)
+            self._measurements = fit_causes(Rows(robot, measurements.require_loads()), causes, refuted)
             self._settings = Settings.from_options(options, robot)
             self.long = self._competition
             if self.long is None and options.resampling is not None:
@@ -100,7 +101,7 @@ class Identification:
     @cached_property
     def _joints(self) -> JointsAlone:
         """Model in which only joints bend, fitted to the readings."""
-        return JointsAlone(self._robot, self._measurements, self._settings, self._noticed)
+        return JointsAlone(Rows(self._robot, self._measurements), self._settings, self._noticed)
 
     @cached_property
     def _excluded(self) -> str | None:

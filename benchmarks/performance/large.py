@@ -16,6 +16,7 @@ from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.rows import Rows
 
 __all__ = ["run"]
 
@@ -80,7 +81,7 @@ def _against_cvxpy(campaign: Campaign) -> Section:
 
 
 def _identified(campaign: Campaign) -> Estimate:
-    return identify(campaign.robot, campaign.measurements, default_settings(campaign.robot))
+    return identify(Rows(campaign.robot, campaign.measurements), default_settings(campaign.robot))
 
 
 def _differences(times: Times, peer: str) -> dict[str, str]:

@@ -17,6 +17,7 @@ from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import MapTask, compute_tool_rotations, map_places, map_postures
@@ -40,7 +41,7 @@ def run(*, quick: bool) -> list[Section]:
     campaign = small_campaign()
     robot, settings = campaign.robot, default_settings(campaign.robot)
     model = JointModel.from_estimate(
-        robot, identify(robot, campaign.measurements, settings), settings.constraints
+        robot, identify(Rows(robot, campaign.measurements), settings), settings.constraints
     )
     task, area = _task(), _area(places)
     inverse = InverseKinematics(robot)

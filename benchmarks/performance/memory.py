@@ -13,6 +13,7 @@ import numpy as np
 from benchmarks.campaigns import default_settings, large_campaign
 from benchmarks.report import Figure, Section
 from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import Measurements
 
 __all__ = ["run"]
@@ -73,7 +74,7 @@ def _in_child(configurations: int) -> Peak:
 def _measure(configurations: int) -> Peak:
     campaign = large_campaign(configurations)
     before = _greatest_resident_size()
-    identify(campaign.robot, campaign.measurements, default_settings(campaign.robot))
+    identify(Rows(campaign.robot, campaign.measurements), default_settings(campaign.robot))
     return Peak(configurations, _size(campaign.measurements), before, _greatest_resident_size())
 
 

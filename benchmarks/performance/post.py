@@ -19,6 +19,7 @@ from benchmarks.report import Figure, Section, times_table
 from benchmarks.services import Service, ServiceError, post_document
 from benchmarks.timing import Times, interleaved
 from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.rows import Rows
 
 __all__ = ["run"]
 
@@ -57,7 +58,7 @@ def _campaign_at_bounds() -> Campaign:
     """The first campaign, of noise that large, that has a compliance at zero."""
     for seed in count():
         campaign = small_campaign(sigma=LARGE_NOISE, seed=seed)
-        estimate = identify(campaign.robot, campaign.measurements, default_settings(campaign.robot))
+        estimate = identify(Rows(campaign.robot, campaign.measurements), default_settings(campaign.robot))
         if (estimate.compliance == 0.0).any():
             return campaign
     raise AssertionError("unreachable")

@@ -24,6 +24,7 @@ from jointstiff.solver.evidence.resampling import (
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.problem import Bounds
+from jointstiff.solver.fit.rows import Rows
 
 __all__ = ["run"]
 
@@ -113,8 +114,8 @@ def _resampled(campaign: Campaign, settings: Settings, plan: Resampling) -> Resa
 def _blocks(campaign: Campaign, settings: Settings) -> MethodStacks:
     """Return the blocks for resampling, after the identification of the full set without bounds."""
     whole = replace(settings, bounds=Bounds.unconstrained(campaign.robot.n))
-    estimate = identify(campaign.robot, campaign.measurements, whole)
-    return build_method_stacks(campaign.robot, campaign.measurements, whole, estimate)
+    rows = Rows(campaign.robot, campaign.measurements)
+    return build_method_stacks(rows, whole, identify(rows, whole))
 
 
 def _one_by_one(

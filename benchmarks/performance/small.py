@@ -20,6 +20,7 @@ from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify
+from jointstiff.solver.fit.rows import Rows
 from tests.reference.exact_nnls import exact_nnls
 
 __all__ = ["run"]
@@ -70,7 +71,7 @@ def _times(campaign: Campaign, A: FloatArray, d: FloatArray, rounds: int) -> Tim
     robot, measurements, settings = campaign.robot, campaign.measurements, default_settings(campaign.robot)
     pair = interleaved(
         {
-            OURS: lambda: identify(robot, measurements, settings),
+            OURS: lambda: identify(Rows(robot, measurements), settings),
             NAIVE: lambda: cvxpy_clarabel(A, d),
         },
         rounds=rounds,

@@ -28,6 +28,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.fitted_causes import fit_causes
 from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import fitted_errors
 from jointstiff.solver.mechanics.measurements import DifferenceNoise, Instrument, Measurements
 from tests.support.springs import robot_of
@@ -54,12 +55,12 @@ class _Outcome:
 def _outcome(arm: SpringArm, measured: Measurements) -> _Outcome:
     robot = robot_of(arm)
     settings = Settings.from_options(RunOptions(), robot)
-    joints = JointsAlone(robot, measured, settings)
+    joints = JointsAlone(Rows(robot, measured), settings)
     estimate, screening = joints.estimate, joints.screening
     named = [(cause.suspect.name, cause.suspect.first) for cause in screening.causes]
     if named:
-        measured = fit_causes(robot, measured, named)
-        estimate = JointsAlone(robot, measured, settings).estimate
+        measured = fit_causes(Rows(robot, measured), named)
+        estimate = JointsAlone(Rows(robot, measured), settings).estimate
     truth = arm.compliances
     ends = [
         (joint.compliance_interval, truth[j])
@@ -186,7 +187,7 @@ def _shift_errors(seed: int) -> FloatArray:
     moved = 1e-4 * np.array([1.0, -0.5, 0.5])
     station = _STATION * generator.standard_normal((len(design.loaded), 1, 3))
     measured = read(Planted.clean(design).move(moved + station), generator, sigma=True)
-    fitted = fitted_errors(fit_causes(robot_of(design.arm), measured, [("shift", None)]))
+    fitted = fitted_errors(fit_causes(Rows(robot_of(design.arm), measured), [("shift", None)]))
     return np.asarray((fitted.unknowns[0] - moved) / np.linalg.norm(fitted.root, axis=1))
 
 

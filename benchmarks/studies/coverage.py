@@ -20,6 +20,7 @@ from jointstiff.solver.fit.estimate import Estimate, JointCompliance
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.problem import Bounds
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from tests.support.springs import robot_of
@@ -75,7 +76,7 @@ class Way:
         )
         if not self.sigma_given:
             measurements = replace(measurements, sigma=None)
-        return identify(robot, measurements, settings)
+        return identify(Rows(robot, measurements), settings)
 
 
 @dataclass(frozen=True, eq=False)

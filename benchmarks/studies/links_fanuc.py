@@ -33,8 +33,9 @@ from jointstiff.solver.fit.elastic import (
     WITH_BASE,
     ElasticColumns,
     ElasticModel,
-    generate_elastic_blocks,
+    generate_elastic_rows,
 )
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -69,7 +70,7 @@ def _fanuc(robot: Robot, measurements: Measurements, *, quick: bool, part: Part)
     for seed in part.of(2 if quick else SPLITS):
         drawn = np.random.default_rng(seed).permutation(len(measurements))
         parts = measurements[np.sort(drawn[:FITTED])], measurements[np.sort(drawn[FITTED:])]
-        folds = Folds(robot, parts[0], COLUMNS, VISIBLE, CrossValidation(seed=seed), None)
+        folds = Folds(Rows(robot, parts[0]), COLUMNS, VISIBLE, CrossValidation(seed=seed), None)
         for name, (model, losses) in candidates.items():
             compliances, elastic = _best_loss(folds, model, losses)
             found[name].append(_compensation(robot, parts[1], compliances))
@@ -106,7 +107,7 @@ def _share_of_ball(
     robot: Robot, fitted: Measurements, elastic: ElasticEstimate, held: Measurements
 ) -> FloatArray:
     """Return how far held-out readings are from their predictions, over the radii of the balls for 90 %."""
-    error = estimate_error_by_leaving_folds_out(robot, fitted, elastic)
+    error = estimate_error_by_leaving_folds_out(Rows(robot, fitted), elastic)
     place = held.position[:, 0]  # in the flange frame
     cases = LoadCases(held.joints, held.force, held.moment, held.load_point, place.copy())
     bent = ElasticPredictor.from_estimate(robot, elastic).deflect(cases)
@@ -116,7 +117,7 @@ def _share_of_ball(
 
 def _cross_validated(robot: Robot, measurements: Measurements) -> float:
     """Compensation [%] of the whole set by cross-validation, joints and links, loss and penalty chosen."""
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(), None)
+    folds = Folds(Rows(robot, measurements), COLUMNS, VISIBLE, CrossValidation(), None)
     models = [ElasticModel("joints_and_links", COLUMNS, loss) for loss in LOSSES]
     selection = select_model(folds, {model.key: fit_folds(folds, model, WEIGHTS) for model in models})
     return 100 * selection.find_held_out("joints_and_links").compensation
@@ -142,8 +143,8 @@ def _best_loss(
 
 def _compensation(robot: Robot, measurements: Measurements, compliances: FloatArray) -> float:
     residual, moved = [], []
-    for block, rows in generate_elastic_blocks(robot, measurements, COLUMNS):
-        part = block.measurements
+    for rows in generate_elastic_rows(Rows(robot, measurements), COLUMNS):
+        part = rows.block.measurements
         left = np.linalg.norm(rows.targets[..., -1] - rows.targets[..., :-1] @ compliances, axis=-1)
         residual.append(left[part.present])
         moved.append(np.linalg.norm(part.deflection, axis=-1)[part.present])
@@ -158,6 +159,6 @@ def held_out_compensation(
     robot: Robot, fitted: Measurements, held_out: Measurements, name: ModelName, *, seed: int
 ) -> float:
     """Compensation of readings that took part neither in the fit nor in the choice of the weight."""
-    folds = Folds(robot, fitted, COLUMNS, VISIBLE, CrossValidation(seed=seed), None)
+    folds = Folds(Rows(robot, fitted), COLUMNS, VISIBLE, CrossValidation(seed=seed), None)
     compliances, _ = _best_loss(folds, name, ("squared",))
     return _compensation(robot, held_out, compliances)

@@ -22,6 +22,7 @@ from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.problem import Bounds
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import ASSUMED_LIVE_DRIFT, CommonUncertainty
 from jointstiff.solver.run import run as identify_run
 from tests.support.springs import robot_of
@@ -91,8 +92,8 @@ def _outcome(read: Callable[[Design, Generator], Positions], *, stated: bool, se
     measurements = design.measurements(unloaded, loaded, sigma=SIGMA if stated else None)[kept]
     robot = robot_of(design.arm)
     settings = Settings("partial_pose", "covariance", Bounds.positive(robot.n), confidence=0.95)
-    joints = JointsAlone(robot, measurements, settings)
-    plain = identify(robot, measurements, settings)
+    joints = JointsAlone(Rows(robot, measurements), settings)
+    plain = identify(Rows(robot, measurements), settings)
     found = joints.estimate
     ends = np.array(list(_intervals(found)))
     truth = design.arm.compliances

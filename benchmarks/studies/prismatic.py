@@ -10,6 +10,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.predict.models import JointModel
 from tests.support.slides import arm_on_rail, scara
@@ -74,7 +75,7 @@ def _settings(n: int) -> Settings:
 def _error(arm: SpringArm, force: float) -> float:
     campaign = SpringCampaign.of(arm, configurations=CONFIGURATIONS, seed=1, force=force)
     exact = campaign.measurements(campaign.unloaded, campaign.loaded, sigma=SIGMA)
-    found = identify(robot_of(arm), exact, _settings(len(arm.stiffnesses)))
+    found = identify(Rows(robot_of(arm), exact), _settings(len(arm.stiffnesses)))
     return float(np.abs(found.compliance * arm.stiffnesses - 1.0).max())
 
 
@@ -83,7 +84,7 @@ def _coverage(arm: SpringArm, force: float, draws: int) -> FloatArray:
     robot, held = robot_of(arm), []
     campaign = SpringCampaign.of(arm, configurations=CONFIGURATIONS, seed=2, force=force)
     for readings in campaign.measured(draws, seed=3):
-        joints = identify(robot, readings, _settings(robot.n)).joints
+        joints = identify(Rows(robot, readings), _settings(robot.n)).joints
         ends = np.array([joint.compliance_interval for joint in joints])
         held.append((ends[:, 0] <= arm.compliances) & (arm.compliances <= ends[:, 1]))
     return np.array(held, dtype=np.float64)

@@ -22,6 +22,7 @@ from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.pure_error import PureError
 from jointstiff.solver.fit.estimate import predict
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.rules import measure_pure_error
 from tests.support.springs import robot_of
@@ -106,16 +107,11 @@ def _measure(
         read, common_uncertainty=CommonUncertainty(load_point=0.01, assumed=frozenset({"load_point"}))
     )
     robot = robot_of(design.arm)
-    joints = JointsAlone(robot, read, Settings.from_options(RunOptions(), robot))
+    joints = JointsAlone(Rows(robot, read), Settings.from_options(RunOptions(), robot))
     found = joints.estimate
-    prediction = predict(
-        robot,
-        joints.measurements,
-        found.compliance,
-        balanced_compliance=found.balanced,
-        statements=found.statements,
-    )
-    return measure_pure_error(robot, joints.measurements, found, prediction), joints
+    rows = joints.rows.at(found.balanced)
+    prediction = predict(rows, found.compliance, statements=found.statements)
+    return measure_pure_error(joints.rows, found, prediction), joints
 
 
 def run(*, quick: bool) -> list[Section]:

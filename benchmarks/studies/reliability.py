@@ -19,6 +19,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.reliability import find_least_mistakes
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.run import run as identify_and_judge
 from tests.support.springs import SpringCampaign, robot_of
@@ -83,10 +84,12 @@ def _actual_over_foretold(seed: int) -> float:
     arm, none = default_arm(), np.zeros(3)
     robot = robot_of(arm)
     settings = Settings.from_options(RunOptions(), robot)
-    clean = JointsAlone(robot, _measured(seed, STATED, none), settings)
-    found = find_least_mistakes(robot, clean.measurements, clean.estimate, len(clean.screening.tests))
+    clean = JointsAlone(Rows(robot, _measured(seed, STATED, none)), settings)
+    found = find_least_mistakes(clean.rows, clean.estimate, len(clean.screening.tests))
     least = next(each for each in found if each.name == "load_point")
-    moved = JointsAlone(robot, _measured(seed, STATED, 0.5 * np.array(least.unknowns)), settings).estimate
+    moved = JointsAlone(
+        Rows(robot, _measured(seed, STATED, 0.5 * np.array(least.unknowns))), settings
+    ).estimate
     j = robot.joint_names.index(least.joint)
     change = abs(moved.compliance[j] - clean.estimate.compliance[j])
     return float(change / (0.5 * least.moves * (clean.estimate.joints[j].standard_uncertainty or np.nan)))

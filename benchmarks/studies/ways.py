@@ -24,6 +24,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.problem import Bounds
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -133,9 +134,10 @@ def compare_ways(number: int, force: float) -> Iterator[Pair]:
     )
     robot, measurements = _prepare(campaign)
     settings = Settings("complete_pose", "covariance", Bounds.positive(6))
-    estimate = identify(robot, measurements, settings)
+    rows = Rows(robot, measurements)
+    estimate = identify(rows, settings)
     model = JointModel.from_estimate(robot, estimate, settings.constraints)
-    error = estimate_error_by_leaving_postures_out(robot, measurements, settings, estimate, model)
+    error = estimate_error_by_leaving_postures_out(rows, settings, estimate, model)
     for _ in range(PATHS):
         place = reach_centre(robot, draw.uniform(0.5, 0.75), draw.uniform(0.1, 0.4), draw.uniform(-0.3, 0.3))
         path = process_path(

@@ -129,7 +129,7 @@ class Competition:
         Raises:
             RequestError: the readings or options do not support the comparison, or a joint does not exist.
         """
-        measurements, requested_penalty = joints.given, options.link_penalty
+        measurements, requested_penalty = joints.given.measurements, options.link_penalty
         refuse_unsupported_elastic(joints.stated)
         if options.resampling is not None:
             raise UnsupportedMethodError(
@@ -324,7 +324,7 @@ class Competition:
         """Measurement set divided into folds."""
         joints = self._joints
         visible = ~joints.estimate.observability.null
-        return Folds(joints.robot, joints.given, self._columns, visible, self._validation, self._statements)
+        return Folds(joints.given, self._columns, visible, self._validation, self._statements)
 
     @cached_property
     def _statements(self) -> Statements | None:
@@ -334,15 +334,16 @@ class Competition:
         fraction of an error that is small itself.
         """
         joints = self._joints
-        terms = list_stated_terms(joints.given)
+        given = joints.given.measurements
+        terms = list_stated_terms(given)
         prior = joints.stated.prior
         if not terms and prior is None:
             return None
         return Statements(
             terms=terms,
-            common=joints.given.common_uncertainty,
+            common=given.common_uncertainty,
             compliance=np.maximum(joints.estimate.compliance, 0.0),
-            sigma=max(joints.given.sigma or joints.estimate.sigma or 0.0, LEAST_STATED_SIGMA),
+            sigma=max(given.sigma or joints.estimate.sigma or 0.0, LEAST_STATED_SIGMA),
             prior=prior,
         )
 

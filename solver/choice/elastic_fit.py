@@ -37,15 +37,15 @@ from jointstiff.solver.fit.elastic import (
     ElasticColumns,
     ElasticModel,
     Formulation,
-    generate_elastic_blocks,
+    generate_elastic_rows,
 )
 from jointstiff.solver.fit.estimate import Estimate, JointCompliance, Prediction
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import Certificate, Witness
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
 from jointstiff.solver.mechanics.block import spring_frames
-from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import BASE, triangle_indices, triangle_weights
@@ -207,7 +207,7 @@ def _estimate_once(
     effective_freedom, degrees_of_freedom, sigma, chi_square = _summarise_residuals(
         squares, weight_of_squares, compliances, measurements.sigma
     )
-    elements, prediction = _compute_element_shares(robot, measurements, model, statements, unknowns)
+    elements, prediction = _compute_element_shares(folds.source, model, statements, unknowns)
     determined = np.isin(np.arange(robot.n), formulation.columns)
     joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
     return ElasticEstimate(
@@ -396,8 +396,7 @@ def _summarise_compliance(
 
 
 def _compute_element_shares(
-    robot: Robot,
-    measurements: Measurements,
+    source: Rows,
     model: ElasticModel,
     statements: Statements | None,
     unknowns: FloatArray,
@@ -408,8 +407,7 @@ def _compute_element_shares(
     summed over the targets, are divided by the sum of the squared measured deflections.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
+        source: N observations.
         model: elastic elements that bend.
         statements: stated errors that were fitted; None without any.
         unknowns: (P + K,) fitted compliances and stated errors.
@@ -417,7 +415,7 @@ def _compute_element_shares(
     Returns:
         The shares; and the prediction of all deflections by all elements and stated errors together.
     """
-    columns = model.columns
+    robot, measurements, columns = source.robot, source.measurements, model.columns
     coupling_diagonal = columns.coupling[find_diagonal_entries(columns.n)]
     # Kind, joint, and columns of each element. A joint's own compliance has a column as a single number, and
     # a column on the diagonal of the coupled compliance; one of the two compliances is zero.
@@ -432,10 +430,10 @@ def _compute_element_shares(
         joint_name = None if frame == BASE else robot.joint_names[frame]
         elements_of_model.append((kind, joint_name, columns.link_columns(frame)))
     predicted, predicted_turns, products = [], [], []
-    for block, rows in generate_elastic_blocks(robot, measurements, model.columns, statements):
+    for rows in generate_elastic_rows(source, model.columns, statements):
         # Missing readings add nothing: their rows and deflections are zero.
         # (B, P + K) scalar product of the deflections due to each unknown with the measured deflections
-        deflection = block.measurements.deflection
+        deflection = rows.block.measurements.deflection
         column_products = np.einsum("btip,bti->bp", rows.targets[..., :-1], deflection) * unknowns
         products.append(
             np.stack(

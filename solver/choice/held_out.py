@@ -33,12 +33,12 @@ from jointstiff.solver.fit.elastic import (
     Formulation,
     compress_elastic_rows,
     formulate_fit,
-    generate_elastic_blocks,
+    generate_elastic_rows,
     select_rows_of_part,
 )
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.statements import Statements
-from jointstiff.solver.mechanics.measurements import Measurements, find_first_equal
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.measurements import find_first_equal
 
 
 def list_models_to_compare(screening: Screening, requested: ModelName | None) -> tuple[ModelName, ...]:
@@ -131,6 +131,7 @@ class Folds:
     """Measurement set divided into folds; each fold is compressed once, when it is first needed.
 
     Attributes:
+        source: rows of the N observations.
         robot: n joints.
         measurements: N observations.
         columns: columns of the richest model.
@@ -143,8 +144,7 @@ class Folds:
 
     def __init__(
         self,
-        robot: Robot,
-        measurements: Measurements,
+        rows: Rows,
         columns: ElasticColumns,
         visible: BoolArray,
         validation: CrossValidation,
@@ -155,10 +155,10 @@ class Folds:
         Raises:
             UnsupportedMethodError: all observations have the same posture.
         """
-        self.robot, self.measurements = robot, measurements
+        self.source, self.robot, self.measurements = rows, rows.robot, rows.measurements
         self.columns, self.visible, self.validation = columns, visible, validation
         self.statements = statements
-        self.held_out = draw_folds(validation, measurements.joints)
+        self.held_out = draw_folds(validation, rows.measurements.joints)
         self.per_draw = len(self.held_out) // validation.draws
         self._training: dict[int | None, ElasticRows] = {}
         self._formulations: dict[tuple[int | None, ModelName], Formulation] = {}
@@ -169,9 +169,7 @@ class Folds:
     @cached_property
     def rows(self) -> tuple[ElasticRows, ...]:
         """Compressed rows of each fold, in the order of the folds."""
-        return compress_elastic_rows(
-            self.robot, self.measurements, self.columns, self.held_out, self.statements
-        )
+        return compress_elastic_rows(self.source, self.columns, self.held_out, self.statements)
 
     def merge_training_rows(self, fold: int | None) -> ElasticRows:
         """Return the compressed rows of a training set: all folds of a draw except the held-out `fold`.
@@ -206,7 +204,7 @@ class Folds:
             UnsupportedMethodError: no target moved or no load acts, so that the penalty has no scale.
         """
         whole_set = [np.arange(len(self.measurements))]
-        (rows,) = compress_elastic_rows(self.robot, self.measurements, self.columns, whole_set, statements)
+        (rows,) = compress_elastic_rows(self.source, self.columns, whole_set, statements)
         return formulate_fit(rows, model, self.visible, self.measurements.sigma)
 
     def compute_prediction_errors(self, fold: int, unknowns: FloatArray) -> FloatArray:
@@ -571,10 +569,8 @@ def _score_held_out(folds: Folds, unknowns: FloatArray) -> tuple[FloatArray, Flo
         np.zeros((len(unknowns), len(fold_observations))) for fold_observations in folds.held_out
     ]
     start = 0  # index of the first observation of the block
-    for block, rows in generate_elastic_blocks(
-        folds.robot, folds.measurements, folds.columns, folds.statements
-    ):
-        in_block = block.measurements
+    for rows in generate_elastic_rows(folds.source, folds.columns, folds.statements):
+        in_block = rows.block.measurements
         for fold, fold_observations in enumerate(folds.held_out):
             in_fold = select_rows_of_part(fold_observations, start, start + len(in_block))
             deflection, present = in_block.deflection[in_fold], in_block.present[in_fold]

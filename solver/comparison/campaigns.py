@@ -38,9 +38,9 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fit.estimate import compute_profile_ends, invert_compliance, predict
 from jointstiff.solver.fit.problem import Bounds, Constraints, Order
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import greatest_violations
 from jointstiff.solver.fit.stages import Likelihood, StageFit, invert_to_root, student_quantile
-from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -633,9 +633,9 @@ def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArra
     count = measurements.present.sum(axis=1)
     for compliance in compliances:
         balanced = compliance if side.complementary_stiffness else None
-        predicted = predict(robot, measurements, compliance, balanced_compliance=balanced).predicted
+        predicted = predict(Rows(robot, measurements, balanced), compliance).predicted
         means.append((np.linalg.norm(predicted, axis=2) * measurements.present).sum(axis=1) / count)
-    blocks = regressor_blocks(robot, measurements)
+    blocks = Rows(robot, measurements).generate_blocks()
     size = np.concatenate([np.abs(block.A).max(axis=(1, 2)) for block in blocks])
     hidden = (size[:, unknown] > _NO_EFFECT * size.max()).any(axis=1)
     return np.where(hidden[:, None], np.nan, np.stack(means, axis=1))

@@ -27,8 +27,9 @@ from jointstiff.schemas.plan import (
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
-from jointstiff.solver.mechanics.block import fitted_errors, regressor_blocks
+from jointstiff.solver.mechanics.block import fitted_errors
 from jointstiff.solver.mechanics.measurements import (
     NO_SCATTER,
     DifferenceNoise,
@@ -427,9 +428,8 @@ def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measur
     links = [build_links_term(tuple(range(robot.n)))] if request.links else []
     terms = [JOINTS, *links, *(TERMS[name] for name in hedged)]
     fitted = fitted_errors(measurements).terms
-    blocks = regressor_blocks(robot, measurements)
     compliance = np.nan_to_num(request.nominal)
-    stack = Stack.from_blocks(blocks, [*terms, *fitted], compliance)
+    stack = Rows(robot, measurements).stack([*terms, *fitted], compliance)
     stack = stack.in_units(hedged)
     return stack.project_out([term.name for term in fitted]) if fitted else stack
 

@@ -45,9 +45,10 @@ from jointstiff.solver.evidence.reliability import compute_noncentrality
 from jointstiff.solver.evidence.term_tests import MISTAKE_LEVEL
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.observability import Spectrum
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.triangle import orthonormal_basis, unit_columns
-from jointstiff.solver.mechanics.block import regressor_blocks, targets_in_flange, unloaded_block
+from jointstiff.solver.mechanics.block import targets_in_flange, unloaded_block
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -342,10 +343,7 @@ def compute_least_mistake(robot: Robot, pool: Pool, request: PlanRequest, chosen
     forces = pool.candidate_forces(chosen.force, chosen.index)
     parts = [request.equipment.build_measurements(robot, readings.joints, forces, readings.along)]
     parts += [] if request.so_far is None else [request.so_far]
-    stacks = [
-        Stack.from_blocks(regressor_blocks(robot, part), [JOINTS, LOAD_POINT], pool.parameters.nominal)
-        for part in parts
-    ]
+    stacks = [Rows(robot, part).stack([JOINTS, LOAD_POINT], pool.parameters.nominal) for part in parts]
     rows, span = np.concatenate([stack.flat for stack in stacks]), stacks[0].span
     known = orthonormal_basis(unit_columns(rows[:, span[JOINTS.name]])[0])
     columns = rows[:, span[LOAD_POINT.name]]
@@ -842,7 +840,7 @@ class ReadablePostures:
             load_point=measurements.load_point[np.where(observation < 0, strongest, observation)],
         )
         block = unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(joints)), readable)
-        turns = Stack.from_blocks([block], [TURNS], np.zeros(robot.n))
+        turns = Rows(robot, readable, prepared=block).stack([TURNS], np.zeros(robot.n))
         return cls(joints, observation, block.load_jacobian, turns, readable)
 
     def __len__(self) -> int:
@@ -974,11 +972,11 @@ class _NextReading:
         self._names, self._kinds, self._labels = robot.joint_names, robot.joint_kinds, measurements.labels
         self._regressor = np.where(estimate.observability.null, 0.0, estimate.regressor)
         self._spectrum = Spectrum(self._regressor)
-        self._robot, self._triangles = robot, estimate.triangles
+        self._robot, self._compressed = robot, estimate.compressed
         # Columns of statements follow those of the joints.
-        self._unseen = np.zeros(estimate.triangles.columns.shape[1], np.bool_)
+        self._unseen = np.zeros(estimate.compressed.columns.shape[1], np.bool_)
         self._unseen[: robot.n] = estimate.observability.null
-        self._columns = np.where(self._unseen, 0.0, estimate.triangles.columns)
+        self._columns = np.where(self._unseen, 0.0, estimate.compressed.columns)
         self._sigma = estimate.sigma
         self._next_order = np.array([measurements.order.max() + 1.0])  # the advised reading is the next one
         #: (n,) compliances [rad/(N·m)]; zero where there is none
@@ -1069,10 +1067,7 @@ class _NextReading:
             moment=np.zeros((1, 3)),
             order=self._next_order,
         )
-        angles = self._robot.joint_map.model_angles(reading.joints)
-        added = self._triangles.build_columns(
-            unloaded_block(self._robot, Postures(self._robot, angles), reading)
-        )
+        added = self._compressed.build_columns(Rows(self._robot, reading))
         before = self._spectrum.deviation(joint)
         after = Spectrum(np.vstack([self._columns, added])).deviation(joint)
         if after is None or abs(torque[joint]) <= _LEAST_LEVER * self._strength:

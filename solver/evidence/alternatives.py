@@ -21,7 +21,7 @@ from scipy import special
 
 from jointstiff.schemas.joints import JointKind
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.fit.stack import Stack
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import (
     compute_triangular_factor,
     solve_nonnegative,
@@ -211,7 +211,8 @@ def _build_alternative_rows(
     block = unloaded_block(
         robot, postures, replace(stacked, joints=joints, load_point=load_point, position=position)
     )
-    return Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).rows.reshape(copies, -1, robot.n + 1)
+    stack = Rows(robot, block.measurements, prepared=block).stack([JOINTS], np.zeros(robot.n))
+    return stack.rows.reshape(copies, -1, robot.n + 1)
 
 
 def _bound_residual_sums(rows: FloatArray) -> FloatArray:

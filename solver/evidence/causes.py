@@ -23,11 +23,10 @@ from jointstiff.solver.evidence.selection import Cause, Step, select_causes
 from jointstiff.solver.evidence.suspects import MOST_TESTED_OBSERVATIONS
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL, MISTAKE_LEVEL, TermTests
 from jointstiff.solver.fit.estimate import Estimate
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import (
     fitted_errors,
 )
-from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE
 
 CLEAR_GAIN: Final = 2.0
@@ -111,29 +110,26 @@ class Screening:
         return self.base_needs_validation and second >= LINKS_LEVEL
 
 
-def screen_estimate(
-    robot: Robot, measurements: Measurements, estimate: Estimate, scattered: bool = False
-) -> Screening:
+def screen_estimate(rows: Rows, estimate: Estimate, scattered: bool = False) -> Screening:
     """Test for causes, links and a base that explain what joints alone leave unexplained.
 
     Only readings of targets are used, not encoders. If the load has no balance or there are no degrees of
     freedom, no test is significant. Causes that were fitted to these measurements before stay in every fit.
 
     Args:
-        robot: n joints.
-        measurements: N observations, with the scatter that was stated.
+        rows: N observations, with the scatter that was stated.
         estimate: estimate by joints alone.
         scattered: whether the residuals show a scatter of the joints, which tests must account for.
     """
-    tested = measurements.select_evenly(MOST_TESTED_OBSERVATIONS)
     compliance = np.maximum(estimate.compliance, 0.0)
     balanced = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
-    compliances, visible = (compliance, balanced), ~estimate.observability.null
+    tested = rows.select_evenly(MOST_TESTED_OBSERVATIONS).at(balanced)
+    visible = ~estimate.observability.null
     try:
-        start = Step.from_measurements(robot, measurements, tested, compliances, visible, scattered=scattered)
+        start = Step.test(tested, rows.measurements, compliance, visible, scattered=scattered)
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return Screening(1.0, (), ())
-    selection = select_causes(robot, measurements, tested, compliances, start, scattered=scattered)
+    selection = select_causes(tested, rows.measurements, start, scattered=scattered)
     # Links and base must show with and without the postures that were left out.
     whole, start = start, selection.start
     links_p_value = max(whole.links_p_value, start.links_p_value)
@@ -149,8 +145,8 @@ def screen_estimate(
     if base_p_value >= MISTAKE_LEVEL:
         return screening
     tests = start.tests
-    known = fitted_errors(measurements).terms
-    with_base = TermTests(tests.block, compliance, visible, known, [FULL_BASE], scattered=scattered)
+    known = fitted_errors(rows.measurements).terms
+    with_base = TermTests(tests.rows, compliance, visible, known, [FULL_BASE], scattered=scattered)
     return replace(
         screening,
         links_p_value_with_base=with_base.links_p_value(FULL_BASE.name),

@@ -24,17 +24,15 @@ from jointstiff.solver.evidence.suspects import (
 )
 from jointstiff.solver.evidence.term_tests import TermTests
 from jointstiff.solver.fit.observability import Excitation
-from jointstiff.solver.fit.stack import Stack
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.statements import list_stated_terms
 from jointstiff.solver.fit.triangle import INDEPENDENT, TermsFit, Triangle, solve_nonnegative
 from jointstiff.solver.mechanics.block import (
     CorrectedMeasurements,
     FittedErrors,
     Term,
-    regressor_blocks,
 )
 from jointstiff.solver.mechanics.measurements import Measurements, Scatter
-from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
 
 _REFITS: Final = 6
@@ -46,8 +44,7 @@ _STEP_TOLERANCE: Final = 1e-3
 
 
 def fit_causes(
-    robot: Robot,
-    measurements: Measurements,
+    rows: Rows,
     named: Sequence[tuple[str, str | None]],
     refuted: Sequence[str] = (),
 ) -> Measurements:
@@ -56,8 +53,7 @@ def fit_causes(
     The causes are fitted together with the joints.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
+        rows: N observations.
         named: name of each cause, and label of the first observation that the cause concerns; None for all.
         refuted: labels of observations that the fit does not use.
 
@@ -65,25 +61,21 @@ def fit_causes(
         RequestError: the readings do not show a cause, or a cause implies loads without a balance.
     """
     if not named:
-        return measurements
+        return rows.measurements
     try:
-        return _subtract_named_causes(robot, measurements, named, refuted)
+        return _subtract_named_causes(rows, named, refuted)
     except SolverError as error:
         remedy = "omit the cause, and check the units of force and length"
         raise RequestError(error.reason, where="causes", remedy=remedy) from error
 
 
 def _subtract_named_causes(
-    robot: Robot,
-    measurements: Measurements,
-    named: Sequence[tuple[str, str | None]],
-    refuted: Sequence[str],
+    rows: Rows, named: Sequence[tuple[str, str | None]], refuted: Sequence[str]
 ) -> Measurements:
     """Return the measurements without the motion by named causes, and with the uncertainty of these causes.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
+        rows: N observations.
         named: causes as (name, label of the observation at which the cause begins, or None).
         refuted: labels of observations with mistaken readings, which are not used for the fit.
 
@@ -91,16 +83,16 @@ def _subtract_named_causes(
         RequestError: the readings do not show a named cause.
         SolverError: a cause implies loads without a balance.
     """
-    tested = leave_out(measurements, refuted).select_evenly(MOST_TESTED_OBSERVATIONS)
-    block = next(regressor_blocks(robot, tested))
-    rows = Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).flat
-    compliance, _ = solve_nonnegative(rows[:, :-1], rows[:, -1])
+    measurements = rows.measurements
+    tested = rows.of(leave_out(measurements, refuted)).select_evenly(MOST_TESTED_OBSERVATIONS)
+    of_joints = tested.stack([JOINTS], np.zeros(rows.robot.n)).flat
+    compliance, _ = solve_nonnegative(of_joints[:, :-1], of_joints[:, -1])
     # A turn includes a shift: if both begin at the same observation, only the turn is fitted.
     named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
     firsts = [first for _, first in named if first is not None]
     suspect_by_cause = {
         (suspect.name, suspect.first): suspect
-        for suspect in list_suspects(measurements, block, compliance, (), firsts)
+        for suspect in list_suspects(measurements, tested, compliance, (), firsts)
     }
     missing = next((each for each in named if each not in suspect_by_cause), None)
     if missing is not None:
@@ -111,12 +103,13 @@ def _subtract_named_causes(
             remedy=f"give one of: {', '.join(sorted({name for name, _ in suspect_by_cause}))}",
         )
     terms = [suspect_by_cause[each].term for each in named]
-    fitted = fit_causes_with_joints(robot, tested, terms, compliance)
-    scatter = _find_scatter(robot, subtract_errors(robot, tested, fitted.errors, fitted.compliance), fitted)
-    if scatter != tested.scatter:  # three targets with one error are one reading
-        fitted = fit_causes_with_joints(robot, replace(tested, scatter=scatter), terms, fitted.compliance)
-    errors = _add_uncertainty_of_columns(robot, replace(tested, scatter=scatter), fitted)
-    corrected = subtract_errors(robot, measurements, errors, fitted.compliance)
+    fitted = fit_causes_with_joints(tested, terms, compliance)
+    scatter = _find_scatter(tested, fitted)
+    with_scatter = tested.of(replace(tested.measurements, scatter=scatter))
+    if scatter != tested.measurements.scatter:  # three targets with one error are one reading
+        fitted = fit_causes_with_joints(with_scatter, terms, fitted.compliance)
+    errors = _add_uncertainty_of_columns(with_scatter, fitted)
+    corrected = subtract_errors(rows.at(fitted.compliance), errors)
     errors = replace(errors, loads=group_distinct_loads(measurements))
     return CorrectedMeasurements.from_measurements(corrected, errors)
 
@@ -132,36 +125,31 @@ class FittedCauses:
     tests: TermTests  # compressed rows of the readings, from which the fitted causes were subtracted
 
 
-def fit_causes_with_joints(
-    robot: Robot, measurements: Measurements, terms: Sequence[Term], compliance: FloatArray
-) -> FittedCauses:
+def fit_causes_with_joints(rows: Rows, terms: Sequence[Term], compliance: FloatArray) -> FittedCauses:
     """Fit causes together with the joints, by Gauss-Newton steps.
 
     Directions of the unknowns that the joints explain equally well stay zero; their standard uncertainty is
     set to the size of the other unknowns.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
+        rows: N observations.
         terms: the causes.
         compliance: (n,) compliances at which the steps start [rad/(N·m)].
 
     Raises:
         SolverError: a cause implies loads without a balance.
     """
-    remaining, unknowns, unit = measurements, np.zeros(()), np.zeros(0)
+    remaining, unknowns, unit = rows, np.zeros(()), np.zeros(0)
     for _ in range(_REFITS):
-        block = next(regressor_blocks(robot, remaining, compliance))
+        remaining = remaining.at(compliance)
         # A corrected load may twist joints that the stated load did not twist.
-        excitation = Excitation(robot.joint_kinds)
-        excitation.add(block)
-        visible = ~excitation.observability().null
-        triangles = TermTests(block, compliance, visible, terms, ())
-        triangle, sigma = _compress_rows(measurements, triangles)
+        visible = ~Excitation.of(remaining).observability().null
+        tests = TermTests(remaining, compliance, visible, terms, ())
+        triangle, sigma = _compress_rows(tests)
         terms_fit = triangle.fit_with([term.name for term in terms])
-        compliance = np.zeros(robot.n)
+        compliance = np.zeros(rows.robot.n)
         compliance[visible] = np.maximum(terms_fit.known, 0.0)
-        last_unknowns = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
+        last_unknowns = np.cumsum([len(tests.stated.span[term.name]) for term in terms])[:-1]
         previous, unknowns = unknowns, unknowns + terms_fit.unknowns
         if not unit.any():  # unit of each term's unknowns: their root mean square after the first step
             unknowns_of_terms = np.split(unknowns, last_unknowns)
@@ -171,14 +159,15 @@ def fit_causes_with_joints(
         unknowns, root = _zero_undetermined_part(unknowns, terms_fit, sigma, unit)
         determined_count = terms_fit.root.shape[1]
         errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, last_unknowns)), root, determined_count)
-        fitted = FittedCauses(errors, compliance, visible, unit, triangles)
+        fitted = FittedCauses(errors, compliance, visible, unit, tests)
         if np.linalg.norm((unknowns - previous) / unit) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / unit):
             break
-        remaining = subtract_errors(robot, measurements, errors, compliance)
+        at_fitted = rows.at(compliance)
+        remaining = at_fitted.of(subtract_errors(at_fitted, errors))
     return fitted
 
 
-def _compress_rows(measurements: Measurements, tests: TermTests) -> tuple[Triangle, float]:
+def _compress_rows(tests: TermTests) -> tuple[Triangle, float]:
     """Return (triangle, sigma): the compressed rows of the terms that are fitted in any case, and sigma [m].
 
     Sigma is the stated standard uncertainty, or that of the residuals if it is larger.
@@ -186,7 +175,7 @@ def _compress_rows(measurements: Measurements, tests: TermTests) -> tuple[Triang
     triangle = tests.compress_given_statements(tests.fitted)
     degrees_of_freedom = max(1, triangle.rows - triangle.rank(tests.fitted, INDEPENDENT))
     residual = float(np.sqrt(max(triangle.residual_squares(tests.fitted), 0.0) / degrees_of_freedom))
-    return triangle, max(measurements.sigma or 0.0, residual)
+    return triangle, max(tests.rows.measurements.sigma or 0.0, residual)
 
 
 def _zero_undetermined_part(
@@ -209,9 +198,7 @@ def _zero_undetermined_part(
     return unknowns, np.hstack([sigma * terms_fit.root, unit[:, None] * undetermined])
 
 
-def _add_uncertainty_of_columns(
-    robot: Robot, measurements: Measurements, fitted: FittedCauses
-) -> FittedErrors:
+def _add_uncertainty_of_columns(rows: Rows, fitted: FittedCauses) -> FittedErrors:
     """Return the fitted causes with the uncertainty of their columns, such as when play is taken up.
 
     For each such cause a further term is fitted, whose unknowns are stated as zero with a standard
@@ -223,10 +210,9 @@ def _add_uncertainty_of_columns(
     if not doubtful_terms:
         return errors
     terms = (*errors.terms, *doubtful_terms)
-    block = next(
-        regressor_blocks(robot, subtract_errors(robot, measurements, errors, compliance), compliance)
-    )
-    triangle, sigma = _compress_rows(measurements, TermTests(block, compliance, fitted.visible, terms, ()))
+    at_fitted = rows.at(compliance)
+    remaining = at_fitted.of(subtract_errors(at_fitted, errors))
+    triangle, sigma = _compress_rows(TermTests(remaining, compliance, fitted.visible, terms, ()))
     for term in doubtful_terms:
         triangle = triangle.state(term.name, np.ones(len(triangle.span[term.name])), sigma)
     triangle.span[JOINTS.name] = np.flatnonzero(fitted.visible)
@@ -238,54 +224,50 @@ def _add_uncertainty_of_columns(
     return FittedErrors(terms, tuple(np.split(unknowns, last_unknowns)), root, errors.determined)
 
 
-def _find_scatter(robot: Robot, corrected: Measurements, fitted: FittedCauses) -> Scatter:
+def _find_scatter(rows: Rows, fitted: FittedCauses) -> Scatter:
     """Return the errors that the targets of a posture share, from the residuals of joints and causes.
 
     Args:
-        robot: n joints.
-        corrected: some observations, from which the fitted causes were subtracted.
+        rows: N observations.
         fitted: the causes, fitted together with the joints.
     """
-    if corrected.encoders is not None:
-        return corrected.scatter
-    tested = corrected.select_evenly(_MOST_WITH_SCATTER)
-    block = next(regressor_blocks(robot, tested, fitted.compliance))
-    compliance = fitted.compliance
+    if rows.measurements.encoders is not None:
+        return rows.measurements.scatter
+    at_fitted = rows.at(fitted.compliance)
+    tested = at_fitted.of(subtract_errors(at_fitted, fitted.errors)).select_evenly(_MOST_WITH_SCATTER)
     terms = [JOINTS, *fitted.errors.terms]
-    stated_terms = [
-        each for each in list_stated_terms(tested) if each.name not in {term.name for term in terms}
-    ]
-    stack = Stack.from_blocks([block], [*terms, *stated_terms], compliance)
+    fitted_names = {term.name for term in terms}
+    stated_terms = [each for each in list_stated_terms(tested.measurements) if each.name not in fitted_names]
+    stack = tested.stack([*terms, *stated_terms], fitted.compliance)
     fitted_columns = np.concatenate([np.flatnonzero(fitted.visible), *list(stack.span.values())[1:]])
-    likelihood = RestrictedLikelihood(block, stack, fitted_columns)
+    likelihood = RestrictedLikelihood(tested.block, stack, fitted_columns)
     scatter, p_value = likelihood.find_significant()
-    motion = compute_target_motion(block, scatter, tested.sigma or likelihood.sigma(scatter))
+    sigma = tested.measurements.sigma or likelihood.sigma(scatter)
+    motion = compute_target_motion(tested.block, scatter, sigma)
     is_believable = p_value < SCATTER_LEVEL and motion <= LARGEST_REPEATABILITY
-    return scatter if is_believable else corrected.scatter
+    return scatter if is_believable else rows.measurements.scatter
 
 
-def subtract_errors(
-    robot: Robot, measurements: Measurements, errors: FittedErrors, compliance: FloatArray
-) -> Measurements:
+def subtract_errors(rows: Rows, errors: FittedErrors) -> Measurements:
     """Return the measurements without the motion by fitted errors.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
+        rows: N observations, with their loads in balance at the compliances on which the motion depends.
         errors: fitted errors, with the values of their unknowns.
-        compliance: (n,) compliances of the joints, on which the motion depends [rad/(N·m)].
     """
+    measurements, balanced = rows.measurements, rows.balanced
+    compliance = np.zeros(rows.robot.n) if balanced is None else balanced
     terms_and_values = list(zip(errors.terms, errors.unknowns, strict=True))
     # Errors of the load change the measurements' loads; the motion by all other errors is subtracted.
     for term, values in terms_and_values:
         if term.change_loads is not None:
-            measurements = term.change_loads(robot, measurements, values)
+            measurements = term.change_loads(rows.robot, measurements, values)
     terms_and_values = [(term, values) for term, values in terms_and_values if term.change_loads is None]
     if not terms_and_values:
         return measurements
     targets, joints = [], []
-    for block in regressor_blocks(robot, measurements, compliance):
-        motions = [(term.motion(block, compliance), values) for term, values in terms_and_values]
+    for block in rows.of(measurements).generate_blocks():
+        motions = [(block.move(term, compliance), values) for term, values in terms_and_values]
         targets.append(np.sum([motion.targets @ values for motion, values in motions], axis=0))
         turns = [motion.joints @ values for motion, values in motions if motion.joints is not None]
         joints.append(np.sum([np.zeros_like(block.torque), *turns], axis=0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import NamedTuple
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.evidence.alternatives import BetterAlternative, find_better_alternative
@@ -14,8 +15,16 @@ from jointstiff.solver.evidence.scatter import find_scatter
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify_with_fallback
 from jointstiff.solver.fit.method import Loss, Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
+
+
+class IdentifiedJoints(NamedTuple):
+    """Result of fitting joints alone."""
+
+    settings: Settings  #: settings with which the fit succeeded: without K_c if the fit with K_c failed
+    estimate: Estimate
+    rows: Rows  #: N observations, with the scatter that their residuals show
 
 
 class JointsAlone:
@@ -25,19 +34,18 @@ class JointsAlone:
         robot: n joints.
         labels: labels of all observations, before any were left out.
         refuted: labels of single observations that the findings forbid to use, and that no fit uses.
-        given: N observations without the refuted ones, with the scatter that was stated.
+        given: rows of N observations without the refuted ones, with the scatter that was stated.
         stated: settings as the user gave them.
         noticed: findings of the integrity checks of the measurements.
     """
 
-    def __init__(
-        self, robot: Robot, measurements: Measurements, stated: Settings, noticed: Sequence[Finding] = ()
-    ) -> None:
+    def __init__(self, rows: Rows, stated: Settings, noticed: Sequence[Finding] = ()) -> None:
         """Keep the data of the identification; nothing is computed yet."""
-        self.robot, self.stated = robot, stated
-        self.noticed, self.labels = tuple(noticed), measurements.labels
-        self.refuted = list_refuted(measurements, noticed)
-        self.given, self._whole = leave_out(measurements, self.refuted), measurements
+        self.robot, self.stated = rows.robot, stated
+        self.noticed, self.labels = tuple(noticed), rows.measurements.labels
+        self.refuted = list_refuted(rows.measurements, noticed)
+        self.given = rows.of(leave_out(rows.measurements, self.refuted)) if self.refuted else rows
+        self._whole = rows
         self._by_loss: dict[Loss, JointsAlone] = {stated.loss: self}
 
     def with_loss(self, loss: Loss) -> JointsAlone:
@@ -47,65 +55,54 @@ class JointsAlone:
         """
         if loss not in self._by_loss:
             stated = replace(self.stated, loss=loss)
-            self._by_loss[loss] = JointsAlone(self.robot, self._whole, stated, self.noticed)
+            self._by_loss[loss] = JointsAlone(self._whole, stated, self.noticed)
         return self._by_loss[loss]
 
     @cached_property
-    def _identified(self) -> tuple[Settings, Estimate, Measurements]:
-        """Settings with which the fit succeeded, the estimate, and the measurements with their scatter.
+    def identified(self) -> IdentifiedJoints:
+        """Fit of the joints.
 
         The scatter (errors that the targets of a posture share) is estimated from the residuals of a first
         fit; where it is significant, the joints are fitted again.
-        """
-        settings, estimate = identify_with_fallback(self.robot, self.given, self.stated)
-        scatter = find_scatter(self.robot, self.given, estimate)
-        if scatter == self.given.scatter:
-            return settings, estimate, self.given
-        measurements = replace(self.given, scatter=scatter)
-        settings_with_scatter, estimate_with_scatter = identify_with_fallback(
-            self.robot, measurements, self.stated
-        )
-        test = estimate_with_scatter.sigma_test
-        if test is not None and test.result == "residuals_too_large":
-            # Errors that do not explain the residuals are no explanation of a part of the residuals.
-            return settings, estimate, self.given
-        return settings_with_scatter, estimate_with_scatter, measurements
-
-    @property
-    def measurements(self) -> Measurements:
-        """The N observations, with the scatter that their residuals show.
-
-        Raises:
-            JointstiffError: the identification fails.
-        """
-        return self._identified[2]
-
-    @property
-    def shows_scatter(self) -> bool:
-        """True if the residuals show errors that the targets of a posture share, beyond those stated.
-
-        Raises:
-            JointstiffError: the identification fails.
-        """
-        return self.measurements.scatter != self.given.scatter
-
-    @property
-    def settings(self) -> Settings:
-        """Settings with which the fit succeeded: without K_c if the fit with K_c failed.
-
-        Raises:
-            JointstiffError: the identification fails.
-        """
-        return self._identified[0]
-
-    @property
-    def estimate(self) -> Estimate:
-        """Estimated compliances with uncertainties and certificates.
 
         Raises:
             JointstiffError: the identification fails, for one of the reasons listed at `identify`.
         """
-        return self._identified[1]
+        first = IdentifiedJoints(*identify_with_fallback(self.given, self.stated), self.given)
+        scatter = find_scatter(self.given, first.estimate)
+        if scatter == self.given.measurements.scatter:
+            return first
+        rows = self.given.with_scatter(scatter)
+        second = IdentifiedJoints(*identify_with_fallback(rows, self.stated), rows)
+        test = second.estimate.sigma_test
+        # Errors that do not explain the residuals are no explanation of a part of the residuals.
+        explains_nothing = test is not None and test.result == "residuals_too_large"
+        return first if explains_nothing else second
+
+    @property
+    def rows(self) -> Rows:
+        """Rows of the N observations, with the scatter that their residuals show."""
+        return self.identified.rows
+
+    @property
+    def measurements(self) -> Measurements:
+        """The N observations, with the scatter that their residuals show."""
+        return self.identified.rows.measurements
+
+    @property
+    def shows_scatter(self) -> bool:
+        """True if the residuals show errors that the targets of a posture share, beyond those stated."""
+        return self.measurements.scatter != self.given.measurements.scatter
+
+    @property
+    def settings(self) -> Settings:
+        """Settings with which the fit succeeded: without K_c if the fit with K_c failed."""
+        return self.identified.settings
+
+    @property
+    def estimate(self) -> Estimate:
+        """Estimated compliances with uncertainties and certificates."""
+        return self.identified.estimate
 
     @cached_property
     def screening(self) -> Screening:
@@ -114,12 +111,12 @@ class JointsAlone:
         Raises:
             JointstiffError: the identification fails.
         """
-        return screen_estimate(self.robot, self.given, self.estimate, self.shows_scatter)
+        return screen_estimate(self.given, self.estimate, self.shows_scatter)
 
     @cached_property
     def _alternative(self) -> BetterAlternative | None:
         """Mistake in the data whose correction explains the readings far better; None if no mistake does."""
-        return find_better_alternative(self.robot, self.given)
+        return find_better_alternative(self.robot, self.given.measurements)
 
     def find_gross_mistake(self, estimate: Estimate) -> BetterAlternative | None:
         """Return the mistake whose correction explains the readings far better; None if no mistake does.

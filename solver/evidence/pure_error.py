@@ -17,9 +17,7 @@ from scipy import special
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fit.method import MIN_TARGETS, factorise_displacement
-from jointstiff.solver.mechanics.block import regressor_blocks
-from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.fit.rows import Rows
 
 PURE_ERROR_LEVEL: Final = 1e-3
 """p-value of the F test below which residuals are more than noise: chance does that in one of a thousand
@@ -44,28 +42,26 @@ class PureError:
         return self.p_value < PURE_ERROR_LEVEL
 
 
-def compute_pure_error(
-    robot: Robot, measurements: Measurements, residual: FloatArray, unknowns: float
-) -> PureError | None:
+def compute_pure_error(rows: Rows, residual: FloatArray, unknowns: float) -> PureError | None:
     """Separate the residuals of a model into noise and unexplained motion of the flange.
 
     Args:
-        robot: n joints.
-        measurements: N observations; errors that targets share are part of what may move the flange.
+        rows: N observations; errors that targets share are part of what may move the flange.
         residual: (N, T, 3) residuals of the model, axes of R0 [m].
         unknowns: number of unknowns that were fitted.
 
     Returns:
         None without postures of three targets that form a triangle, or without degrees of freedom.
     """
+    measurements = rows.measurements
     usable = np.flatnonzero((measurements.coordinates == 3).sum(axis=1) >= MIN_TARGETS)
     if measurements.direction is not None or not len(usable):
         return None
-    part, residual = measurements[usable], residual[usable]
+    part, residual = rows.at(None)[usable], residual[usable]
     pure = rigid = 0.0
     start = 0
     try:
-        for block in regressor_blocks(robot, part):
+        for block in part.generate_blocks():
             stop = start + len(block.torque)
             white = block.whiten(residual[start:stop, ..., None]).reshape(stop - start, -1)
             along = np.einsum("bri,br->bi", factorise_displacement(block)[0], white)
@@ -74,7 +70,7 @@ def compute_pure_error(
             start = stop
     except UnsupportedMethodError:  # targets on a line do not show the whole motion
         return None
-    freedom = float(part.coordinates.sum()) - _RIGID * len(part)
+    freedom = float(part.measurements.coordinates.sum()) - _RIGID * len(part)
     # The unknowns take away only from what moves the flange; those of few targets count here as well.
     freedom_of_motion = _RIGID * len(part) - unknowns
     if freedom < 1.0 or freedom_of_motion < 1.0:

@@ -28,6 +28,7 @@ from jointstiff.solver.evidence.suspects import MOST_TESTED_OBSERVATIONS, list_s
 from jointstiff.solver.evidence.term_tests import MISTAKE_LEVEL, STATEMENT_LEVEL, join_statements
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.prior import Prior
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.statements import list_stated_terms
 from jointstiff.solver.fit.triangle import (
@@ -37,9 +38,7 @@ from jointstiff.solver.fit.triangle import (
     solve_nonnegative,
     unit_columns,
 )
-from jointstiff.solver.mechanics.block import Term, fitted_errors, regressor_blocks
-from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.text import figure, length_text
 
@@ -157,17 +156,17 @@ class _Remaining:
 
 
 def find_least_mistakes(
-    robot: Robot, measurements: Measurements, estimate: Estimate, suspects: int, prior: Prior | None = None
+    rows: Rows, estimate: Estimate, suspects: int, prior: Prior | None = None
 ) -> tuple[LeastMistake, ...]:
     """Return the least mistake of each suspected term that the tests of causes find, the most moving first.
 
     Args:
-        robot: n joints.
-        measurements: N observations, with the scatter of the fit.
+        rows: N observations, with the scatter of the fit.
         estimate: estimate by joints alone, fitted to these measurements.
         suspects: number of causes that were tested; no mistake is found without tests.
         prior: prior of the fit, in units of sigma.
     """
+    measurements = rows.measurements
     sigma, fitted = estimate.sigma, fitted_errors(measurements).terms
     determined_joints = [
         index
@@ -176,26 +175,26 @@ def find_least_mistakes(
     ]
     if not (suspects and sigma and determined_joints):
         return ()
-    tested = measurements.select_evenly(MOST_TESTED_OBSERVATIONS)
+    tested = rows.select_evenly(MOST_TESTED_OBSERVATIONS).at(estimate.balanced)
     compliance = np.maximum(estimate.compliance, 0.0)
     fitted_term_names = {term.name for term in fitted}
     try:
-        blocks = list(regressor_blocks(robot, tested, estimate.balanced))
+        suspected = list_suspected_terms(measurements, tested)
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return ()
-    suspected = list_suspected_terms(measurements, blocks[0])
     terms = {term.name: term for term in suspected if term.name not in {*fitted_term_names, *_NO_MISTAKES}}
     stated_terms = {term.name: term for term in list_stated_terms(measurements)}
-    stack = Stack.from_blocks(blocks, [JOINTS, *fitted, *(stated_terms | terms).values()], compliance)
+    stack = tested.stack([JOINTS, *fitted, *(stated_terms | terms).values()], compliance)
     triangle, visible = stack.triangle(), np.flatnonzero(~estimate.observability.null)
-    responses = estimate.triangles.rebuild(blocks).compute_responses(
-        blocks, [*terms.values()], compliance, np.flatnonzero(estimate.estimated), prior
+    compressed = estimate.compressed.compress_again(tested)
+    responses = compressed.compute_responses(
+        tested, [*terms.values()], compliance, np.flatnonzero(estimate.estimated), prior
     )
     fitted_names = (JOINTS.name, *fitted_term_names)
     # Joints that the readings do not show are not projected out.
     fitted_columns = np.concatenate([visible, *(stack.span[name] for name in fitted_term_names)])
     fitted_basis = orthonormal_basis(unit_columns(stack.flat[:, fitted_columns])[0])
-    force = float(np.linalg.norm(tested.force, axis=1).max())
+    force = float(np.linalg.norm(tested.measurements.force, axis=1).max())
     uncertainty = [joint.standard_uncertainty or np.inf for joint in estimate.joints]
     # A mistake moves a large set as it moves the part, whose tests are the tests of the set.
     common_uncertainty = measurements.common_uncertainty
@@ -228,7 +227,7 @@ def find_least_mistakes(
                     name=name,
                     unit=_UNITS[term.unit],
                     size=float(np.linalg.norm(mistake[3:] if is_turn else mistake)),
-                    joint=robot.joint_names[moved_joint],
+                    joint=rows.robot.joint_names[moved_joint],
                     moves=uncertainties_moved,
                     unknowns=tuple(mistake.tolist()),
                     is_assumed=name in common_uncertainty.assumed,

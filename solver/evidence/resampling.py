@@ -29,11 +29,9 @@ from jointstiff.solver.fit.identify import refuse_unsupported
 from jointstiff.solver.fit.method import Method, Settings
 from jointstiff.solver.fit.observability import NULL_COLUMN, Excitation, Spectrum, analyse_spectrum
 from jointstiff.solver.fit.problem import Bounds, IdentificationProblem
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import solve_batch, solve_step
 from jointstiff.solver.fit.stack import Stack
-from jointstiff.solver.mechanics.block import build_whitened_rows, regressor_blocks
-from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.messages import build_messages
 
@@ -105,45 +103,39 @@ class MethodStacks:
         return shares
 
 
-def build_method_stacks(
-    robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate
-) -> MethodStacks:
+def build_method_stacks(rows: Rows, settings: Settings, estimate: Estimate) -> MethodStacks:
     """Build the least-squares rows of a method for each configuration, from which any subset is fitted.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
+        rows: N observations.
         settings: method, weighting and K_c are used; other settings are ignored.
         estimate: estimate from the full set by the same method. The rows are computed at its characteristic
             length and compliances, so that a fit is linear in the rows. Errors that were fitted with the
             joints, such as that of the load point, are subtracted from the readings.
     """
-    method = Method(robot, settings, estimate.characteristic_length)
-    excitation, statements = Excitation(robot.joint_kinds), estimate.statements
+    rows = rows.at(estimate.balanced)
+    method = Method(rows.robot, settings, estimate.characteristic_length)
+    statements = estimate.statements  # a part of the readings corrects a statement like the whole
     stage_rows, regressors, deflections = [], [], []
-    for block in regressor_blocks(robot, measurements, estimate.balanced):
-        excitation.add(block)
-        deflection = block.measurements.deflection
-        if statements is None:
-            whitened = build_whitened_rows(block, [JOINTS], estimate.compliance)
-        else:  # a part of the readings corrects a statement like the whole
-            whitened = statements.build_corrected_rows(block, estimate.compliance)
-            deflection = deflection - statements.compute_motion(block).targets
-        stage_rows.append([rows.fitted for rows in method.rows(block, whitened)])
+    for of_block in statements.statements.generate(rows, [JOINTS], whitened=False):
+        block, corrected = of_block.block, statements.subtract(of_block)
+        stage_rows.append([mapped.fitted for mapped in method.map_rows(corrected.whiten())])
         present = block.measurements.present
         regressors.append(block.A[present])
-        deflections.append(deflection[present])
-    observable = ~excitation.observability().null
+        deflections.append(corrected.targets[present][..., -1])
+    observable = ~Excitation.of(rows).observability().null
     visible = np.flatnonzero(observable)
     stages = (
         _build_stage_stack(
-            np.concatenate(rows), stage.joints[observable[stage.joints]], stage.known[observable[stage.known]]
+            np.concatenate(of_stage),
+            stage.joints[observable[stage.joints]],
+            stage.known[observable[stage.known]],
         )
-        for stage, rows in zip(method.stages, zip(*stage_rows, strict=True), strict=True)
+        for stage, of_stage in zip(method.stages, zip(*stage_rows, strict=True), strict=True)
         if observable[stage.joints].any()
     )
     return MethodStacks(
-        parameters=robot.n,
+        parameters=rows.robot.n,
         stages=tuple(stages),
         visible=visible,
         regressor=np.ascontiguousarray(np.concatenate(regressors).transpose(2, 1, 0)[visible]),
@@ -176,7 +168,7 @@ class Draws:
             RequestError: a draw is larger than the set.
         """
         count = len(joints.measurements)
-        refuse_unsupported(joints.robot, joints.measurements, joints.stated)
+        refuse_unsupported(joints.rows, joints.stated)
         refuse_nonlinear(joints.stated)
         if plan.size > count:
             raise RequestError(
@@ -191,7 +183,7 @@ class Draws:
     def _stacks(self) -> MethodStacks:
         """Rows of the method on the whole measurement set, configuration by configuration."""
         joints = self._joints
-        return build_method_stacks(joints.robot, joints.measurements, joints.settings, joints.estimate)
+        return build_method_stacks(joints.rows, joints.settings, joints.estimate)
 
     def steps(self) -> tuple[tuple[int, int], ...]:
         """Return the range of repetitions of each step of the work, as (first, one past the last)."""

@@ -27,6 +27,7 @@ from scipy.optimize import Bounds, minimize
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fit.estimate import Estimate
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.statements import list_stated_terms
 from jointstiff.solver.fit.triangle import (
@@ -37,10 +38,8 @@ from jointstiff.solver.fit.triangle import (
 from jointstiff.solver.mechanics.block import (
     RegressorBlock,
     fitted_errors,
-    get_whole_block,
 )
-from jointstiff.solver.mechanics.measurements import Measurements, Scatter
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.measurements import Scatter
 from jointstiff.solver.mechanics.springs import JOINTS
 
 SCATTER_LEVEL: Final = 0.01
@@ -67,7 +66,7 @@ _STEP: Final = 1e-8
 """Step of the differences of the likelihood, relative to a variance or to the noise of the readings."""
 
 
-def find_scatter(robot: Robot, measurements: Measurements, estimate: Estimate) -> Scatter:
+def find_scatter(rows: Rows, estimate: Estimate) -> Scatter:
     """Return the errors that all targets of a posture share: as stated, or as the residuals show them.
 
     The stated errors are returned if the residuals do not show more significantly, or if they show more
@@ -75,25 +74,23 @@ def find_scatter(robot: Robot, measurements: Measurements, estimate: Estimate) -
     with encoders nothing is estimated.
 
     Args:
-        robot: n joints.
-        measurements: N observations, which may state the repeatability.
-        estimate: estimate by joints alone, fitted to these measurements.
+        rows: N observations, which may state the repeatability.
+        estimate: estimate by joints alone, fitted to these observations.
     """
+    measurements = rows.measurements
     if measurements.encoders is not None:
         return measurements.scatter
-    tested = measurements.select_evenly(_MOST_OBSERVATIONS)
+    tested = rows.select_evenly(_MOST_OBSERVATIONS).at(estimate.balanced)
+    terms = [JOINTS, *fitted_errors(measurements).terms, *list_stated_terms(measurements)]
     try:
-        block = get_whole_block(robot, tested, estimate.balanced)
+        stack = tested.stack(terms, np.maximum(estimate.compliance, 0.0))
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return measurements.scatter
-    compliance = np.maximum(estimate.compliance, 0.0)
-    terms = [JOINTS, *fitted_errors(measurements).terms, *list_stated_terms(measurements)]
-    stack = Stack.from_blocks([block], terms, compliance)
     joints, *other_spans = stack.span.values()
     fitted = np.concatenate([joints[~estimate.observability.null], *other_spans])
-    likelihood = RestrictedLikelihood(block, stack, fitted)
+    likelihood = RestrictedLikelihood(tested.block, stack, fitted)
     scatter, p_value = likelihood.find_significant()
-    motion = compute_target_motion(block, scatter, measurements.sigma or likelihood.sigma(scatter))
+    motion = compute_target_motion(tested.block, scatter, measurements.sigma or likelihood.sigma(scatter))
     if p_value < SCATTER_LEVEL and motion <= LARGEST_REPEATABILITY:
         return scatter
     if measurements.repeatability and measurements.sigma is None:
@@ -123,21 +120,18 @@ class Repeatability:
     source: Literal["given", "residuals"]
 
     @classmethod
-    def from_measurements(
-        cls, robot: Robot, measurements: Measurements, sigma: float | None
-    ) -> Repeatability | None:
+    def from_rows(cls, rows: Rows, sigma: float | None) -> Repeatability | None:
         """Return the repeatability that a fit accounted for; None if there is none.
 
         Args:
-            robot: n joints.
-            measurements: N observations, with the scatter of the fit.
+            rows: N observations, with the scatter of the fit.
             sigma: standard uncertainty of a coordinate of a reading [m], as stated or estimated by the fit.
         """
-        scatter = measurements.scatter
+        scatter = rows.measurements.scatter
         if not (scatter and sigma):
             return None
-        block = get_whole_block(robot, measurements.select_evenly(_MOST_OBSERVATIONS))
-        stated = measurements.repeatability
+        block = rows.at(None).select_evenly(_MOST_OBSERVATIONS).block
+        stated = rows.measurements.repeatability
         return cls(
             joint=scatter.joints * sigma if stated is None else stated,
             targets=compute_target_motion(block, scatter, sigma),

@@ -22,9 +22,9 @@ from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence.fitted_causes import FittedCauses, fit_causes_with_joints, subtract_errors
 from jointstiff.solver.evidence.suspects import Suspect, list_suspects
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL, MISTAKE_LEVEL, TermTests
-from jointstiff.solver.mechanics.block import CorrectedMeasurements, Term, fitted_errors, regressor_blocks
+from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.mechanics.block import CorrectedMeasurements, Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE
 
 EQUALLY_GOOD: Final = 6.0
@@ -64,12 +64,11 @@ class Step:
     tests: TermTests  #: compressed rows of joints, selected causes and suspects
 
     @classmethod
-    def from_measurements(
+    def test(
         cls,
-        robot: Robot,
+        tested: Rows,
         measurements: Measurements,
-        tested: Measurements,
-        compliances: tuple[FloatArray, FloatArray],
+        compliance: FloatArray,
         visible: BoolArray,
         *,
         scattered: bool,
@@ -77,22 +76,19 @@ class Step:
         """Test all suspected causes.
 
         Args:
-            robot: n joints.
-            measurements: N observations.
             tested: observations that are tested, from which the selected causes were subtracted.
-            compliances: (n,) of the joints, and (n,) with which the load is in balance [rad/(N·m)].
+            measurements: all N observations.
+            compliance: (n,) compliances of the joints [rad/(N·m)].
             visible: (n,) whether the readings see each joint.
             scattered: whether the residuals show a scatter of the joints.
 
         Raises:
             SolverError: a load has no balance.
         """
-        compliance, balanced = compliances
-        block = next(regressor_blocks(robot, tested, balanced))
-        fitted_terms = fitted_errors(tested).terms
-        suspects = list_suspects(measurements, block, compliance, fitted_terms)
+        fitted_terms = fitted_errors(tested.measurements).terms
+        suspects = list_suspects(measurements, tested, compliance, fitted_terms)
         terms = [suspect.term for suspect in suspects]
-        tests = TermTests(block, compliance, visible, fitted_terms, terms, scattered=scattered)
+        tests = TermTests(tested, compliance, visible, fitted_terms, terms, scattered=scattered)
         p_values = tests.p_values([term.name for term in terms]) if terms else []
         # A cause sought by its onset is tested once for each onset that was tried (Bonferroni).
         return cls(
@@ -159,21 +155,18 @@ class Selection:
 class _Search:
     """Forward selection of causes for some observations."""
 
-    def __init__(
-        self, robot: Robot, measurements: Measurements, part: Measurements, start: Step, *, scattered: bool
-    ) -> None:
+    def __init__(self, part: Rows, measurements: Measurements, start: Step, *, scattered: bool) -> None:
         """Begin with the tests of each cause alone.
 
         Args:
-            robot: n joints.
-            measurements: N observations.
             part: observations that are tested.
+            measurements: all N observations.
             start: tests of each cause added to the joints, for these observations.
             scattered: whether the residuals show a scatter of the joints.
         """
-        self._robot, self._measurements, self._part = robot, measurements, part
+        self._part, self._measurements = part, measurements
         self._start, self._scattered = start, scattered
-        self._always: tuple[Term, ...] = fitted_errors(part).terms
+        self._always: tuple[Term, ...] = fitted_errors(part.measurements).terms
         self._fits: dict[tuple[Suspect, ...], _Fit | None] = {}
         self._p_values: dict[Suspect, float] = {}
 
@@ -197,7 +190,7 @@ class _Search:
             SolverError: the causes imply loads without a balance.
         """
         terms = [*self._always, *(suspect.term for suspect in suspects)]
-        fitted = fit_causes_with_joints(self._robot, self._part, terms, self._start.tests.compliance)
+        fitted = fit_causes_with_joints(self._part, terms, self._start.tests.compliance)
         errors, last = fitted.errors, len(fitted.errors.root)
         uncertainty = np.linalg.norm(errors.root, axis=1)
         for suspect, unknowns in zip(reversed(suspects), reversed(errors.unknowns), strict=False):
@@ -224,11 +217,11 @@ class _Search:
             SolverError: a load has no balance.
         """
         fitted = fit.fitted
-        corrected = subtract_errors(self._robot, self._part, fitted.errors, fitted.compliance)
-        part = CorrectedMeasurements.from_measurements(corrected, fitted.errors)
-        compliances = fitted.compliance, fitted.compliance
-        return Step.from_measurements(
-            self._robot, self._measurements, part, compliances, fitted.visible, scattered=self._scattered
+        at_fitted = self._part.at(fitted.compliance)
+        corrected = subtract_errors(at_fitted, fitted.errors)
+        part = at_fitted.of(CorrectedMeasurements.from_measurements(corrected, fitted.errors))
+        return Step.test(
+            part, self._measurements, fitted.compliance, fitted.visible, scattered=self._scattered
         )
 
     def run(self, *, seek_wrong: bool) -> tuple[list[_Fit], dict[str, Suspect], str | None]:
@@ -341,24 +334,14 @@ class _Search:
         )
 
 
-def select_causes(
-    robot: Robot,
-    measurements: Measurements,
-    tested: Measurements,
-    compliances: tuple[FloatArray, FloatArray],
-    start: Step,
-    *,
-    scattered: bool,
-) -> Selection:
+def select_causes(tested: Rows, measurements: Measurements, start: Step, *, scattered: bool) -> Selection:
     """Select the causes that together explain the readings, and the postures whose readings are wrong.
 
     If links or a base explain the readings better, only causes that make links unnecessary are returned.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
         tested: observations that are tested.
-        compliances: (n,) of the joints, and (n,) with which the load is in balance [rad/(N·m)].
+        measurements: all N observations.
         start: tests of each cause added to the joints.
         scattered: whether the residuals show a scatter of the joints.
     """
@@ -367,18 +350,18 @@ def select_causes(
     most_wrong = max(1, int(_MOST_WRONG * len(tested)))
     tests = start
     while True:
-        search = _Search(robot, measurements, remaining, tests, scattered=scattered)
+        search = _Search(remaining, measurements, tests, scattered=scattered)
         fits, pool, wrong_label = search.run(seek_wrong=len(wrong_labels) <= most_wrong)
         if wrong_label is None:
             break
         wrong_labels.append(wrong_label)
-        remaining = remaining[np.array([i for i, each in enumerate(remaining.labels) if each != wrong_label])]
+        is_right = np.array([label != wrong_label for label in remaining.measurements.labels])
+        remaining = remaining[np.flatnonzero(is_right)]
         if len(wrong_labels) > most_wrong:  # too many to be single mistakes
             remaining, tests = tested, start
             continue
-        visible = start.tests.visible
-        tests = Step.from_measurements(
-            robot, measurements, remaining, compliances, visible, scattered=scattered
+        tests = Step.test(
+            remaining, measurements, start.tests.compliance, start.tests.visible, scattered=scattered
         )
     left_out = () if len(wrong_labels) > most_wrong else tuple(wrong_labels)
     if not fits:

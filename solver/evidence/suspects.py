@@ -10,6 +10,7 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.triangle import (
     DISTINCT,
@@ -17,7 +18,7 @@ from jointstiff.solver.fit.triangle import (
     orthonormal_basis,
     stack_padded,
 )
-from jointstiff.solver.mechanics.block import RegressorBlock, Term, fitted_errors
+from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import (
@@ -51,14 +52,14 @@ class Suspect:
     least_p: float = 0.0  #: lower limit of the p-value: without the observation that the cause explains most
 
 
-def list_suspected_terms(measurements: Measurements, block: RegressorBlock) -> list[Term]:
+def list_suspected_terms(measurements: Measurements, tested: Rows) -> list[Term]:
     """Return the terms that may have moved the targets of all observations.
 
     Args:
         measurements: N observations.
-        block: some of these observations.
+        tested: some of these observations.
     """
-    loads = group_distinct_loads(measurements)
+    loads, block = group_distinct_loads(measurements), tested.block
     turn = build_turn_term(block.points[block.measurements.present].mean(axis=0))
     by_load = [build_load_scale_term(loads)] if len(loads) > 1 else []
     curve = build_curve_term(np.abs(block.torque).max(axis=0))
@@ -67,7 +68,7 @@ def list_suspected_terms(measurements: Measurements, block: RegressorBlock) -> l
 
 def list_suspects(
     measurements: Measurements,
-    block: RegressorBlock,
+    tested: Rows,
     compliance: FloatArray,
     always_fitted: Sequence[Term],
     firsts: Sequence[str] | None = None,
@@ -79,14 +80,14 @@ def list_suspects(
 
     Args:
         measurements: N observations.
-        block: some of these observations.
+        tested: some of these observations.
         compliance: (n,) of the joints [rad/(N·m)].
         always_fitted: terms that are fitted in any case; these terms are not suspected again.
         firsts: labels of observations that may be the onset of a cause; None to search for the onset.
     """
-    tested, labels = block.measurements, measurements.labels
+    labels = measurements.labels
     tried_count = len(tested) - 2 * _LEAST_PART + 1
-    terms_of_set = list_suspected_terms(measurements, block)
+    terms_of_set = list_suspected_terms(measurements, tested)
     turn = next(term for term in terms_of_set if term.name == "turn")
     # Causes that may set in at a later observation.
     later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: build_load_scale_term([labels])}
@@ -99,10 +100,10 @@ def list_suspects(
             for first in known_firsts
         ]
     else:  # fit each term with each observation as the onset, to find the best onset
-        names = list_shown_terms(block, compliance, always_fitted, terms_of_set)
+        names = list_shown_terms(tested, compliance, always_fitted, terms_of_set)
         suspects = [each for each in suspects if each.name in names]
         terms = [*(each.term for each in suspects), FORCE_SCALE]
-        stack = Stack.from_blocks([block], [JOINTS, *always_fitted, *terms], compliance)
+        stack = tested.stack([JOINTS, *always_fitted, *terms], compliance)
         fits = _OnsetFits(
             stack, [term.name for term in terms], [term.name for term in (JOINTS, *always_fitted)]
         )
@@ -119,7 +120,7 @@ def list_suspects(
                 strict=True,
             ):
                 if each.name in later:
-                    term, first = later[each.name], tested.labels[onset]
+                    term, first = later[each.name], tested.measurements.labels[onset]
                     suspects.append(
                         Suspect(term.name, limit_to_later(term, labels, first), first, tried_count, p)
                     )
@@ -127,7 +128,7 @@ def list_suspects(
 
 
 def list_shown_terms(
-    block: RegressorBlock, compliance: FloatArray, fitted_terms: Sequence[Term], terms: Sequence[Term]
+    tested: Rows, compliance: FloatArray, fitted_terms: Sequence[Term], terms: Sequence[Term]
 ) -> list[str]:
     """Return the names of the terms that the readings of a set can show.
 
@@ -135,7 +136,7 @@ def list_shown_terms(
     A term that no reading shows is not tested: its test would cost the level of all others.
 
     Args:
-        block: the observations.
+        tested: the observations.
         compliance: (n,) compliances of the joints [rad/(N·m)].
         fitted_terms: terms that are fitted in any case; none of these is returned.
         terms: terms of interest.
@@ -145,8 +146,9 @@ def list_shown_terms(
     for term in terms:
         if any(term.name == each.name for each in fitted_terms):
             continue
-        stack = Stack.from_blocks([block], [*fitted, term], compliance).project_out([t.name for t in fitted])
-        length = np.linalg.norm(Stack.from_blocks([block], [term], compliance).flat[:, :-1], axis=0)
+        stack = tested.stack([*fitted, term], compliance)
+        length = np.linalg.norm(stack.flat[:, stack.span[term.name]], axis=0)
+        stack = stack.project_out([t.name for t in fitted])
         remaining_columns = stack.flat[:, :-1] / np.where(length > 0.0, length, 1.0)
         if np.linalg.norm(remaining_columns, ord=2) > DISTINCT:
             names.append(term.name)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -18,7 +18,7 @@ from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.evidence.scatter import RestrictedLikelihood
-from jointstiff.solver.fit.stack import Stack
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.statements import list_stated_terms
 from jointstiff.solver.fit.triangle import (
     DISTINCT,
@@ -28,13 +28,7 @@ from jointstiff.solver.fit.triangle import (
     orthonormal_basis,
     unit_columns,
 )
-from jointstiff.solver.mechanics.block import (
-    RegressorBlock,
-    Rows,
-    Term,
-    build_rows,
-    build_whitened_rows,
-)
+from jointstiff.solver.mechanics.block import Term
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, JOINTS
 
@@ -86,14 +80,14 @@ class TermTests:
     """Compressed rows of joints, causes, links and base, with the stated and with equal weights.
 
     Attributes:
-        block: the observations.
+        rows: the observations.
         visible: (n,) whether the readings see each joint.
         stated: triangle with the weights stated with the readings.
     """
 
     def __init__(
         self,
-        block: RegressorBlock,
+        rows: Rows,
         compliance: FloatArray,
         visible: BoolArray,
         always_fitted: Sequence[Term],
@@ -101,10 +95,10 @@ class TermTests:
         *,
         scattered: bool = False,
     ) -> None:
-        """Compress a block's rows.
+        """Compress the rows of some observations.
 
         Args:
-            block: the observations.
+            rows: the observations.
             compliance: (n,) of the joints [rad/(N·m)].
             visible: (n,) whether the readings see each joint; other joints are left out.
             always_fitted: terms that are fitted with the joints in any case.
@@ -113,20 +107,20 @@ class TermTests:
         """
         self.fitted = (JOINTS.name, *(term.name for term in always_fitted))
         self.compliance = compliance
-        self.block, self.visible = block, visible
+        self.rows, self.visible = rows, visible
         self._scattered = scattered
-        self._stated_terms = list_stated_terms(block.measurements)
+        self._stated_terms = list_stated_terms(rows.measurements)
         self._terms = [JOINTS, *always_fitted, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
-        self.stated = self._compress_rows(build_whitened_rows)
+        self.stated = self._compress_rows(whitened=True)
 
     @cached_property
     def _equally_weighted(self) -> Triangle:
         """Triangle with equal weights of all readings."""
-        return self._compress_rows(build_rows)
+        return self._compress_rows(whitened=False)
 
-    def _compress_rows(self, build: Callable[..., Rows]) -> Triangle:
-        """Return the triangle of all terms, with rows built by `build`."""
-        triangle = Stack.from_blocks([self.block], self._terms, self.compliance, build).triangle()
+    def _compress_rows(self, *, whitened: bool) -> Triangle:
+        """Return the triangle of all terms."""
+        triangle = self.rows.stack(self._terms, self.compliance, whitened=whitened).triangle()
         triangle.span[JOINTS.name] = np.flatnonzero(self.visible)
         return triangle
 
@@ -147,7 +141,7 @@ class TermTests:
         """
         p_values = test(self.stated, names)
         # Readings that share one covariance (3, 3) have equal weights already.
-        if (p_values < level).any() and self.block.measurements.covariance.ndim > 2:
+        if (p_values < level).any() and self.rows.measurements.covariance.ndim > 2:
             p_values = np.where(
                 p_values < level, np.maximum(p_values, test(self._equally_weighted, names)), p_values
             )
@@ -175,7 +169,7 @@ class TermTests:
         own_statement = next((term for term in self._stated_terms if term.name == name), None)
         if own_statement is None:
             return float(test(triangle, [name])[0])
-        common = self.block.measurements.common_uncertainty
+        common = self.rows.measurements.common_uncertainty
         uncertainty = np.resize(own_statement.prior(common), len(triangle.span[name]))
         p_value = triangle.statement_p_value(name, fitted, uncertainty)
         return float(test(triangle, [name])[0]) if p_value < STATEMENT_LEVEL else p_value
@@ -186,30 +180,30 @@ class TermTests:
         If the residuals show a scatter of the joints, the rows have the scatter that is most likely with the
         terms.
         """
-        other_stated_terms, terms, block = self._account_for_scatter(names)
-        triangle = Stack.from_blocks([block], terms, self.compliance).triangle()
-        sigma = block.measurements.sigma or triangle.sigma([term.name for term in terms])
-        triangle = join_statements(triangle, other_stated_terms, block.measurements, sigma)
+        other_stated_terms, terms, rows = self._account_for_scatter(names)
+        triangle = rows.stack(terms, self.compliance).triangle()
+        sigma = rows.measurements.sigma or triangle.sigma([term.name for term in terms])
+        triangle = join_statements(triangle, other_stated_terms, rows.measurements, sigma)
         triangle.span[JOINTS.name] = np.flatnonzero(self.visible)
         return triangle
 
-    def _account_for_scatter(self, names: Sequence[str]) -> tuple[list[Term], list[Term], RegressorBlock]:
-        """Return the terms of a fit of the named terms, and the block with the scatter of the joints.
+    def _account_for_scatter(self, names: Sequence[str]) -> tuple[list[Term], list[Term], Rows]:
+        """Return the terms of a fit of the named terms, and the rows with the scatter of the joints.
 
-        If the residuals show scatter, the block has the scatter that is most likely with the named terms.
+        If the residuals show scatter, the rows have the scatter that is most likely with the named terms.
 
         Returns:
-            The other terms with statements; the named terms, then these other terms; and the block.
+            The other terms with statements; the named terms, then these other terms; and the rows.
         """
         other_stated_terms = [term for term in self._stated_terms if term.name not in names]
         terms = [*(term for term in self._terms if term.name in names), *other_stated_terms]
-        block = self.block
+        rows = self.rows
         if self._scattered:
-            stack = Stack.from_blocks([block], terms, self.compliance)
+            stack = rows.stack(terms, self.compliance)
             fitted_columns = np.concatenate([np.flatnonzero(self.visible), *list(stack.span.values())[1:]])
-            scatter, _ = RestrictedLikelihood(block, stack, fitted_columns).fit_shared_errors()
-            block = replace(block, measurements=replace(block.measurements, scatter=scatter))
-        return other_stated_terms, terms, block
+            scatter, _ = RestrictedLikelihood(rows.block, stack, fitted_columns).fit_shared_errors()
+            rows = rows.with_scatter(scatter)
+        return other_stated_terms, terms, rows
 
     def find_wrong_posture(self, unknowns: int) -> WrongPosture | None:
         """Return the posture whose readings disagree most with all others; None if chance may explain it.
@@ -221,18 +215,18 @@ class TermTests:
         Args:
             unknowns: number of unknowns that are fitted in addition to the joints.
         """
-        other_stated_terms, terms, block = self._account_for_scatter(self.fitted)
-        stack = Stack.from_blocks([block], terms, self.compliance)
+        other_stated_terms, terms, scattered = self._account_for_scatter(self.fitted)
+        stack, measurements = scattered.stack(terms, self.compliance), scattered.measurements
         columns = np.concatenate([self.visible.nonzero()[0], *list(stack.span.values())[1:]])
         rows, posture_count = stack.flat, len(stack)
         unit_vectors, length = unit_columns(rows[:, columns])
-        sigma = block.measurements.sigma or stack.triangle().sigma([term.name for term in terms])
+        sigma = measurements.sigma or stack.triangle().sigma([term.name for term in terms])
         # Statements are rows: each unknown over its standard uncertainty is zero. The stated terms come last.
         statement_weights = np.zeros(len(columns))
         end = len(columns)
         for term in reversed(other_stated_terms):
             start = end - len(stack.span[term.name])
-            uncertainty = np.resize(term.prior(block.measurements.common_uncertainty), end - start)
+            uncertainty = np.resize(term.prior(measurements.common_uncertainty), end - start)
             statement_weights[start:end] = sigma / np.maximum(uncertainty, 1e-300) / length[start:end]
             end = start
         statement_rows = np.diag(np.minimum(statement_weights, 1e9))
@@ -263,9 +257,7 @@ class TermTests:
             return None
         ratio = max(1.0 - squares_taken[worst] / total_squares, 1e-300)
         criterion = self.criterion(self.residual_squares() * ratio, unknowns + int(read_counts[worst]) + 1)
-        return WrongPosture(
-            block.measurements.labels[worst], float(p_values[worst] * posture_count), criterion
-        )
+        return WrongPosture(measurements.labels[worst], float(p_values[worst] * posture_count), criterion)
 
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
         """Return the p-value of each named term, tested as an addition to the joints and to other terms."""

@@ -15,9 +15,7 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.mechanics.block import regressor_blocks
-from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.fit.rows import Rows
 
 _LEVEL: Final = 1e-3
 """p-value below which a share that remains is no chance."""
@@ -44,28 +42,25 @@ class Unloading:
         return self.share is not None and abs(self.share) > _MATTERS and self.p_value < _LEVEL
 
 
-def compare_unloaded_positions(
-    robot: Robot, measurements: Measurements, compliance: FloatArray
-) -> Unloading | None:
+def compare_unloaded_positions(rows: Rows, compliance: FloatArray) -> Unloading | None:
     """Compare the positions after the load with those before the load.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
+        rows: N observations.
         compliance: (n,) fitted joint compliances [rad/(N·m)].
 
     Returns:
         None if no target was read again.
     """
-    returned = measurements.returned
+    returned = rows.measurements.returned
     if returned is None or not returned.present.any():
         return None
-    rows = np.flatnonzero(returned.present.any(axis=1))
-    part = measurements[rows]
-    remaining, present = returned.remaining[rows], returned.present[rows]
+    read_again = np.flatnonzero(returned.present.any(axis=1))
+    part = rows.at(None)[read_again]
+    remaining, present = returned.remaining[read_again], returned.present[read_again]
     products, squares = [], []  # of each posture: rᵀ m and mᵀ m with the predicted deflections m, whitened
     start = 0
-    for block in regressor_blocks(robot, part):
+    for block in part.generate_blocks():
         stop = start + len(block.torque)
         both = np.stack([block.A @ compliance, remaining[start:stop] / np.sqrt(_VARIANCE)], axis=-1)
         white = block.whiten(np.where(present[start:stop, :, None, None], both, 0.0))
@@ -74,7 +69,7 @@ def compare_unloaded_positions(
         start = stop
     product, square = np.concatenate(products), np.concatenate(squares)
     distance = float(np.sqrt(np.square(remaining[present]).sum(axis=-1).mean()))
-    count = len(rows)
+    count = len(read_again)
     if count < _LEAST_POSTURES or not square.sum() > 0.0:
         return Unloading(count, distance, None, None, 1.0)
     scale = float(np.sqrt(_VARIANCE))  # whitened rows of r were divided by this number

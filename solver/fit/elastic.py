@@ -42,17 +42,14 @@ from jointstiff.solver.fit.conic import (
 )
 from jointstiff.solver.fit.method import DEFAULT_THRESHOLD
 from jointstiff.solver.fit.problem import Bounds, IdentificationProblem
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import solve_step
 from jointstiff.solver.fit.stages import MEDIAN_NORM
 from jointstiff.solver.fit.statements import Statements
 from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.mechanics.block import (
-    RegressorBlock,
-    Rows,
+    BlockRows,
     Term,
-    build_rows,
-    regressor_blocks,
-    whiten_rows,
 )
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -237,8 +234,7 @@ class ElasticRows:
 
 
 def compress_elastic_rows(
-    robot: Robot,
-    measurements: Measurements,
+    source: Rows,
     columns: ElasticColumns,
     parts: Sequence[IndexArray],
     statements: Statements | None = None,
@@ -246,8 +242,7 @@ def compress_elastic_rows(
     """Compress the rows of each of several parts of a measurement set, in one pass with little memory.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
+        source: N observations.
         columns: columns of the richest model.
         parts: ascending indices of the observations of each part.
         statements: stated errors that are fitted together with the compliances; None without any.
@@ -255,16 +250,17 @@ def compress_elastic_rows(
     Raises:
         MeasurementError: a covariance is not positive definite.
     """
-    blocks = list(generate_elastic_blocks(robot, measurements, columns, statements))
-    width = blocks[0][1].targets.shape[-1] - 1
+    robot, measurements = source.robot, source.measurements
+    blocks = list(generate_elastic_rows(source, columns, statements))
+    width = blocks[0].targets.shape[-1] - 1
     errors = width - columns.width
     triangles = [Triangle(unknowns=width) for _ in parts]
     squared_levers = np.zeros((len(parts), robot.n + 1))
     rows_of_targets = [[np.zeros((0, 3, width + 1))] for _ in parts]
     keeps_rows = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
     start = 0  # index of the first observation of the block
-    for block, rows in blocks:
-        whitened = whiten_rows(block, rows)
+    for rows in blocks:
+        whitened, block = rows.whiten(), rows.block
         present, coordinates = block.measurements.present, block.measurements.coordinates
         lever = np.square(block.frames[2]).sum(axis=2)
         for part_number, part in enumerate(parts):
@@ -316,19 +312,17 @@ def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:
     return np.asarray(part[first:last] - start)
 
 
-def generate_elastic_blocks(
-    robot: Robot, measurements: Measurements, columns: ElasticColumns, statements: Statements | None = None
-) -> Iterator[tuple[RegressorBlock, Rows]]:
-    """Yield blocks of observations with their rows.
+def generate_elastic_rows(
+    rows: Rows, columns: ElasticColumns, statements: Statements | None = None
+) -> Iterator[BlockRows]:
+    """Yield the rows of blocks of observations.
 
     P columns of compliances come first, then K columns of stated errors, then the readings.
     """
-    stated_terms = () if statements is None else statements.terms
-    compliance = np.zeros(robot.n) if statements is None else statements.compliance
-    for start in range(0, len(measurements), _BLOCK):
-        for block in regressor_blocks(robot, measurements[start : start + _BLOCK]):
-            rows = build_rows(block, [*columns.terms, *stated_terms], compliance)
-            yield block, rows if statements is None else statements.scale(rows)
+    statements = statements or Statements.none(rows.robot.n)
+    for start in range(0, len(rows), _BLOCK):
+        part = rows[np.arange(start, min(start + _BLOCK, len(rows)))] if len(rows) > _BLOCK else rows
+        yield from statements.generate(part, columns.terms, whitened=False)
 
 
 MODELS: Final[tuple[ModelName, ...]] = (

@@ -33,7 +33,7 @@ from jointstiff.schemas.run import Certificate as StagesCertificate
 from jointstiff.schemas.run import ObservabilityIndex
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fit.method import MethodTriangles
+from jointstiff.solver.fit.method import MethodRows
 from jointstiff.solver.fit.observability import (
     Identifiability,
     Observability,
@@ -41,6 +41,7 @@ from jointstiff.solver.fit.observability import (
     observability_indices,
 )
 from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationProblem, Inequalities
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import Certificate, greatest_violations, solve_batch, solve_step
 from jointstiff.solver.fit.stages import (
     Fit,
@@ -52,9 +53,7 @@ from jointstiff.solver.fit.stages import (
     student_quantile,
 )
 from jointstiff.solver.fit.statements import FittedStatements
-from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import round_down, stiffness_text
 
 RADIUS_TOLERANCE = 1e-11
@@ -451,7 +450,7 @@ class Estimate:
     degrees_of_freedom: float  #: expectation of chi_square where model and sigma are right
     identifiability: tuple[Identifiability, ...]  #: identifiability of each stage of the method
     certificates: tuple[Certificate, ...]  #: certificates of each stage of the method
-    triangles: MethodTriangles  #: all readings, compressed, in units of sigma
+    compressed: MethodRows  #: all readings, compressed, in units of sigma
     observability: Observability  #: observability of the joints in the same readings
     characteristic_length: float | None = None  #: [m], where the weighting used one
     complementary_stiffness: ComplementaryStiffness | None = None  #: effect of K_c
@@ -464,14 +463,14 @@ class Estimate:
     statements_dropped: str | None = None
 
     @property
-    def statements(self) -> FittedStatements | None:
-        """Statements that were fitted with the joints; None if none were."""
-        return self.triangles.fit_statements(self.compliance)
+    def statements(self) -> FittedStatements:
+        """Statements that were fitted with the joints, with the values that fit best."""
+        return self.compressed.fit_statements(self.compliance)
 
     @property
     def regressor(self) -> FloatArray:
         """Regressor (m, n) of all readings, compressed and weighted by covariance, whatever the method."""
-        return self.triangles.all_readings.matrix
+        return self.compressed.all_readings.matrix
 
     @property
     def estimated(self) -> BoolArray:
@@ -528,7 +527,8 @@ class Estimate:
         """Chi-square test of a stated sigma; None if sigma was not stated, or without degrees of freedom."""
         if not self.sigma_given:
             return None
-        return sigma_test(self.chi_square, self.degrees_of_freedom, self.triangles.determined_statement_count)
+        from_statements = self.compressed.determined_statement_count
+        return sigma_test(self.chi_square, self.degrees_of_freedom, from_statements)
 
 
 _NO_UNCERTAINTY = (
@@ -956,23 +956,18 @@ class Prediction:
 
 
 def predict(
-    robot: Robot,
-    measurements: Measurements,
+    rows: Rows,
     compliance: FloatArray,
     *,
-    balanced_compliance: FloatArray | None = None,
     is_estimated: BoolArray | None = None,
     statements: FittedStatements | None = None,
 ) -> Prediction:
     """Predict the deflections of the targets, ``δp_X = A_X c`` (method.md §2).
 
     Args:
-        robot: n joints.
-        measurements: N observations.
+        rows: N observations. Where the loads are in balance with compliances, the predicted deflections equal
+            the exact balance to third order; else this bending is neglected.
         compliance: (n,) compliances c [rad/(N·m)].
-        balanced_compliance: (n,) compliances with which the load bends the robot before the columns A_X are
-            computed: the predicted deflections then equal the exact balance to third order. None neglects
-            this bending.
         is_estimated: (n,) mask of joints with an estimate; all if None. Other joints have zero contributions.
         statements: errors of the load and of places that were fitted with the joints; their motion is part
             of the predicted deflections. None for loads and places as stated.
@@ -984,17 +979,13 @@ def predict(
         SolverError: the load has no balance with joints of the given compliances.
     """
     contributing = compliance if is_estimated is None else np.where(is_estimated, compliance, 0.0)
+    measurements, errors = rows.measurements, statements or FittedStatements.none(rows.robot.n)
     predicted, projected, encoder_deflections = [], [], []
-    for block in regressor_blocks(robot, measurements, balanced_compliance):
-        target_motion, joint_turn = block.A @ compliance, block.torque * compliance
-        if statements is not None:
-            motion_by_errors = statements.compute_motion(block)
-            target_motion = target_motion + motion_by_errors.targets
-            joint_turn = (
-                joint_turn if motion_by_errors.joints is None else joint_turn + motion_by_errors.joints
-            )
-        predicted.append(target_motion)
-        encoder_deflections.append(joint_turn)
+    for of_errors in errors.statements.generate(rows, whitened=False):
+        block = of_errors.block
+        motion, turn = errors.predict(of_errors)
+        predicted.append(block.A @ compliance + motion)
+        encoder_deflections.append(block.torque * compliance + (0.0 if turn is None else turn))
         by_joint = block.A * contributing
         deflection = by_joint.sum(axis=-1)
         length = np.linalg.norm(deflection, axis=-1)

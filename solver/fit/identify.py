@@ -7,7 +7,6 @@ uncertainties, intervals and verdicts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -18,7 +17,7 @@ from jointstiff.solver.errors import MeasurementError, NotObservableError, Solve
 from jointstiff.solver.fit.estimate import CommonErrors, ComplementaryStiffness, Estimate, Evidence
 from jointstiff.solver.fit.method import (
     Method,
-    MethodTriangles,
+    MethodRows,
     Settings,
     find_length_of_least_condition,
     find_spherical_wrist,
@@ -27,8 +26,10 @@ from jointstiff.solver.fit.method import (
 from jointstiff.solver.fit.observability import Excitation, Observability
 from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.rest import find_rest
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import solve, solve_step
 from jointstiff.solver.fit.stages import (
+    Find,
     Fit,
     RobustFit,
     Scale,
@@ -38,9 +39,8 @@ from jointstiff.solver.fit.stages import (
     fit_method,
 )
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
-from jointstiff.solver.mechanics.block import Term, fitted_errors, regressor_blocks
+from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS, complementary_stiffness
 from jointstiff.solver.mechanics.terms import TERMS
 
@@ -59,8 +59,12 @@ _LEAST_SIGMA: Final = 1e-15
 """Rounding of a position [m]: sigma is at least this, so that exact readings do not divide by zero."""
 
 
-def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:
+def identify(rows: Rows, settings: Settings) -> Estimate:
     """Identify the joint compliances of a robot from measured deflections.
+
+    Args:
+        rows: N observations of a robot with n joints.
+        settings: settings of the fit.
 
     Returns:
         The estimate, with intervals, verdicts and certificates.
@@ -71,38 +75,30 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         MeasurementError: an array has a wrong shape or wrong numbers, or the numbers overflow.
         SolverError: optimality could not be certified, or the load has no balance with K_c.
     """
-    refuse_unsupported(robot, measurements, settings)
-    length = settings.characteristic_length if settings.weighting == "characteristic_length" else None
-    if settings.weighting == "characteristic_length" and length is None:
-        excitation = Excitation(robot.joint_kinds)
-        for block in regressor_blocks(robot, measurements):
-            excitation.add(block)
-        has_no_effect = _require_observable(excitation).null
-        with_unit_length = Method(robot, settings, 1.0)
-        length = find_length_of_least_condition(
-            with_unit_length, regressor_blocks(robot, measurements), has_no_effect
-        )
-    method = Method(robot, settings, length)
-    stated_terms = _list_fitted_statements(measurements, settings, method)
-    first_fit = last_fit = _fit_once(robot, measurements, settings, method)
-    iterations, statements_dropped = 0, None
+    refuse_unsupported(rows, settings)
+    rows = rows.at(None)
+    observability = _require_observable(Excitation.of(rows))
+    length = _find_length(rows, settings, observability)
+    method = Method(rows.robot, settings, length)
+    stated_terms = _list_fitted_statements(rows.measurements, settings, method)
+    problem = _Problem(rows, settings, method, observability, stated_terms)
+    first = problem.fit_once()
+    last, iterations, statements_dropped = first, 0, None
     if stated_terms:
         try:
-            last_fit, iterations = _iterate_to_convergence(
-                robot, measurements, settings, first_fit, stated_terms
-            )
-            _refuse_contradicted(last_fit)
+            last, iterations = _iterate_to_rest(problem, first)
+            _refuse_contradicted(last)
         except SolverError as error:  # the readings contradict a statement: its error is propagated instead
-            stated_terms, statements_dropped, last_fit = (), error.reason, first_fit
-    if settings.complementary_stiffness and not stated_terms:
-        last_fit, iterations = _iterate_to_convergence(robot, measurements, settings, first_fit, stated_terms)
-    estimate = replace(_build_estimate(robot, measurements, settings, last_fit), characteristic_length=length)
-    if settings.complementary_stiffness and not stated_terms:
-        shift: FloatArray | None = last_fit.fit.compliance - first_fit.fit.compliance
+            problem, last, statements_dropped = replace(problem, stated_terms=()), first, error.reason
+    if settings.complementary_stiffness and not problem.stated_terms:
+        last, iterations = _iterate_to_rest(problem, first)
+    estimate = replace(_build_estimate(problem, problem.certify(last)), characteristic_length=length)
+    if settings.complementary_stiffness and not problem.stated_terms:
+        shift: FloatArray | None = last.fit.compliance - first.fit.compliance
     else:
-        shift = _estimate_neglected_shift(robot, first_fit, settings.prior, estimate.sigma)
+        shift = _estimate_neglected_shift(problem, first, estimate.sigma)
     estimated = estimate.estimated
-    stiffness_ratios = np.abs(estimate.compliance)[:, None] * first_fit.largest_stiffness
+    stiffness_ratios = np.abs(estimate.compliance)[:, None] * _find_largest_stiffness(rows)
     effect = ComplementaryStiffness(
         included=settings.complementary_stiffness,
         iterations=iterations if settings.complementary_stiffness else 0,
@@ -113,14 +109,32 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     return replace(estimate, complementary_stiffness=effect, statements_dropped=statements_dropped)
 
 
+def _find_length(rows: Rows, settings: Settings, observability: Observability) -> float | None:
+    """Return the characteristic length [m], as given or of least condition; None for other weightings."""
+    if settings.weighting != "characteristic_length":
+        return None
+    if settings.characteristic_length is not None:
+        return settings.characteristic_length
+    with_unit_length = Method(rows.robot, settings, 1.0)
+    return find_length_of_least_condition(with_unit_length, rows, observability.null)
+
+
+def _find_largest_stiffness(rows: Rows) -> FloatArray:
+    """Return the largest entries (n, n) of K_c in the unloaded postures of a set [N·m/rad]."""
+    largest_of_blocks = [
+        np.abs(complementary_stiffness(block)).max(axis=0) for block in rows.generate_blocks()
+    ]
+    return np.asarray(np.max(largest_of_blocks, axis=0))
+
+
 def _refuse_contradicted(fit: _Pass) -> None:
     """Refuse a fit that explains the readings by errors far larger than stated.
 
     Raises:
         SolverError: an error is more than `_MOST_UNCERTAINTIES` standard uncertainties from zero.
     """
-    fitted = fit.triangles.fit_statements(fit.fit.compliance)
-    greatest = 0.0 if fitted is None else float(np.abs(fitted.unknowns).max())
+    unknowns = fit.compressed.fit_statements(fit.fit.compliance).unknowns
+    greatest = float(np.abs(unknowns).max(initial=0.0))
     if greatest > _MOST_UNCERTAINTIES:
         raise SolverError(f"the fit moves an error by {greatest:.0f} times its standard uncertainty")
 
@@ -137,9 +151,7 @@ def _list_fitted_statements(
     return list_stated_terms(measurements) if can_fit else ()
 
 
-def identify_with_fallback(
-    robot: Robot, measurements: Measurements, settings: Settings
-) -> tuple[Settings, Estimate]:
+def identify_with_fallback(rows: Rows, settings: Settings) -> tuple[Settings, Estimate]:
     """Identify the compliances; if that fails with the complementary stiffness K_c, identify without K_c.
 
     With K_c the load has no balance if the joints are very soft, as readings in a wrong unit make them
@@ -152,28 +164,29 @@ def identify_with_fallback(
         JointstiffError: the identification fails for another reason than K_c.
     """
     try:
-        return settings, identify(robot, measurements, settings)
+        return settings, identify(rows, settings)
     except SolverError as error:
         if error.where != "complementary_stiffness":
             raise
         neglected = replace(settings, complementary_stiffness=False)
-        estimate = identify(robot, measurements, neglected)
+        estimate = identify(rows, neglected)
         if estimate.complementary_stiffness is None:
             raise
         effect = replace(estimate.complementary_stiffness, obstacle=error.reason)
         return neglected, replace(estimate, complementary_stiffness=effect)
 
 
-def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Settings) -> None:
+def refuse_unsupported(rows: Rows, settings: Settings) -> None:
     """Refuse settings that the readings or the robot cannot support, before any work is done.
 
     Raises:
         UnsupportedMethodError: names what is missing and a remedy.
     """
+    measurements = rows.measurements
     if settings.method != "partial_pose":
         refuse_missing_poses(measurements)
     if settings.method == "decoupled_partial_pose":
-        find_spherical_wrist(robot)
+        find_spherical_wrist(rows.robot)
     if settings.loss != "squared" and measurements.direction is not None:
         raise UnsupportedMethodError(
             f"loss {settings.loss} needs the length of each residual, but a reading along one direction "
@@ -207,103 +220,91 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
 
 @dataclass(frozen=True, eq=False)
 class _Pass:
-    """One fit of all observations; with K_c several fits follow each other."""
+    """One fit of all observations; with K_c or statements several fits follow each other."""
 
-    measurements: Measurements  # with the covariances by which they were weighted
-    balanced: FloatArray | None  # (n,) compliances that bend the robot [rad/(N·m)]; None without K_c
-    observability: Observability  # in the unloaded configurations; later passes keep that of the first
-    triangles: MethodTriangles  # compressed rows that were fitted
+    rows: Rows  # observations with the weights of the fit, at the compliances that bend the robot
+    compressed: MethodRows  # rows that were fitted
     fit: Fit
-    largest_stiffness: FloatArray  # (n, n) largest entries of K_c over the set, of the first pass [N·m/rad]
     robust: RobustFit | None  # weights of the readings by the Huber loss; None for the squared loss
     targets: TargetRows | None  # rows for the Huber loss; None for the squared loss
-    statements: Statements | None  # statements that were fitted with the joints; None without any
 
     def estimate_noise(self) -> float:
         """Return sigma, the standard deviation of a coordinate, from the residuals [m]; 0 if none remain."""
-        return estimate_scale(self.fit, self.triangles.all_readings, None).sigma or 0.0
+        return estimate_scale(self.fit, self.compressed.all_readings, None).sigma or 0.0
 
 
-def _fit_once(
-    robot: Robot,
-    measurements: Measurements,
-    settings: Settings,
-    method: Method,
-    previous: _Pass | None = None,
-    stated_terms: Sequence[Term] = (),
-) -> _Pass:
-    """Fit all observations once.
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Observations, settings and statements of a fit, which all passes share."""
 
-    Args:
-        robot: n joints.
-        measurements: N observations.
-        settings: settings of the fit.
-        method: method of the fit.
-        previous: the fit before; None for the first fit, which neglects the complementary stiffness K_c and
-            statements. With K_c the compliances of the fit before bend the robot; the columns of statements
-            are computed at them, too.
-        stated_terms: terms with stated uncertainties, fitted together with the joints.
-    """
-    uses_load_stiffness = previous is not None and settings.complementary_stiffness
-    compliance = previous.fit.compliance if previous is not None and uses_load_stiffness else None
-    excitation, triangles = Excitation(robot.joint_kinds), MethodTriangles(method)
-    targets = TargetRows(robot.n) if settings.loss == "huber" else None
-    largest_stiffness = np.zeros((robot.n, robot.n))
-    for block in regressor_blocks(robot, measurements, compliance):
-        (triangles if targets is None else targets).add(block)
-        if previous is None:
-            excitation.add(block)
-            np.maximum(
-                largest_stiffness, np.abs(complementary_stiffness(block)).max(axis=0), out=largest_stiffness
-            )
-    observability = _require_observable(excitation) if previous is None else previous.observability
-    robust, sigma = None, measurements.sigma
-    if targets is not None:  # an unknown sigma is estimated in the first pass and then kept
-        robust = fit_huber(
-            targets,
-            observability.null,
-            settings.constraints,
-            prior=settings.prior,
-            sigma=sigma if previous is None or previous.robust is None else previous.robust.sigma,
-            threshold=settings.huber_threshold,
-        )
-        sigma, measurements = robust.sigma, robust.reweight(measurements)
-        for block in regressor_blocks(robot, measurements, compliance):
-            triangles.add(block)
-    statements = None
-    if stated_terms and previous is not None:
-        statements = Statements(
-            terms=tuple(stated_terms),
-            common=measurements.common_uncertainty,
-            compliance=np.maximum(previous.fit.compliance, 0.0),
-            sigma=max(measurements.sigma or previous.estimate_noise(), LEAST_STATED_SIGMA),
-        )
-        triangles = triangles.fit_with_statements(
-            regressor_blocks(robot, measurements, compliance), statements
-        )
-    # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
-    triangles.all_readings.rows -= fitted_errors(measurements).determined
-    solve_problem = (
-        solve_step if previous is None and (settings.complementary_stiffness or stated_terms) else solve
-    )
-    fit = fit_method(triangles, observability.null, settings.constraints, solve_problem=solve_problem)
-    if settings.prior is not None:
+    rows: Rows  # N observations in their unloaded postures
+    settings: Settings
+    method: Method
+    observability: Observability  # in the unloaded postures
+    stated_terms: tuple[Term, ...]  # terms with stated uncertainties, fitted together with the joints
+
+    def fit_once(self, compliance: FloatArray | None = None, before: _Pass | None = None) -> _Pass:
+        """Fit all observations once, without a certificate.
+
+        Args:
+            compliance: (n,) compliances that bend the robot, with K_c, and at which the columns of statements
+                are computed; None for a fit that neglects K_c and statements.
+            before: the fit before; None for the first fit.
+        """
+        rows, settings = self.rows, self.settings
+        if settings.complementary_stiffness:
+            rows = rows.at(compliance)
+        robust, targets = None, None
+        if settings.loss == "huber":
+            targets = TargetRows.of(rows)
+            robust = self._fit_huber(targets, before)
+            rows = rows.of(robust.reweight(rows.measurements))
+        statements = None if before is None else self._state(compliance, before)
+        compressed = MethodRows.compress(self.method, rows, statements)
+        return _Pass(rows, compressed, self._solve(compressed, robust, solve_step), robust, targets)
+
+    def certify(self, last: _Pass) -> _Pass:
+        """Return the last fit with certificates of its optimum."""
+        return replace(last, fit=self._solve(last.compressed, last.robust, solve))
+
+    def _solve(self, compressed: MethodRows, robust: RobustFit | None, solve_problem: Find) -> Fit:
+        """Return the fit of compressed rows, with the prior of the settings."""
+        settings, null = self.settings, self.observability.null
+        fit = fit_method(compressed, null, settings.constraints, solve_problem=solve_problem)
+        if settings.prior is None:
+            return fit
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
-        sigma_of_readings = _require_sigma_for_prior(estimate_scale(fit, triangles.all_readings, sigma))
-        prior = settings.prior.in_units_of(sigma_of_readings)
-        fit_with_prior = fit_method(triangles, observability.null, settings.constraints, prior, solve_problem)
-        fit = replace(fit_with_prior, alone=fit)
-    return _Pass(
-        measurements,
-        compliance,
-        observability,
-        triangles,
-        fit,
-        largest_stiffness,
-        robust,
-        targets,
-        statements,
-    )
+        sigma = self.rows.measurements.sigma if robust is None else robust.sigma
+        scale = estimate_scale(fit, compressed.all_readings, sigma)
+        prior = settings.prior.in_units_of(_require_sigma_for_prior(scale))
+        with_prior = fit_method(compressed, null, settings.constraints, prior, solve_problem)
+        return replace(with_prior, alone=fit)
+
+    def _fit_huber(self, targets: TargetRows, before: _Pass | None) -> RobustFit:
+        """Fit the joints with Huber's loss; an unknown sigma is estimated by the first fit and then kept."""
+        sigma = self.rows.measurements.sigma
+        if before is not None and before.robust is not None:
+            sigma = before.robust.sigma
+        return fit_huber(
+            targets,
+            self.observability.null,
+            self.settings.constraints,
+            prior=self.settings.prior,
+            sigma=sigma,
+            threshold=self.settings.huber_threshold,
+        )
+
+    def _state(self, compliance: FloatArray | None, before: _Pass) -> Statements | None:
+        """Return what is stated, with columns at compliances (n,); None without stated terms."""
+        if not self.stated_terms or compliance is None:
+            return None
+        measurements = self.rows.measurements
+        return Statements(
+            terms=self.stated_terms,
+            common=measurements.common_uncertainty,
+            compliance=np.maximum(compliance, 0.0),
+            sigma=max(measurements.sigma or before.estimate_noise(), LEAST_STATED_SIGMA),
+        )
 
 
 def _require_sigma_for_prior(scale: Scale) -> float:
@@ -345,13 +346,7 @@ def _require_observable(excitation: Excitation) -> Observability:
     return observability
 
 
-def _iterate_to_convergence(
-    robot: Robot,
-    measurements: Measurements,
-    settings: Settings,
-    first_fit: _Pass,
-    stated_terms: Sequence[Term],
-) -> tuple[_Pass, int]:
+def _iterate_to_rest(problem: _Problem, first: _Pass) -> tuple[_Pass, int]:
     """Repeat the fit until the fitted compliances equal those of the fit before.
 
     With the complementary stiffness K_c, the compliances bend the robot; the columns of statements depend on
@@ -364,36 +359,34 @@ def _iterate_to_convergence(
     Raises:
         SolverError: the compliances do not come to rest in `MAX_ITERATIONS` fits.
     """
-    start = first_fit.fit.compliance
-    if settings.complementary_stiffness:
-        sigma = measurements.sigma or first_fit.estimate_noise()
-        start = start + _estimate_neglected_shift(robot, first_fit, settings.prior, sigma)
-    method, last_fit, rounds = first_fit.triangles.method, first_fit, 0
+    start = first.fit.compliance
+    if problem.settings.complementary_stiffness:
+        sigma = problem.rows.measurements.sigma or first.estimate_noise()
+        start = start + _estimate_neglected_shift(problem, first, sigma)
+    last, rounds = first, 0
 
     def fit_at(compliance: FloatArray) -> FloatArray:
         """Return the fitted compliances (n,) where the robot was bent with other compliances (n,)."""
-        nonlocal last_fit, rounds
-        before = replace(last_fit, fit=replace(last_fit.fit, compliance=compliance))
-        last_fit, rounds = _fit_once(robot, measurements, settings, method, before, stated_terms), rounds + 1
-        return last_fit.fit.compliance
+        nonlocal last, rounds
+        last, rounds = problem.fit_once(compliance, last), rounds + 1
+        return last.fit.compliance
 
-    find_rest(fit_at, start, unit=_list_changes_at_rest(first_fit), most_steps=MAX_ITERATIONS)
-    return last_fit, rounds
+    unit = _list_changes_at_rest(problem.observability, first)
+    find_rest(fit_at, start, unit=unit, most_steps=MAX_ITERATIONS)
+    return last, rounds
 
 
-def _list_changes_at_rest(first_fit: _Pass) -> FloatArray:
+def _list_changes_at_rest(observability: Observability, first_fit: _Pass) -> FloatArray:
     """Return the greatest changes (n,) of the compliances by a further fit that count as rest [rad/(N·m)]."""
     # A joint that nothing moves has no compliance to compare with.
-    reference = np.maximum(first_fit.observability.reference_compliance, np.finfo(np.float64).tiny)
+    reference = np.maximum(observability.reference_compliance, np.finfo(np.float64).tiny)
     size = np.maximum(np.abs(first_fit.fit.compliance), reference)
     uncertainty = first_fit.estimate_noise() * np.sqrt(np.diagonal(first_fit.fit.covariance))
     uncertainty = np.where(np.isfinite(uncertainty), uncertainty, 0.0)
     return np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
 
 
-def _estimate_neglected_shift(
-    robot: Robot, fit_without_k_c: _Pass, prior: Prior | None, sigma: float | None
-) -> FloatArray:
+def _estimate_neglected_shift(problem: _Problem, without_k_c: _Pass, sigma: float | None) -> FloatArray:
     """Return the change (n,) of the compliances if K_c were included, to first order [rad/(N·m)].
 
     The deflections by K_c are subtracted from the readings; joints at a bound stay at the bound. Of a large
@@ -401,24 +394,27 @@ def _estimate_neglected_shift(
     ratio of the numbers of observations; where loads in all directions cancel, this overstates the change. A
     prior is included where sigma [m] is known.
     """
-    fit, sample = fit_without_k_c.fit, fit_without_k_c.measurements.select_evenly(SHIFT_OBSERVATIONS)
-    set_ratio = len(fit_without_k_c.measurements) / len(sample)
-    estimated = np.flatnonzero(~fit_without_k_c.observability.null & (fit.active == 0))
-    prior = prior.in_units_of(sigma) if prior and sigma else None
-    responses = fit_without_k_c.triangles.compute_responses(
-        regressor_blocks(robot, sample), [NEGLECTED_STIFFNESS], fit.compliance, estimated, prior
+    fit, sample = without_k_c.fit, without_k_c.rows.at(None).select_evenly(SHIFT_OBSERVATIONS)
+    estimated = np.flatnonzero(~problem.observability.null & (fit.active == 0))
+    prior = problem.settings.prior
+    responses = without_k_c.compressed.compute_responses(
+        sample,
+        [NEGLECTED_STIFFNESS],
+        fit.compliance,
+        estimated,
+        prior.in_units_of(sigma) if prior and sigma else None,
     )
-    return -responses[NEGLECTED_STIFFNESS.name][:, 0] * set_ratio
+    return -responses[NEGLECTED_STIFFNESS.name][:, 0] * (len(problem.rows) / len(sample))
 
 
-def _build_estimate(
-    robot: Robot, measurements: Measurements, settings: Settings, last_fit: _Pass
-) -> Estimate:
+def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
     """Build the estimate from the last fit: sigma, uncertainties, intervals and a verdict on each joint.
 
     With the Huber loss, a robust scale replaces a sigma that is unknown.
     """
-    fit, robust, all_readings = last_fit.fit, last_fit.robust, last_fit.triangles.all_readings
+    settings, measurements = problem.settings, problem.rows.measurements
+    robot, observability = problem.rows.robot, problem.observability
+    fit, robust, all_readings = last_fit.fit, last_fit.robust, last_fit.compressed.all_readings
     sigma = measurements.sigma if robust is None else robust.sigma
     # With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
     scale = estimate_scale(fit if fit.alone is None else fit.alone, all_readings, sigma)
@@ -430,7 +426,7 @@ def _build_estimate(
     common_errors = None
     if scale.sigma is not None:
         scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
-        common_errors = _propagate_common_errors(robot, settings, last_fit, scale.sigma or 1.0)
+        common_errors = _propagate_common_errors(problem, last_fit, scale.sigma or 1.0)
         if common_errors is not None:
             fit = fit.add_common_errors(common_errors.responses_to_unfitted_errors / (scale.sigma or 1.0))
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
@@ -454,7 +450,7 @@ def _build_estimate(
     evidence = Evidence(
         robot.joint_names,
         fit,
-        last_fit.observability,
+        observability,
         scale,
         settings.constraints,
         settings.confidence,
@@ -463,7 +459,7 @@ def _build_estimate(
     return Estimate(
         joints=evidence.derive_joint_results(),
         compliance=fit.compliance,
-        balanced=last_fit.balanced,
+        balanced=last_fit.rows.balanced,
         covariance=covariance,
         sigma=scale.sigma,
         sigma_given=scale.given,
@@ -471,30 +467,27 @@ def _build_estimate(
         degrees_of_freedom=scale.degrees_of_freedom,
         identifiability=fit.identifiability,
         certificates=certificates,
-        triangles=last_fit.triangles,
-        observability=last_fit.observability,
+        compressed=last_fit.compressed,
+        observability=observability,
         likelihood=fit.likelihood,
         common=common_errors,
         robust=robust,
     )
 
 
-def _propagate_common_errors(
-    robot: Robot, settings: Settings, last_fit: _Pass, sigma: float
-) -> CommonErrors | None:
+def _propagate_common_errors(problem: _Problem, last_fit: _Pass, sigma: float) -> CommonErrors | None:
     """Return the changes of the estimate by one standard uncertainty of each error common to all.
 
     The result is None if no such error has an uncertainty. `sigma` [m] weighs a prior against the readings.
     """
-    common_uncertainty = last_fit.measurements.common_uncertainty
-    errors = fitted_errors(last_fit.measurements)
+    measurements, settings = problem.rows.measurements, problem.settings
+    common_uncertainty, errors = measurements.common_uncertainty, fitted_errors(measurements)
     fitted_terms = errors.terms
     # For each term: the name in the budget, and the standard uncertainties of the unknowns.
     source_and_prior = {
         name: (common_uncertainty.source(name), term.prior(common_uncertainty))
         for name, term in TERMS.items()
     }
-    blocks = regressor_blocks(robot, last_fit.measurements, last_fit.balanced)
     # An error fitted from the readings replaces a stated uncertainty
     fitted_names = {term.name for term in fitted_terms}
     terms = [
@@ -504,15 +497,15 @@ def _propagate_common_errors(
     ]
     if not (terms or fitted_terms):
         return None
-    responses = last_fit.triangles.compute_responses(
-        blocks,
+    responses = last_fit.compressed.compute_responses(
+        last_fit.rows,
         [*terms, *fitted_terms],
         last_fit.fit.compliance,
-        np.flatnonzero(~last_fit.observability.null),
+        np.flatnonzero(~problem.observability.null),
         None if settings.prior is None else settings.prior.in_units_of(sigma),
     )
     by_source = {}
-    terms_in_fit = () if last_fit.statements is None else last_fit.statements.terms
+    terms_in_fit = last_fit.compressed.statements.terms
     for source, uncertainties, response in (
         (*source_and_prior[term.name], responses[term.name]) for term in terms
     ):

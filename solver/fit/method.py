@@ -14,10 +14,10 @@ encoders take part in every method: what they say of a joint does not pass throu
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Final, Literal
 
 import numpy as np
@@ -30,14 +30,10 @@ from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fit.observability import Excitation, Spectrum
 from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.problem import Bounds, Constraints, Order
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.statements import FittedStatements, Statements
-from jointstiff.solver.fit.triangle import (
-    Triangle,
-    compute_triangular_factor,
-    orthonormal_basis,
-    unit_columns,
-)
-from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, build_whitened_rows
+from jointstiff.solver.fit.triangle import Triangle, orthonormal_basis, unit_columns
+from jointstiff.solver.mechanics.block import BlockRows, RegressorBlock, Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements, whitener
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist, find_wrist, skew
 from jointstiff.solver.mechanics.robot import Robot
@@ -165,6 +161,11 @@ class StageRows:
     #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows, N the linear map of the stage; None where N = I
     spread: FloatArray | None
 
+    def list_spread_columns(self, whitened: BlockRows, joints: int) -> FloatArray:
+        """Return the columns (m, n) of the joints in `spread`, or in the whitened rows where N = I."""
+        spread = whitened.targets if self.spread is None else self.spread
+        return spread.reshape(-1, spread.shape[-1])[:, :joints]
+
 
 class Method:
     """A method with its weighting, as linear maps N of the whitened rows of the readings."""
@@ -200,19 +201,19 @@ class Method:
         """True if the method fits the whitened rows of the readings as they are, without a linear map."""
         return self.by_covariance and self.name == "partial_pose"
 
-    def rows(self, block: RegressorBlock, whitened: Rows) -> Iterator[StageRows]:
+    def map_rows(self, whitened: BlockRows) -> Iterator[StageRows]:
         """Yield the rows of a block of observations in each stage, in the order of the stages.
 
         Args:
-            block: B observations.
-            whitened: whitened rows of all terms in these observations, in units of sigma.
+            whitened: whitened rows of B observations, in units of sigma.
 
         Raises:
             UnsupportedMethodError: if the targets of an observation lie on a line, and a pose is needed.
         """
         targets, encoders = whitened.targets, whitened.encoders
         flat = targets.reshape(len(targets), -1, targets.shape[-1])
-        for stage, (observation_map, target_map) in zip(self.stages, self._stage_maps(block), strict=True):
+        maps = self._stage_maps(whitened.block)
+        for stage, (observation_map, target_map) in zip(self.stages, maps, strict=True):
             if observation_map is not None:
                 fitted_rows = observation_map @ flat
                 spread_rows = observation_map.transpose(0, 2, 1) @ fitted_rows
@@ -294,117 +295,84 @@ def _least_root_weights(measurements: Measurements) -> FloatArray | float:
     return np.asarray(np.sqrt(least_weight)[:, None, None])
 
 
-class MethodTriangles:
-    """Compressed rows of a measurement set for each stage of a method, filled block by block.
+@dataclass(frozen=True, eq=False)
+class MethodRows:
+    """Compressed rows of a campaign for each stage of a method, in units of sigma."""
 
-    Attributes:
-        method: the method with its stages.
-        all_readings: triangle of all readings, weighted by covariance. Residuals, sigma and degrees of
-            freedom are computed on this triangle, whatever the method fits.
-        stages: triangle of each stage.
-        spreads: triangle of each stage's `StageRows.spread`; None where rows are weighted by covariance.
-        cross: (n, n) weighted covariance between the readings of the two stages: ``A₂ᵀΩ₂ Σ Ω₁A₁``.
-        seen_from_centre: excitation of the joints as the motion of the wrist centre shows it; decoupled
-            method only.
-    """
+    method: Method  #: the method with its stages
+    statements: Statements  #: statements that are fitted with the joints, with K unknowns
+    #: triangle of all readings, weighted by covariance, with the statements projected out. Residuals, sigma
+    #: and degrees of freedom are computed on this triangle, whatever the method fits
+    all_readings: Triangle
+    stages: tuple[Triangle, ...]  #: triangle of each stage, with the statements projected out
+    #: triangle of each stage's `StageRows.spread`; None where rows are weighted by covariance
+    spreads: tuple[Triangle, ...] | None
+    #: (n, n) weighted covariance between the readings of the two stages: ``A₂ᵀΩ₂ Σ Ω₁A₁``
+    cross: FloatArray
+    #: excitation of the joints as the motion of the wrist centre shows it; decoupled method only
+    seen_from_centre: Excitation
+    columns: FloatArray  #: (m, n + K) compressed columns of all readings, then a row for each statement
+    #: (K, n + 1) unknowns of the statements that one unit of each joint's column, and the readings, call for
+    to_unknowns: FloatArray
 
-    def __init__(self, method: Method) -> None:
-        """Start without observations."""
-        n = len(method.joint_names)
-        self.method = method
-        self.all_readings = Triangle(joints=n)
-        self.stages = [self.all_readings] if method.is_plain else [Triangle(joints=n) for _ in method.stages]
-        self.spreads = None if method.by_covariance else [Triangle(joints=n) for _ in method.stages]
-        self.cross: FloatArray = np.zeros((n, n))
-        self.seen_from_centre = Excitation(method.joint_kinds)
-        self._statements: Statements | None = None
-        self._with_statements: FloatArray | None = None
-        # Unknowns of the statements that one unit of each joint's column, and the readings, call for.
-        self._unknowns: FloatArray = np.zeros((n + 1, 0))
-
-    def add(self, block: RegressorBlock) -> None:
-        """Add the rows of a block of observations to all triangles."""
-        measurements = block.measurements
-        whitened = build_whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
-        self.all_readings.add(whitened.targets, count=int(measurements.coordinates.sum()))
-        if measurements.encoders is not None and whitened.encoders is not None:
-            self.all_readings.add(whitened.encoders, count=int(measurements.encoders.present.sum()))
-        if self.method.is_plain:
-            return
-        spreads = []
-        for stage, rows in enumerate(self.method.rows(block, whitened)):
-            self.stages[stage].add(rows.fitted)
-            spread = whitened.targets if rows.spread is None else rows.spread
-            spreads.append(spread.reshape(-1, spread.shape[-1])[:, :-1])
-            if self.spreads is not None and rows.spread is not None:
-                self.spreads[stage].add(rows.spread)
-        if len(spreads) > 1:
-            self.cross += spreads[1].T @ spreads[0]
-            points = block.postures.to_base(np.broadcast_to(self.method.centre, (len(block.torque), 1, 3)))
-            jacobian = block.postures.jacobian_at(points)
-            self.seen_from_centre.add_with_points(block, jacobian, np.ones((len(points), 1), dtype=bool))
-
-    def fit_with_statements(
-        self, blocks: Iterable[RegressorBlock], statements: Statements
-    ) -> MethodTriangles:
-        """Return the triangles of a method with one stage, in which statements are fitted with the joints.
+    @classmethod
+    def compress(cls, method: Method, rows: Rows, statements: Statements | None = None) -> MethodRows:
+        """Compress the rows of all observations.
 
         Args:
-            blocks: the observations that were added.
-            statements: terms whose unknowns are stated as zero, with their standard uncertainties.
+            method: the method with its stages.
+            rows: N observations.
+            statements: statements to be fitted with the joints; only for a method of one stage.
         """
-        result, n = MethodTriangles(self.method), len(self.method.joint_names)
-        fitted: list[FloatArray] = []
-        readings: list[FloatArray] = []
-        for block in blocks:
-            terms = [JOINTS, *statements.terms]
-            whitened = statements.scale(build_whitened_rows(block, terms, statements.compliance))
-            width = whitened.targets.shape[-1]
-            (rows,) = self.method.rows(block, whitened)
-            fitted.append(compute_triangular_factor(rows.fitted.reshape(-1, width)))
-            readings.append(compute_triangular_factor(whitened.targets.reshape(-1, width)))
-            if whitened.encoders is not None:
-                readings.append(compute_triangular_factor(whitened.encoders.reshape(-1, width)))
-        compressed = []
-        for factors in (readings, fitted):
-            triangle = Triangle(joints=n, statements=width - 1 - n)
-            triangle.add(np.concatenate(factors), count=self.all_readings.rows)
-            compressed.append(triangle)
-        unit_uncertainties = np.ones(width - 1 - n)
-        result.all_readings = compressed[0].given("statements", unit_uncertainties, statements.sigma)
-        result.stages = [result.all_readings]
-        if not self.method.is_plain:
-            result.stages = [compressed[1].given("statements", unit_uncertainties, statements.sigma)]
-        statement_columns = compressed[1].matrix[:, n:]
-        fitted_rows = compressed[1].R[:, [*range(n), -1]]
-        statement_rows = statements.sigma * np.eye(statement_columns.shape[1])
-        result._statements = statements
-        result._with_statements = np.vstack([compressed[0].matrix, np.eye(width - 1)[n:] * statements.sigma])
-        result._unknowns = np.linalg.lstsq(
-            np.vstack([statement_columns, statement_rows]),
-            np.vstack([fitted_rows, np.zeros((statement_columns.shape[1], n + 1))]),
-            rcond=None,
-        )[0].T
-        return result
-
-    def rebuild(self, blocks: Sequence[RegressorBlock]) -> MethodTriangles:
-        """Return the triangles of some of the observations, with the same method and statements."""
-        triangles = MethodTriangles(self.method)
-        for block in blocks:
-            triangles.add(block)
-        return (
-            triangles if self._statements is None else triangles.fit_with_statements(blocks, self._statements)
+        n = rows.robot.n
+        statements = statements or Statements.none(n)
+        generated = statements.generate(rows, [JOINTS])
+        first = next(generated)
+        count = first.targets.shape[-1] - 1 - n
+        readings = Triangle(joints=n, statements=count)
+        fitted = [Triangle(joints=n, statements=count) for _ in method.stages]
+        spreads = [Triangle(joints=n) for _ in method.stages]
+        cross, seen_from_centre = np.zeros((n, n)), Excitation(method.joint_kinds)
+        for of_block in chain([first], generated):
+            readings.add(of_block.flat, count=int(of_block.read.sum()))
+            if method.is_plain:
+                continue
+            stage_rows = list(method.map_rows(of_block))
+            for stage, mapped in enumerate(stage_rows):
+                fitted[stage].add(mapped.fitted)
+                if mapped.spread is not None:
+                    spreads[stage].add(mapped.spread[..., [*range(n), -1]])
+            if len(stage_rows) > 1:
+                arm, wrist = (mapped.list_spread_columns(of_block, n) for mapped in stage_rows)
+                cross += wrist.T @ arm
+                seen_from_centre.add_wrist_centre(of_block.block, method.centre)
+        stages = [readings] if method.is_plain else fitted
+        sigma = statements.sigma
+        # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
+        readings.rows -= fitted_errors(rows.measurements).determined
+        all_readings, *others = [
+            triangle.given("statements", np.ones(count), sigma) if count else triangle
+            for triangle in ([readings] if method.is_plain else [readings, *fitted])
+        ]
+        return cls(
+            method=method,
+            statements=statements,
+            all_readings=all_readings,
+            stages=(all_readings,) if method.is_plain else tuple(others),
+            spreads=None if method.by_covariance else tuple(spreads),
+            cross=cross,
+            seen_from_centre=seen_from_centre,
+            columns=np.vstack([readings.matrix, np.eye(n + count)[n:] * sigma]),
+            to_unknowns=_fit_unknowns(stages[-1].R, n, sigma),
         )
 
-    def fit_statements(self, compliance: FloatArray) -> FittedStatements | None:
-        """Return the statements with the values that fit best for given compliances; None without any.
+    def compress_again(self, rows: Rows) -> MethodRows:
+        """Compress other observations by the same method, with the same statements."""
+        return MethodRows.compress(self.method, rows, self.statements)
 
-        Args:
-            compliance: (n,) fitted compliances [rad/(N·m)].
-        """
-        if self._statements is None:
-            return None
-        return FittedStatements(self._statements, np.append(-compliance, 1.0) @ self._unknowns)
+    def fit_statements(self, compliance: FloatArray) -> FittedStatements:
+        """Return the statements with the values that fit best for given compliances (n,) [rad/(N·m)]."""
+        return FittedStatements(self.statements, self.to_unknowns @ np.append(-compliance, 1.0))
 
     @property
     def determined_statement_count(self) -> float:
@@ -412,36 +380,26 @@ class MethodTriangles:
 
         B are the columns of the statements after projecting the joints out; σ is the noise of a reading.
         """
-        if self._statements is None or self._with_statements is None:
+        n, statement_count = len(self.method.joint_names), len(self.to_unknowns)
+        if not statement_count:
             return 0.0
-        n, statement_count = len(self.method.joint_names), self._unknowns.shape[1]
-        joints, columns = np.split(self._with_statements[:-statement_count], [n], axis=1)
+        joints, columns = np.split(self.columns[:-statement_count], [n], axis=1)
         joint_basis = orthonormal_basis(unit_columns(joints)[0])
         columns = columns - joint_basis @ (joint_basis.T @ columns)
         squared_singular_values = np.square(np.linalg.svd(columns, compute_uv=False))
-        return float((squared_singular_values / (squared_singular_values + self._statements.sigma**2)).sum())
+        return float((squared_singular_values / (squared_singular_values + self.statements.sigma**2)).sum())
 
-    @property
-    def columns(self) -> FloatArray:
-        """Compressed columns (m, n + K) of all readings: of the joints, then of K statements."""
-        return self.all_readings.matrix if self._with_statements is None else self._with_statements
+    def build_columns(self, rows: Rows) -> FloatArray:
+        """Return the whitened columns (m, n + K) of the targets of further readings.
 
-    def build_columns(self, block: RegressorBlock) -> FloatArray:
-        """Return the whitened columns (m, n + K) of further readings, in the order of `columns`.
-
-        First the n joints, then the K unknowns of the statements.
+        First the n joints, then the K unknowns of the statements, as in `columns`.
         """
-        statements = self._statements
-        terms: tuple[Term, ...] = () if statements is None else statements.terms
-        compliance = np.zeros(block.robot.n) if statements is None else statements.compliance
-        whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
-        if statements is not None:
-            whitened = statements.scale(whitened)
-        return whitened.targets.reshape(-1, whitened.targets.shape[-1])[:, :-1]
+        columns = [of_block.targets[..., :-1] for of_block in self.statements.generate(rows, [JOINTS])]
+        return np.concatenate([each.reshape(-1, each.shape[-1]) for each in columns])
 
     def compute_responses(
         self,
-        blocks: Iterable[RegressorBlock],
+        rows: Rows,
         terms: Sequence[Term],
         compliance: FloatArray,
         joints: IndexArray,
@@ -452,7 +410,7 @@ class MethodTriangles:
         Without bounds the estimate is linear, ĉ = H d, so the bias is ``H A_term``.
 
         Args:
-            blocks: the observations that were added.
+            rows: the observations that were compressed.
             terms: neglected terms.
             compliance: (n,) joint compliances at which the columns of the terms are computed [rad/(N·m)].
             joints: (p,) joints that are estimated.
@@ -462,19 +420,23 @@ class MethodTriangles:
             For each term's name the bias (n, k) that its k unknowns cause [rad/(N·m) per unit]; zero for
             joints that are not estimated.
         """
-        n = len(self.method.joint_names)
+        n, count = len(self.method.joint_names), len(self.to_unknowns)
         moments: list[FloatArray | float] = [0.0] * len(self.stages)
-        for block in blocks:
-            whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
-            for stage_number, rows in enumerate(self.method.rows(block, whitened)):
-                flat = rows.fitted.reshape(-1, rows.fitted.shape[-1])
-                columns = flat[:, :n] - self._build_statement_columns(block) @ self._unknowns[:-1].T
-                moments[stage_number] = moments[stage_number] + columns.T @ flat[:, n:-1]
+        neglected = rows.generate(terms, compliance)
+        fitted = self.statements.generate(rows, [JOINTS])
+        for of_terms, of_joints in zip(neglected, fitted, strict=True):
+            stage_rows = zip(self.method.map_rows(of_terms), self.method.map_rows(of_joints), strict=True)
+            for stage, (mapped_terms, mapped_joints) in enumerate(stage_rows):
+                columns = mapped_joints.fitted.reshape(-1, n + count + 1)[:, :-1]
+                columns = columns[:, :n] - columns[:, n:] @ self.to_unknowns[:, :-1]
+                flat = mapped_terms.fitted.reshape(-1, mapped_terms.fitted.shape[-1])
+                moments[stage] = moments[stage] + columns.T @ flat[:, :-1]
+            widths = of_terms.widths
         bias = np.zeros(np.shape(moments[0]))
-        for stage, stage_triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
-            fitted_joints = np.intersect1d(stage.joints, joints)
-            known_joints = np.intersect1d(stage.known, joints)
-            matrix = stage_triangle.matrix
+        for stage_of_method, triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
+            fitted_joints = np.intersect1d(stage_of_method.joints, joints)
+            known_joints = np.intersect1d(stage_of_method.known, joints)
+            matrix = triangle.matrix
             remaining = np.asarray(moment)[fitted_joints] - matrix[:, fitted_joints].T @ (
                 matrix[:, known_joints] @ bias[known_joints]
             )
@@ -482,17 +444,27 @@ class MethodTriangles:
             with_prior = columns if prior is None else np.vstack([columns, prior.rows(fitted_joints)[0]])
             inverse = Spectrum(with_prior).inverse
             bias[fitted_joints] = inverse @ (inverse.T @ remaining)
-        last_columns = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]
+        last_columns = np.cumsum([widths[term.name] for term in terms])[:-1]
         return dict(zip((term.name for term in terms), np.split(bias, last_columns, axis=1), strict=True))
 
-    def _build_statement_columns(self, block: RegressorBlock) -> FloatArray:
-        """Return the columns (m, K) of K stated unknowns in the rows of a block; K = 0 without statements."""
-        statements = self._statements
-        if statements is None:
-            return np.zeros((1, 0))
-        whitened = statements.scale(build_whitened_rows(block, statements.terms, statements.compliance))
-        (rows,) = self.method.rows(block, whitened)
-        return rows.fitted.reshape(-1, rows.fitted.shape[-1])[:, :-1]
+
+def _fit_unknowns(rows: FloatArray, joints: int, sigma: float) -> FloatArray:
+    """Return the unknowns (K, n + 1) of statements that fit each joint's column, and the readings, best.
+
+    Args:
+        rows: (m, n + K + 1) rows of the readings: columns of the joints, of the statements, of the readings.
+        joints: number n of joints.
+        sigma: standard uncertainty of a reading, by which statements are weighted.
+    """
+    columns = rows[:, joints:-1]
+    count = columns.shape[1]
+    if not count:
+        return np.zeros((0, joints + 1))
+    others = rows[:, [*range(joints), -1]]
+    stated = np.vstack([columns, sigma * np.eye(count)])
+    return np.asarray(
+        np.linalg.lstsq(stated, np.vstack([others, np.zeros((count, joints + 1))]), rcond=None)[0]
+    )
 
 
 def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -575,9 +547,7 @@ def find_spherical_wrist(robot: Robot) -> Wrist:
     return wrist
 
 
-def find_length_of_least_condition(
-    method: Method, blocks: Iterable[RegressorBlock], has_no_effect: BoolArray
-) -> float:
+def find_length_of_least_condition(method: Method, rows: Rows, has_no_effect: BoolArray) -> float:
     """Return the length L [m] that minimises the condition number of the rows [A_v / L; A_ω].
 
     A_v are the rows of displacements, A_ω the rows of rotations (Khan & Angeles; method.md §3). Columns are
@@ -586,7 +556,7 @@ def find_length_of_least_condition(
 
     Args:
         method: complete pose with a length of 1 m.
-        blocks: all observations.
+        rows: all observations.
         has_no_effect: (n,) joints that the readings do not see.
 
     Returns:
@@ -594,10 +564,10 @@ def find_length_of_least_condition(
     """
     n = len(has_no_effect)
     displacements, rotations = Triangle(joints=n), Triangle(joints=n)
-    for block in blocks:
-        (rows,) = method.rows(block, build_whitened_rows(block, [JOINTS], np.zeros(n)))
-        displacements.add(rows.fitted[:, :3])
-        rotations.add(rows.fitted[:, 3:])
+    for of_block in rows.generate([JOINTS], np.zeros(n)):
+        (mapped,) = method.map_rows(of_block)
+        displacements.add(mapped.fitted[:, :3])
+        rotations.add(mapped.fitted[:, 3:])
     linear, angular = (part.matrix[:, ~has_no_effect] for part in (displacements, rotations))
 
     def log_condition(decade: float) -> float:

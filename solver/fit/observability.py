@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import ObservabilityIndex
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import unit_columns
 from jointstiff.solver.mechanics.block import RegressorBlock
 from jointstiff.solver.text import figure
@@ -196,6 +197,14 @@ class Excitation:
         self._squared_deflection = 0.0  # sum over all readings
         self._greatest_torque = np.zeros(n)
 
+    @classmethod
+    def of(cls, rows: Rows) -> Excitation:
+        """Return the excitation of the joints by the loads of all observations."""
+        excitation = cls(rows.robot.joint_kinds)
+        for block in rows.generate_blocks():
+            excitation.add(block)
+        return excitation
+
     def add(self, block: RegressorBlock) -> None:
         """Add a block of observations of the targets."""
         self.add_with_points(block, block.jacobian, block.measurements.present)
@@ -228,6 +237,12 @@ class Excitation:
         self._squared_column += (block.torque**2 * squared_motion).sum(axis=0)
         self._squared_largest_column += (squared_greatest_torque * squared_motion).sum(axis=0)
         self._squared_deflection += float((measurements.deflection**2).sum())
+
+    def add_wrist_centre(self, block: RegressorBlock, centre: FloatArray) -> None:
+        """Add a block of observations of the wrist's centre (3,), given in the flange frame [m]."""
+        points = block.postures.to_base(np.broadcast_to(centre, (len(block.torque), 1, 3)))
+        present = np.ones((len(points), 1), dtype=np.bool_)
+        self.add_with_points(block, block.postures.jacobian_at(points), present)
 
     @property
     def anything_moved(self) -> bool:

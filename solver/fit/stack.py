@@ -6,7 +6,7 @@ weighted, or selected from a certain observation on; a triangle compresses the r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -15,7 +15,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.fit.triangle import Triangle, orthonormal_basis, unit_columns
-from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, build_whitened_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,31 +25,6 @@ class Stack:
     rows: FloatArray
     read: IndexArray  #: (N,) number of coordinates that were read in each observation
     widths: dict[str, int]  #: number of columns of each term, by the term's name, in the order of the columns
-
-    @classmethod
-    def from_blocks(
-        cls,
-        blocks: Iterable[RegressorBlock],
-        terms: Sequence[Term],
-        compliance: FloatArray,
-        build_block_rows: Callable[..., Rows] = build_whitened_rows,
-    ) -> Stack:
-        """Build the stack of the rows of targets; rows of encoders are left out.
-
-        Args:
-            blocks: N observations of T targets.
-            terms: effects that may have moved the targets; each gives some columns.
-            compliance: (n,) joint compliances at which the columns are computed [rad/(N·m)].
-            build_block_rows: function that builds the rows of a block: `build_whitened_rows`, or `build_rows`
-                for equal weights.
-        """
-        row_blocks, coordinate_counts, widths = [], [], dict[str, int]()
-        for block in blocks:
-            rows = build_block_rows(block, terms, compliance)
-            row_blocks.append(rows.targets.reshape(len(rows.targets), -1, rows.targets.shape[-1]))
-            coordinate_counts.append(block.measurements.coordinates.sum(axis=1))
-            widths = rows.widths
-        return cls(np.concatenate(row_blocks), np.concatenate(coordinate_counts), widths)
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -29,7 +29,7 @@ from scipy.linalg import block_diag
 from jointstiff.schemas.run import SupportFinder
 from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.fit.method import MethodTriangles
+from jointstiff.solver.fit.method import MethodRows
 from jointstiff.solver.fit.observability import (
     Combination,
     Identifiability,
@@ -38,6 +38,7 @@ from jointstiff.solver.fit.observability import (
 )
 from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.problem import Constraints, IdentificationProblem, Scaled
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import (
     Certificate,
     Solution,
@@ -47,7 +48,6 @@ from jointstiff.solver.fit.solution import (
     solve_step,
 )
 from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor
-from jointstiff.solver.mechanics.block import RegressorBlock, build_whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS
 
@@ -225,7 +225,7 @@ class StageFit:
 
 
 def fit_method(
-    triangles: MethodTriangles,
+    compressed: MethodRows,
     has_no_effect: BoolArray,
     constraints: Constraints,
     prior: Prior | None = None,
@@ -237,7 +237,7 @@ def fit_method(
     stiffness order between an arm joint and a wrist joint only bounds the wrist joint.
 
     Args:
-        triangles: compressed rows of all observations.
+        compressed: compressed rows of all observations.
         has_no_effect: (n,) mask of joints that have no effect on the readings.
         constraints: constraints on all n compliances.
         prior: prior of the n compliances, in units of sigma; only for weighting by covariance.
@@ -252,19 +252,19 @@ def fit_method(
             centre determines arm joints only in combination, so that the arm's share of the targets'
             deflection is unknown.
     """
-    n, method = len(has_no_effect), triangles.method
+    n, method = len(has_no_effect), compressed.method
     compliance, unconstrained = np.zeros(n), np.zeros(n)
     fits: dict[int, StageFit] = {}
     if len(method.stages) > 1:
-        _refuse_joints_without_effect_on_centre(triangles, has_no_effect)
-    for number, (stage, compressed) in enumerate(zip(method.stages, triangles.stages, strict=True)):
+        _refuse_joints_without_effect_on_centre(compressed, has_no_effect)
+    for number, (stage, triangle) in enumerate(zip(method.stages, compressed.stages, strict=True)):
         joints = stage.joints[~has_no_effect[stage.joints]]
         known_joints = stage.known[~has_no_effect[stage.known]]
         if not len(joints):
             continue
-        R = compressed.matrix[:, joints]
-        z = compressed.rhs
-        columns_of_known = compressed.matrix[:, known_joints]
+        R = triangle.matrix[:, joints]
+        z = triangle.rhs
+        columns_of_known = triangle.matrix[:, known_joints]
         remaining_constraints = constraints.fix_joints(known_joints, compliance[known_joints], joints)
         fitted = StageFit.from_rows(
             R,
@@ -290,13 +290,14 @@ def fit_method(
             remainder = z - columns_of_known @ unconstrained[known_joints]
             unconstrained[joints] = fitted.estimate_without_constraints(remainder)
         fits[number] = fitted
-    return _combine_stages(triangles, fits, compliance, unconstrained)
+    return _combine_stages(compressed, fits, compliance, unconstrained)
 
 
-def _refuse_joints_without_effect_on_centre(triangles: MethodTriangles, has_no_effect: BoolArray) -> None:
+def _refuse_joints_without_effect_on_centre(compressed: MethodRows, has_no_effect: BoolArray) -> None:
     """Raise UnsupportedMethodError if an arm joint moves the targets but not the wrist centre."""
-    arm, names = triangles.method.stages[0].joints, triangles.method.joint_names
-    not_shown = [j for j in arm[triangles.seen_from_centre.observability().null[arm]] if not has_no_effect[j]]
+    arm, names = compressed.method.stages[0].joints, compressed.method.joint_names
+    hidden = arm[compressed.seen_from_centre.observability().null[arm]]
+    not_shown = [j for j in hidden if not has_no_effect[j]]
     if not_shown:
         raise UnsupportedMethodError(
             f"the wrist centre does not move when {', '.join(names[j] for j in not_shown)} turns, so "
@@ -307,12 +308,12 @@ def _refuse_joints_without_effect_on_centre(triangles: MethodTriangles, has_no_e
 
 
 def _combine_stages(
-    triangles: MethodTriangles, fits: dict[int, StageFit], compliance: FloatArray, unconstrained: FloatArray
+    compressed: MethodRows, fits: dict[int, StageFit], compliance: FloatArray, unconstrained: FloatArray
 ) -> Fit:
     """Combine the solutions of all stages into the fit of the whole method.
 
     Args:
-        triangles: compressed rows of all observations.
+        compressed: compressed rows of all observations.
         fits: solved stages by their number.
         compliance: (n,) optimum [rad/(N·m)].
         unconstrained: (n,) estimate without constraints [rad/(N·m)].
@@ -323,13 +324,13 @@ def _combine_stages(
     for stage in stages:
         tied[stage.joints], active[stage.joints] = stage.tied, stage.solution.active
     joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
-    covariance = _compute_covariance(triangles, fits)
+    covariance = _compute_covariance(compressed, fits)
     covariance_of_fitted = covariance[np.ix_(joints, joints)]
     undetermined = tuple(group for stage in stages for group in stage.undetermined)
     # R of the likelihood: the compressed rows where these have the covariance of the estimate, else computed
     # from the covariance of the determined sums; None leaves the computation to `Likelihood`.
     rows = None
-    if len(triangles.stages) == 1 and triangles.spreads is None and stages:
+    if len(compressed.stages) == 1 and compressed.spreads is None and stages:
         rows = stages[0].spectrum.determined
     elif undetermined:
         determined = block_diag(*(stage.spectrum.seen for stage in stages))
@@ -347,27 +348,27 @@ def _combine_stages(
     )
 
 
-def _compute_covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -> FloatArray:
+def _compute_covariance(compressed: MethodRows, fits: dict[int, StageFit]) -> FloatArray:
     """Return the exact covariance (n, n) of the unconstrained estimate, in units of sigma² (method.md §4).
 
     An estimate ĉ = H d from deflections d has the covariance H Σ Hᵀ. The decoupled method has two estimates:
     ĉ_a of the arm, and ĉ_w = L (d − A_a ĉ_a) of the wrist. The covariance of ĉ_w is L Σ Lᵀ, less the
     correlation of the two stages, plus L A_a cov(ĉ_a) (L A_a)ᵀ.
     """
-    n = len(triangles.cross)
+    n = len(compressed.cross)
     covariance = np.zeros((n, n))
     for number, stage in fits.items():
         root = stage.spectrum.inverse  # (p, m), root @ root.T is the covariance
-        if triangles.spreads is not None:  # the rows were not weighted with the covariance of the readings
-            root = root @ root.T @ triangles.spreads[number].matrix[:, stage.joints].T
+        if compressed.spreads is not None:  # the rows were not weighted with the covariance of the readings
+            root = root @ root.T @ compressed.spreads[number].matrix[:, stage.joints].T
         covariance[np.ix_(stage.joints, stage.joints)] = root @ root.T
     if len(fits) > 1:
         arm, wrist = fits.values()
         wrist_inverse = wrist.spectrum.inverse
-        rows = triangles.stages[1].matrix[:, arm.joints]
+        rows = compressed.stages[1].matrix[:, arm.joints]
         # L A_a; rows of a prior of the wrist do not depend on the arm
         L_A = wrist_inverse[:, : len(rows)] @ rows
-        cross_covariance = (wrist_inverse @ wrist_inverse.T) @ triangles.cross[
+        cross_covariance = (wrist_inverse @ wrist_inverse.T) @ compressed.cross[
             np.ix_(wrist.joints, arm.joints)
         ]
         cross_covariance = cross_covariance @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)  # cov(L d, ĉ_a)
@@ -484,33 +485,25 @@ _NO_DESCENT = 1e-12
 """Relative increase of the objective that counts as rounding."""
 
 
+@dataclass(frozen=True, eq=False)
 class TargetRows:
     """Whitened rows of all readings, kept uncompressed for the Huber loss: 24 (n + 1) bytes a reading."""
 
-    def __init__(self, parameters: int) -> None:
-        """Create a store without observations for a number of parameters."""
-        self._rows: list[FloatArray] = []
-        self._present: list[BoolArray] = []
-        self.squared = Triangle(joints=parameters)
-        """Rows of the encoders, whose loss stays squared."""
+    rows: FloatArray  #: (K, 3, n + 1) [A d] of the K readings, whitened, in units of sigma
+    present: BoolArray  #: (N, T) mask of the targets that were read in each observation; K entries are true
+    squared: Triangle  #: rows of the encoders, whose loss stays squared
 
-    def add(self, block: RegressorBlock) -> None:
-        """Add the whitened rows of a block of observations."""
-        rows = build_whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
-        self._rows.append(rows.targets[block.measurements.present])
-        self._present.append(block.measurements.present)
-        if rows.encoders is not None:
-            self.squared.add(rows.encoders)
-
-    @property
-    def rows(self) -> FloatArray:
-        """Rows (K, 3, n + 1) [A d] of the K readings, whitened, in units of sigma."""
-        return np.concatenate(self._rows)
-
-    @property
-    def present(self) -> BoolArray:
-        """Mask (N, T) of the targets that were read in each observation; K entries are true."""
-        return np.concatenate(self._present)
+    @classmethod
+    def of(cls, rows: Rows) -> TargetRows:
+        """Keep the rows of all observations."""
+        targets, present, squared = [], [], Triangle(joints=rows.robot.n)
+        for of_block in rows.generate([JOINTS], np.zeros(rows.robot.n)):
+            is_read = of_block.block.measurements.present
+            targets.append(of_block.targets[is_read])
+            present.append(is_read)
+            if of_block.encoders is not None:
+                squared.add(of_block.encoders)
+        return cls(np.concatenate(targets), np.concatenate(present), squared)
 
     def chi_square(self, compliance: FloatArray, *, sigma: float, threshold: float) -> float:
         """Return the chi-square of an estimate, with each residual cut at the threshold to limit outliers.

@@ -7,6 +7,7 @@ readings correct a statement as far as they know better, and χ², intervals and
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,17 +15,9 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fit.prior import Prior
-from jointstiff.solver.mechanics.block import (
-    Motion,
-    RegressorBlock,
-    Rows,
-    Term,
-    build_rows,
-    build_whitened_rows,
-    fitted_errors,
-)
+from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.mechanics.block import BlockRows, Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
-from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS
 
 LEAST_STATED_SIGMA: Final = 1e-8
@@ -40,6 +33,11 @@ class Statements:
     compliance: FloatArray  #: (n,) compliances at which the columns are computed [rad/(N·m)]
     sigma: float  #: standard uncertainty of a coordinate of a reading, the unit of the rows [m]
     prior: Prior | None = None  #: stated compliances of joints; None without any
+
+    @classmethod
+    def none(cls, joints: int) -> Statements:
+        """Return no statements, for a robot with so many joints."""
+        return cls((), CommonUncertainty(), np.zeros(joints), 1.0)
 
     def build_rows(self, compliances: int, errors: int) -> FloatArray:
         """Return what is stated as rows (q, compliances + errors + 1) like those of readings.
@@ -58,16 +56,24 @@ class Statements:
         of_prior[:, joints], of_prior[:, -1] = matrix, stated
         return np.vstack([rows, of_prior])
 
-    def scale(self, rows: Rows) -> Rows:
-        """Return rows with the columns of stated terms in units of the standard uncertainties."""
-        uncertainties_of_term = {term.name: term.prior(self.common) for term in self.terms}
-        # Columns of other terms, and the readings in the last column, keep their unit.
-        units = [
-            np.resize(uncertainties_of_term.get(name, (1.0,)), width) for name, width in rows.widths.items()
-        ]
-        unit = np.concatenate([*units, np.ones(1)])
-        encoders = None if rows.encoders is None else rows.encoders * unit
-        return rows._replace(targets=rows.targets * unit, encoders=encoders)
+    def generate(
+        self, rows: Rows, before: Sequence[Term] = (), *, whitened: bool = True
+    ) -> Iterator[BlockRows]:
+        """Yield rows of readings with columns of these terms, in units of the standard uncertainties.
+
+        Args:
+            rows: N observations.
+            before: terms whose columns come first, in their own units.
+            whitened: whether the noise of each row has variance sigma².
+        """
+        for of_block in rows.generate([*before, *self.terms], self.compliance, whitened=whitened):
+            yield of_block.scale(self._list_units(of_block.widths))
+
+    def _list_units(self, widths: Mapping[str, int]) -> FloatArray:
+        """Return the units (K + 1,) of columns: standard uncertainties of these terms, else 1."""
+        uncertainties = {term.name: term.prior(self.common) for term in self.terms}
+        units = [np.resize(uncertainties.get(name, (1.0,)), width) for name, width in widths.items()]
+        return np.concatenate([*units, np.ones(1)])  # the last column has the readings
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,27 +83,41 @@ class FittedStatements:
     statements: Statements  #: statements with K unknowns
     unknowns: FloatArray  #: (K,) fitted values, in standard uncertainties of the unknowns
 
-    def compute_motion(self, block: RegressorBlock) -> Motion:
-        """Compute how fitted errors move the targets (B, T, 3) [m] and encoders (B, n) [rad] of a block."""
-        terms, compliance = self.statements.terms, self.statements.compliance
-        rows = self.statements.scale(build_rows(block, terms, compliance))
-        encoders = None if rows.encoders is None else rows.encoders[..., :-1] @ self.unknowns
-        return Motion(rows.targets[..., :-1] @ self.unknowns, encoders)
+    @classmethod
+    def none(cls, joints: int) -> FittedStatements:
+        """Return no statements, for a robot with so many joints."""
+        return cls(Statements.none(joints), np.zeros(0))
 
-    def build_corrected_rows(self, block: RegressorBlock, compliance: FloatArray) -> Rows:
-        """Return the whitened rows of the joints, with the fitted errors subtracted from the readings.
+    def subtract(self, of_block: BlockRows) -> BlockRows:
+        """Return rows of a block without the columns of the statements, whose motion the readings lose."""
+        return BlockRows(
+            of_block.block,
+            self._subtract_motion(of_block.targets),
+            None if of_block.encoders is None else self._subtract_motion(of_block.encoders),
+            {name: width for name, width in of_block.widths.items() if name not in self._names},
+        )
 
-        Args:
-            block: B observations.
-            compliance: (n,) compliances at which the joints' columns are computed [rad/(N·m)].
+    def predict(self, of_block: BlockRows) -> tuple[FloatArray, FloatArray | None]:
+        """Return by how much the fitted errors move the targets and the encoders of a block.
+
+        Returns:
+            (B, T, 3) motion of the targets, and (B, n) of the encoders or None, in the unit of the rows.
         """
-        joints = build_whitened_rows(block, [JOINTS], compliance)
-        rows = build_whitened_rows(block, self.statements.terms, self.statements.compliance)
-        rows = self.statements.scale(rows)
-        joints.targets[..., -1] -= rows.targets[..., :-1] @ self.unknowns
-        if joints.encoders is not None and rows.encoders is not None:
-            joints.encoders[..., -1] -= rows.encoders[..., :-1] @ self.unknowns
-        return joints
+        encoders = of_block.encoders
+        return self._move(of_block.targets), None if encoders is None else self._move(encoders)
+
+    @property
+    def _names(self) -> frozenset[str]:
+        return frozenset(term.name for term in self.statements.terms)
+
+    def _move(self, rows: FloatArray) -> FloatArray:
+        """Return the motion by the fitted errors, whose columns come last before the readings."""
+        return np.asarray(rows[..., -1 - len(self.unknowns) : -1] @ self.unknowns)
+
+    def _subtract_motion(self, rows: FloatArray) -> FloatArray:
+        """Return rows in which the motion by the fitted errors is subtracted from the readings."""
+        remaining = rows[..., -1:] - self._move(rows)[..., None]
+        return np.concatenate([rows[..., : -1 - len(self.unknowns)], remaining], axis=-1)
 
 
 def list_stated_terms(measurements: Measurements) -> tuple[Term, ...]:

@@ -13,8 +13,8 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.design.optimum import AOptimality, compute_uncertainties
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.statements import Statements, list_stated_terms
-from jointstiff.solver.mechanics.block import build_whitened_rows, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.terms import DRIFT
@@ -42,8 +42,7 @@ class FittedErrorColumns:
         # A drift is hardly known from one unloaded state, and its columns need the order of later readings.
         terms = tuple(term for term in list_stated_terms(readings) if term is not DRIFT)
         common, known = readings.common_uncertainty, np.nan_to_num(compliance)
-        block = next(iter(regressor_blocks(robot, readings[:1])))
-        widths = build_whitened_rows(block, terms, known).widths
+        widths = Rows(robot, readings[:1]).stack(terms, known).widths
         assumed = np.array([name in common.assumed for name in widths], dtype=np.bool_)
         # The statements only scale columns, for which sigma does not matter.
         statements = Statements(terms, common, known, sigma=1.0)
@@ -54,12 +53,9 @@ class FittedErrorColumns:
 
         `sigma` is the standard uncertainty of a coordinate of a reading [m].
         """
-        terms, compliance = self.statements.terms, self.statements.compliance
-        rows = [
-            self.statements.scale(build_whitened_rows(block, terms, compliance)).targets[..., :-1]
-            for block in regressor_blocks(self.robot, measurements)
-        ]
-        return np.concatenate([each.reshape(-1, each.shape[-1]) for each in rows]) / sigma
+        of_blocks = self.statements.generate(Rows(self.robot, measurements))
+        columns = [of_block.targets[..., :-1] for of_block in of_blocks]
+        return np.concatenate([each.reshape(-1, each.shape[-1]) for each in columns]) / sigma
 
 
 @dataclass(frozen=True, eq=False)

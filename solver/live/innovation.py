@@ -19,9 +19,10 @@ from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.integrity.values import View
-from jointstiff.solver.mechanics.block import Term, regressor_blocks
+from jointstiff.solver.mechanics.block import Term
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
@@ -501,7 +502,7 @@ def _build_stack(
         terms: compliances, and errors of loads or positions, each with its unknowns.
         compliance: (n,) compliances at which the rows are linearised [rad/(N·m)].
     """
-    return Stack.from_blocks(regressor_blocks(robot, measurements, compliance), terms, compliance)
+    return Rows(robot, measurements, compliance).stack(terms, compliance)
 
 
 def _compute_median_places(robot: Robot, measurements: Measurements) -> tuple[FloatArray, float]:

@@ -26,6 +26,7 @@ from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.fit.estimate import stiffness_interval
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.live.ahead import CandidateReadings, KnownCompliances, NextReading, UncertaintyShare
 from jointstiff.solver.live.innovation import (
@@ -111,7 +112,7 @@ class Progress:
         if measurements is None:
             return None
         try:
-            joints = JointsAlone(robot, measurements, Settings.from_options(RunOptions(), robot))
+            joints = JointsAlone(Rows(robot, measurements), Settings.from_options(RunOptions(), robot))
             return np.maximum(joints.estimate.compliance, 0.0), joints.measurements.scatter
         except JointstiffError:
             return None

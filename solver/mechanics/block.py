@@ -16,7 +16,7 @@ from typing import ClassVar, Final, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, cross
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, cross
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements, whitened
@@ -285,6 +285,20 @@ class RegressorBlock:
     jacobian: FloatArray
     A: FloatArray  #: (B, T, 3, n) regressor of the deflections [m / (rad/(N·m))]; zero where not present
     measurements: Measurements  #: the observations themselves
+    #: motions of terms that were computed, by term and compliances; kept for small sets
+    _motions: dict[tuple[Term, bytes], Motion] = field(default_factory=dict)
+
+    def move(self, term: Term, compliance: FloatArray) -> Motion:
+        """Return the motion by each unknown of a term, at joint compliances (n,) [rad/(N·m)].
+
+        A term's motion is computed once and kept, unless the block is large.
+        """
+        if len(self.torque) > _MOST_CACHED_OBSERVATIONS:
+            return term.motion(self, compliance)
+        key = term, compliance.tobytes()
+        if key not in self._motions:
+            self._motions[key] = term.motion(self, compliance)
+        return self._motions[key]
 
     @cached_property
     def frames(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -512,12 +526,42 @@ def _assemble_block(
     return RegressorBlock(robot, compliance, postures, torque, load_jacobian, points, jacobian, A, part)
 
 
-class Rows(NamedTuple):
-    """Rows of a fit: K columns of terms, then a column of readings; zero for missing readings."""
+class BlockRows(NamedTuple):
+    """Rows of a block: K columns of terms, then a column of readings; zero for missing readings."""
 
+    block: RegressorBlock  #: B observations
     targets: FloatArray  #: (B, T, 3, K + 1) rows of the targets [m], axes of R0
     encoders: FloatArray | None  #: (B, n, K + 1) rows of the encoders [rad]; None without encoders
     widths: dict[str, int]  #: number of columns of each term
+
+    @property
+    def flat(self) -> FloatArray:
+        """Rows (B, m, K + 1) of each observation: those of its targets, then those of its encoders."""
+        targets = self.targets.reshape(len(self.targets), -1, self.targets.shape[-1])
+        return targets if self.encoders is None else np.concatenate([targets, self.encoders], axis=1)
+
+    @property
+    def read(self) -> IndexArray:
+        """Number (B,) of coordinates and encoders that were read in each observation."""
+        measurements = self.block.measurements
+        read: IndexArray = measurements.coordinates.sum(axis=1)
+        if measurements.encoders is not None:
+            read = read + measurements.encoders.present.sum(axis=1)
+        return read
+
+    def whiten(self) -> BlockRows:
+        """Return the rows whitened: the noise of each row has variance sigma².
+
+        The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2).
+        """
+        lever = self.block.measurements.encoder_lever
+        encoders = None if self.encoders is None else lever / np.sqrt(2.0) * self.encoders
+        return self._replace(targets=self.block.whiten(self.targets), encoders=encoders)
+
+    def scale(self, units: FloatArray) -> BlockRows:
+        """Return the rows in other units of the unknowns; the units (K + 1,) multiply the columns."""
+        encoders = None if self.encoders is None else self.encoders * units
+        return self._replace(targets=self.targets * units, encoders=encoders)
 
 
 class Motion(NamedTuple):
@@ -600,7 +644,7 @@ def move_by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatA
     return Motion(block.jacobian @ joint_turns[:, None], joint_turns)
 
 
-def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
+def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> BlockRows:
     """Return the least-squares rows of a block: the columns of all terms, then a column of readings.
 
     Args:
@@ -609,7 +653,7 @@ def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatAr
         compliance: (n,) compliances of the joints, on which the columns of errors depend [rad/(N·m)].
     """
     measurements = block.measurements
-    motions = {term.name: term.motion(block, compliance) for term in terms}
+    motions = {term.name: block.move(term, compliance) for term in terms}
     targets = np.concatenate(
         [*(m.targets for m in motions.values()), measurements.deflection[..., None]], axis=-1
     )
@@ -619,25 +663,11 @@ def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatAr
         targets[~measurements.present] = 0.0
     widths = {name: motion.targets.shape[-1] for name, motion in motions.items()}
     if measurements.encoders is None:
-        return Rows(targets, None, widths)
+        return BlockRows(block, targets, None, widths)
     columns = [
         np.zeros((*measurements.joints.shape, widths[name])) if motion.joints is None else motion.joints
         for name, motion in motions.items()
     ]
     encoders = np.concatenate([*columns, measurements.encoders.deflection[..., None]], axis=-1)
-    return Rows(targets, np.where(measurements.encoders.present[..., None], encoders, 0.0), widths)
-
-
-def build_whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
-    """Return the least-squares rows of a block, whitened: the noise of each row has variance sigma².
-
-    The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2).
-    """
-    return whiten_rows(block, build_rows(block, terms, compliance))
-
-
-def whiten_rows(block: RegressorBlock, rows: Rows) -> Rows:
-    """Return whitened rows of a block: the noise of each row has variance sigma²."""
-    lever = block.measurements.encoder_lever
-    encoders = None if rows.encoders is None else lever / np.sqrt(2.0) * rows.encoders
-    return rows._replace(targets=block.whiten(rows.targets), encoders=encoders)
+    encoders = np.where(measurements.encoders.present[..., None], encoders, 0.0)
+    return BlockRows(block, targets, encoders, widths)

@@ -33,6 +33,7 @@ from jointstiff.solver.fit.conic import (
     solve_mass_cones,
 )
 from jointstiff.solver.fit.estimate import JointCompliance
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import Certificate
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor
@@ -43,7 +44,6 @@ from jointstiff.solver.geometry.poses import (
     calibrate,
     differentiate_numerically,
 )
-from jointstiff.solver.mechanics.block import build_whitened_rows, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Body, Robot
 from jointstiff.solver.mechanics.springs import JOINTS
@@ -201,11 +201,9 @@ def fit_own_weight(
         rows = linearise_readings(robot, with_gravity, whitened, state, sag, compliance)
         triangle, load_triangle = rows.stack.triangle(), Triangle(joints=robot.n)
         nuisance = ["geometry", *(["base"] if free_base else []), *(["gravity"] if free_gravity else [])]
-        for block in [] if loaded is None else regressor_blocks(robot, loaded, compliance):
-            load_rows = build_whitened_rows(block, [JOINTS], compliance)
-            for rows_of_instrument in (load_rows.targets, load_rows.encoders):
-                if rows_of_instrument is not None:
-                    load_triangle.add(rows_of_instrument)
+        loads = [] if loaded is None else Rows(robot, loaded, compliance).generate([JOINTS], compliance)
+        for of_block in loads:
+            load_triangle.add(of_block.flat)
         deflection_sigma = 1.0 if loaded is None else loaded.sigma or 1.0
         deflection_rows = load_triangle.R[: load_triangle.rows] / deflection_sigma
         reduced = reduce_problem(rows, triangle, nuisance, burden, deflection_rows)

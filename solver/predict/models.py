@@ -34,11 +34,12 @@ from jointstiff.solver.choice.held_out import Folds, fit_fold
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.evidence.resampling import build_method_stacks, fit_subsets
 from jointstiff.solver.fit.cone import find_diagonal_entries, to_matrix
-from jointstiff.solver.fit.elastic import ElasticColumns, generate_elastic_blocks
+from jointstiff.solver.fit.elastic import ElasticColumns, generate_elastic_rows
 from jointstiff.solver.fit.estimate import Estimate, PostureJackknife, compute_interval_ends
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.observability import Spectrum
 from jointstiff.solver.fit.problem import Constraints
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.block import (
     Balance,
@@ -788,7 +789,7 @@ def compute_load_sizes(
 
 
 def estimate_error_by_leaving_postures_out(
-    robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate, model: JointModel
+    rows: Rows, settings: Settings, estimate: Estimate, model: JointModel
 ) -> ModelError:
     """Estimate the error of the model's predictions at new postures.
 
@@ -801,6 +802,7 @@ def estimate_error_by_leaving_postures_out(
         RequestError: no posture can be left out.
         JointstiffError: a refit fails.
     """
+    measurements = rows.measurements
     posture_of_observation, left_out_postures = _choose_left_out_postures(measurements, estimate)
     posture_count = len(left_out_postures)
     if posture_count > MOST_LEFT_OUT:
@@ -808,7 +810,7 @@ def estimate_error_by_leaving_postures_out(
     if estimate.robust is not None:
         measurements = estimate.robust.reweight(measurements)
     linear_settings = replace(settings, loss="squared", prior=None, order=())
-    blocks = build_method_stacks(robot, measurements, linear_settings, estimate)
+    blocks = build_method_stacks(rows.of(measurements), linear_settings, estimate)
     fits = fit_subsets(
         blocks,
         (posture_of_observation != left_out_postures[:, None]).astype(np.float64),
@@ -863,9 +865,7 @@ def _refuse_directions(measurements: Measurements) -> None:
         )
 
 
-def estimate_error_by_leaving_folds_out(
-    robot: Robot, measurements: Measurements, elastic: ElasticEstimate
-) -> ModelError:
+def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticEstimate) -> ModelError:
     """Estimate the error of a model with elastic links at new postures.
 
     The postures are divided into `_FOLD_COUNT` folds. For each fold: fit the model again without the fold, by
@@ -876,6 +876,7 @@ def estimate_error_by_leaving_folds_out(
         RequestError: readings are along a direction.
         UnsupportedMethodError: the set has one posture only.
     """
+    robot, measurements = source.robot, source.measurements
     _refuse_directions(measurements)
     model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.companion.sigma
     cross_validation = CrossValidation(folds=_FOLD_COUNT, draws=1)
@@ -885,7 +886,7 @@ def estimate_error_by_leaving_folds_out(
         weights = np.ones(measurements.present.shape)
         weights[measurements.present] = elastic.target_weights
         weighted = replace(measurements, weight=weights)
-    folds = Folds(robot, weighted, elastic.model.columns, model.seen, cross_validation, statements)
+    folds = Folds(source.of(weighted), elastic.model.columns, model.seen, cross_validation, statements)
     of_squares = replace(elastic.model, loss="squared")
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     observation_of_reading = np.nonzero(measurements.present)[0]
@@ -898,17 +899,16 @@ def estimate_error_by_leaving_folds_out(
     kept = np.concatenate([np.arange(stated_errors) + folds.columns.width, model.kept])
     for number, held_out_observations in enumerate(folds.held_out):
         unknowns, _ = fit_fold(folds, of_squares, number, (elastic.penalty_of_squares,))
-        held_out = measurements[held_out_observations]
-        blocks = list(generate_elastic_blocks(robot, held_out, folds.columns, statements))
-        rows = np.concatenate([columns.targets[block.measurements.present] for block, columns in blocks])
+        blocks = list(generate_elastic_rows(source[held_out_observations], folds.columns, statements))
+        rows = np.concatenate([each.targets[each.block.measurements.present] for each in blocks])
         held_out_readings = np.flatnonzero(np.isin(observation_of_reading, held_out_observations))
         residual[held_out_readings] = rows[..., -1] - rows[..., :-1] @ unknowns[0]
         added_variance[held_out_readings] = len(held_out_observations) / len(measurements)
         if joint_root is not None and sigma is not None:
             root = rows[..., kept] @ joint_root
             whitened_rows = [
-                block.whiten(columns.targets[..., kept] @ joint_root)[block.measurements.present]
-                for block, columns in blocks
+                each.block.whiten(each.targets[..., kept] @ joint_root)[each.block.measurements.present]
+                for each in blocks
             ]
             scaled_rows = np.concatenate(whitened_rows).reshape(-1, root.shape[-1]) / sigma
             factor = np.linalg.cholesky(np.eye(scaled_rows.shape[1]) - scaled_rows.T @ scaled_rows)

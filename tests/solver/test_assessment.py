@@ -18,6 +18,7 @@ from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL, MISTAKE_LEVEL
 from jointstiff.solver.fit.estimate import JointCompliance, predict
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics.measurements import (
     CommonUncertainty,
@@ -63,9 +64,9 @@ def assessed(robot, measurements, *, findings=None, prior=None, **options):
     settings = replace(Settings.from_options(RunOptions(**options), robot), prior=prior)
     if findings is None:
         findings = tuple(inspect_measurements(robot, measurements, degrees=False))
-    joints = JointsAlone(robot, measurements, settings, findings)
+    joints = JointsAlone(Rows(robot, measurements), settings, findings)
     found = joints.estimate
-    prediction = predict(robot, measurements, found.compliance, balanced_compliance=found.balanced)
+    prediction = predict(Rows(robot, measurements, found.balanced), found.compliance)
     return assess(joints, found, prediction, joints.screening), found
 
 
@@ -145,7 +146,7 @@ class TestFit:
         deflection[3, 1] += [0.0, 0.02, 0.0]  # of one target alone
         wrong = replace(measurements, force=measurements.force[:, [1, 2, 0]], deflection=deflection)
         assessment, found = assessed(robot, wrong, findings=(), complementary_stiffness="neglected")
-        left = np.linalg.norm(predict(robot, wrong, found.compliance).residual, axis=2)
+        left = np.linalg.norm(predict(Rows(robot, wrong), found.compliance).residual, axis=2)
         shown = reason_of(assessment, "deflection_unexplained").action.observations
         assert shown == ["c04"] == [measurements.labels[left.max(axis=1).argmax()]]
         assert left.min(axis=1).argmax() != 3
@@ -165,7 +166,7 @@ class TestFit:
         """A turn holds a shift: both together leave nothing that could not be told."""
         robot, measurements = springs(4, configurations=20)
         moved = replace(measurements, deflection=np.add(measurements.deflection, [1e-4, 0.0, 0.0]))
-        beside = fit_causes(robot, moved, [("shift", None), ("turn", None)])
+        beside = fit_causes(Rows(robot, moved), [("shift", None), ("turn", None)])
         assert [term.name for term in beside.fitted.terms] == ["turn"]
         found = estimate(robot, beside, complementary_stiffness="included")
         u = np.sqrt(np.diag(found.covariance))
@@ -232,7 +233,7 @@ def test_a_load_point_elsewhere_does_harm_beyond_what_the_intervals_hold(pulls, 
 
 def screened(robot, measurements, k_c="included"):
     fit = estimate(robot, measurements, complementary_stiffness=k_c)
-    return screen_estimate(robot, measurements, fit)
+    return screen_estimate(Rows(robot, measurements), fit)
 
 
 def springs(seed, load="pull", **options):
@@ -284,7 +285,7 @@ class TestLoad:
             assert screening.makes_links_unnecessary
             # Pulls tell the point to a centimetre, a dead weight hardly across itself.
             assert np.linalg.norm(cause.unknowns + moved) < (0.02 if load == "pull" else 0.5 * offset)
-            beside = fit_causes(robot, wrong, named(screening))
+            beside = fit_causes(Rows(robot, wrong), named(screening))
             found = estimate(robot, beside, complementary_stiffness="included")
             u = np.sqrt(np.maximum(np.diag(found.covariance), 1e-30))
             seen = found.estimated
@@ -338,12 +339,14 @@ class TestLoad:
         assert cause.suspect.name == "play"
         # The pulls hardly twist the last two joints.
         np.testing.assert_allclose(cause.unknowns[:4], 2.0 * play, rtol=0.2)
-        found = estimate(robot, fit_causes(robot, wrong, named(screening)))
+        found = estimate(robot, fit_causes(Rows(robot, wrong), named(screening)))
         u = np.sqrt(np.diag(found.covariance))
         assert (np.abs(found.compliance - arm.compliances) < 3 * u).all()
         elastic = bent - measurements.joints
         behind = EncoderReadings(elastic + further, np.ones((30, 6), np.bool_), 5e-6)
-        mended = fit_causes(robot, replace(wrong, encoders=behind), [("play", None)]).encoders.deflection
+        mended = fit_causes(
+            Rows(robot, replace(wrong, encoders=behind)), [("play", None)]
+        ).encoders.deflection
         twisted = (np.abs(elastic) > 5e-5) & (np.arange(6) < 4)
         np.testing.assert_allclose(mended[twisted], elastic[twisted], atol=3e-5)
 

@@ -32,6 +32,7 @@ from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import JointstiffError, MeasurementError, UnsupportedMethodError
 from jointstiff.solver.fit.estimate import predict
 from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import Triangle
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import OwnWeight, get_whole_block, regressor_blocks
@@ -64,7 +65,7 @@ class TestSharedData:
     def test_fanuc_stiffnesses_are_those_published(self, weighting):
         robot, measurements = prepare(shared("fanuc_r2000ic/campaign"))
         found = estimate(robot, measurements, method="partial_pose", weighting=weighting)
-        prediction = predict(robot, measurements, found.compliance)
+        prediction = predict(Rows(robot, measurements), found.compliance)
         # The reference is printed to four decimals, which is 1e-10 to 1e-9 relative.
         np.testing.assert_allclose(1 / found.compliance, FANUC_STIFFNESS, rtol=1e-8)
         assert prediction.compensation == pytest.approx(FANUC_COMPENSATION, abs=5e-7)

@@ -21,6 +21,7 @@ from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.problem import Bounds
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -59,7 +60,7 @@ def simulated(arm: SpringArm = ARM, **options: Any) -> tuple[Robot, Measurements
 
 def estimate(robot: Robot, measurements: Measurements, **options: Any) -> Estimate:
     """Identify with the options of a run, K_c neglected as in the paper unless they say otherwise."""
-    return identify(robot, measurements, settings_of(robot, **options))
+    return identify(Rows(robot, measurements), settings_of(robot, **options))
 
 
 def settings_of(robot: Robot, **options: Any) -> Settings:
@@ -158,4 +159,5 @@ def blocks_of_set(robot: Robot, measurements: Measurements, settings: Settings) 
     refuse_nonlinear(settings)
     if not settings.complementary_stiffness:
         settings = replace(settings, bounds=Bounds.unconstrained(robot.n))
-    return build_method_stacks(robot, measurements, settings, identify(robot, measurements, settings))
+    rows = Rows(robot, measurements)
+    return build_method_stacks(rows, settings, identify(rows, settings))

@@ -36,6 +36,7 @@ from jointstiff.solver.comparison.campaigns import (
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.fitted_causes import fit_causes
 from jointstiff.solver.evidence.refuted import leave_out, list_refuted
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.models import JointModel
@@ -315,7 +316,7 @@ def _make_solver_side(inputs: Inputs, leading_run: MeasuredRun, runs: Sequence[M
     causes = [cause.name_and_first_label for cause in run.request.causes]
     refuted = list_refuted(prepared.measurements, prepared.warnings)
     trusted_readings = leave_out(prepared.measurements, refuted)
-    measurements = fit_causes(prepared.robot, trusted_readings, causes)
+    measurements = fit_causes(Rows(prepared.robot, trusted_readings), causes)
     k_c = run.result.complementary_stiffness if run.result else None
     model = _rebuild_joint_model(run, prepared.robot)
     return Side(

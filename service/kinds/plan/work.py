@@ -34,6 +34,7 @@ from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.refuted import list_refuted
 from jointstiff.solver.fit.estimate import predict
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.robot import Robot
@@ -93,7 +94,7 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
             causes = [cause.name_and_first_label for cause in request.causes]
             measurements = prepared.measurements.require_loads()
             refuted = list_refuted(measurements, prepared.warnings)
-            readings = fit_causes(prepared.robot, measurements, causes, refuted)
+            readings = fit_causes(Rows(prepared.robot, measurements), causes, refuted)
             prepared = replace(prepared, measurements=readings)
         plan_input = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
@@ -156,7 +157,7 @@ def _evaluate_campaign_by_loads(
         RequestError: the verdict on the campaign is "do not use".
     """
     settings = Settings.from_options(RunOptions(), robot)
-    joints = JointsAlone(robot, prepared.measurements, settings, prepared.warnings)
+    joints = JointsAlone(Rows(robot, prepared.measurements), settings, prepared.warnings)
     estimate, screening = joints.estimate, joints.screening
     # A compliance with a great uncertainty is no nominal value: it stays NaN.
     nominal = np.full(robot.n, np.nan)
@@ -166,13 +167,8 @@ def _evaluate_campaign_by_loads(
             continue
         if uncertainty < _LARGEST_RELATIVE_UNCERTAINTY * joint.compliance:
             nominal[index] = joint.compliance
-    prediction = predict(
-        robot,
-        joints.measurements,
-        estimate.compliance,
-        balanced_compliance=estimate.balanced,
-        statements=estimate.statements,
-    )
+    rows = joints.rows.at(estimate.balanced)
+    prediction = predict(rows, estimate.compliance, statements=estimate.statements)
     assessment = build_assessment_message(assess(joints, estimate, prediction, screening), estimate.joints)
     ignored_codes = _TOO_FEW_READINGS
     if screening.links_need_validation:

@@ -49,10 +49,11 @@ from jointstiff.solver.fit.elastic import (
     ElasticRows,
     compress_elastic_rows,
     formulate_fit,
-    generate_elastic_blocks,
+    generate_elastic_rows,
     list_losses_to_compare,
 )
 from jointstiff.solver.fit.prior import Prior
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.statements import Statements, list_stated_terms
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -76,19 +77,19 @@ def truth_of(elastic):
 
 def rows_of(robot, measurements):
     return np.concatenate(
-        [rows.targets[..., :-1] for _, rows in generate_elastic_blocks(robot, measurements, COLUMNS)]
+        [each.targets[..., :-1] for each in generate_elastic_rows(Rows(robot, measurements), COLUMNS)]
     )
 
 
 def whole_rows(robot, measurements):
-    (rows,) = compress_elastic_rows(robot, measurements, COLUMNS, [np.arange(len(measurements))])
+    (rows,) = compress_elastic_rows(Rows(robot, measurements), COLUMNS, [np.arange(len(measurements))])
     return rows
 
 
 def estimate(robot, measurements, name="joints_and_links", weight=1e-2, *, columns=COLUMNS, **options):
     """Estimate with options of the model (loss, threshold), of the folds (shares), and of what is visible."""
     shares, statements = options.pop("shares", CrossValidation()), options.pop("statements", None)
-    folds = Folds(robot, measurements, columns, options.pop("visible", VISIBLE), shares, statements)
+    folds = Folds(Rows(robot, measurements), columns, options.pop("visible", VISIBLE), shares, statements)
     loss, threshold = options.pop("loss", "squared"), options.pop("threshold", 2.8)
     return estimate_elastic(folds, ElasticModel(name, columns, loss, threshold), weight)
 
@@ -142,7 +143,7 @@ def test_links_that_are_known_leave_noise_and_joints_alone_leave_much_more():
     """90 fitted, 40 held out; the benchmark has 200 and 200."""
     robot, measurements = pulled(beam_arm(default_arm()), 130, seed=0)
     fitted, held_out = measurements[:90], measurements[90:]
-    folds = Folds(robot, fitted, COLUMNS, VISIBLE, CrossValidation(folds=3), None)
+    folds = Folds(Rows(robot, fitted), COLUMNS, VISIBLE, CrossValidation(folds=3), None)
     model = ElasticModel("joints_and_links", COLUMNS)
     path = fit_folds(folds, model, (1e-6, 1e-5))
     weight = path.weights[choose_weight_index(path.errors, "best")]
@@ -188,7 +189,7 @@ def test_few_postures_call_for_some_penalty_on_full_links_and_many_for_hardly_an
     """
     robot, measurements = pulled(beam_arm(default_arm()), count, seed=1)
     model = ElasticModel(name, COLUMNS)
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1), None)
+    folds = Folds(Rows(robot, measurements), COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1), None)
     finer = refine_path(folds, model, fit_folds(folds, model, WEIGHTS))
     mean, best = finer.errors.mean(axis=0), choose_weight_index(finer.errors, "best")
     assert expected[0] <= finer.weights[best] <= expected[1]
@@ -216,10 +217,13 @@ def test_models_with_a_base_are_compared_where_its_test_speaks():
 def test_errors_of_many_targets_are_those_of_their_coordinates(monkeypatch):
     monkeypatch.setattr(choice, "MOST_TARGETS", 9)
     robot, measurements = rigid_pulled(6, 2)
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1), None)
+    folds = Folds(Rows(robot, measurements), COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1), None)
     compliances = np.outer([0.0, 1.0, 2.0], truth_of(beam_arm(default_arm())))
     rows = np.concatenate(
-        [rows.targets for _, rows in generate_elastic_blocks(robot, measurements[folds.held_out[1]], COLUMNS)]
+        [
+            each.targets
+            for each in generate_elastic_rows(Rows(robot, measurements)[folds.held_out[1]], COLUMNS)
+        ]
     )
     left = rows[..., :-1] @ compliances.T - rows[..., -1:]
     expected = np.sqrt(np.square(left).mean(axis=(0, 1, 2)) / 2.0)  # of a difference of two readings
@@ -234,7 +238,7 @@ def test_a_joint_that_a_part_sees_by_rounding_alone_is_no_unknown_of_it():
 
 
 def selected(robot, measurements, weights, folds):
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(draws=1, folds=folds), None)
+    folds = Folds(Rows(robot, measurements), COLUMNS, VISIBLE, CrossValidation(draws=1, folds=folds), None)
     models = [ElasticModel(name, COLUMNS) for name in MODELS]
     return select_model(folds, {model.key: fit_folds(folds, model, weights) for model in models})
 
@@ -503,7 +507,7 @@ def test_a_clean_set_is_answered_whatever_the_penalty(weight, loss):
 
 
 def test_a_penalty_that_cannot_be_certified_gives_way_to_the_next(elastic):
-    folds = Folds(elastic[0], elastic[1][:15], COLUMNS, VISIBLE, CrossValidation(), None)
+    folds = Folds(Rows(elastic[0], elastic[1][:15]), COLUMNS, VISIBLE, CrossValidation(), None)
     model = ElasticModel("joints_and_links", COLUMNS)
     with pytest.raises(UnsupportedMethodError, match="certified") as refused:
         estimate_elastic(folds, model, 1e-30)
@@ -524,7 +528,7 @@ def test_a_penalty_at_an_end_is_a_finding(chosen, remedy):
 
 def test_a_model_without_an_answer_is_left_out_unless_it_is_asked_for(elastic):
     robot, measurements = elastic
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1), None)
+    folds = Folds(Rows(robot, measurements), COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1), None)
     paths = {(name, "squared"): fit_folds(folds, ElasticModel(name, COLUMNS), (1e-2,)) for name in MODELS}
     coupled = ("coupled_joints", "squared")
     paths[coupled] = replace(paths[coupled], errors=paths[coupled].errors * np.nan)
@@ -550,7 +554,7 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
     fitted, held_out = measurements[:25], measurements[25:]
     found = estimate(robot, fitted, weight=1e-4, shares=CrossValidation(folds=3))
     predictor = ElasticPredictor.from_estimate(robot, found)
-    error = estimate_error_by_leaving_folds_out(robot, fitted, found)
+    error = estimate_error_by_leaving_folds_out(Rows(robot, fitted), found)
     assert error.postures == 25
     configurations = Postures(robot, robot.joint_map.model_angles(held_out.joints))
     origin = configurations.to_base(np.zeros((len(held_out), 1, 3)))[:, 0]
@@ -579,7 +583,7 @@ def test_balls_hardly_grow_within_the_loads_and_in_proportion_beyond(elastic):
     robot, fitted = elastic[0], replace(elastic[1][:25], sigma=None)
     found = estimate(robot, fitted, weight=1e-4, shares=CrossValidation(folds=2))
     predictor = ElasticPredictor.from_estimate(robot, found)
-    error = estimate_error_by_leaving_folds_out(robot, fitted, found)
+    error = estimate_error_by_leaving_folds_out(Rows(robot, fitted), found)
     assert error.noise == pytest.approx(np.sqrt(2.0) * 2e-5, rel=0.3)
     cases = LoadCases(fitted.joints, fitted.force, fitted.moment, fitted.load_point, fitted.load_point)
     stored = build_stored_model(predictor, error)

@@ -37,6 +37,7 @@ from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -60,7 +61,7 @@ class Campaign:
         estimate, free = self.estimate, self.estimate
         if any(joint.status == "at_bound" for joint in estimate.joints):
             without = replace(self.settings, bounds=Bounds.unconstrained(self.robot.n), order=())
-            free = identify(self.robot, self.measurements, without)
+            free = identify(Rows(self.robot, self.measurements), without)
         values = [np.nan if joint.compliance is None else joint.compliance for joint in free.joints]
         common = np.zeros((len(values), 0)) if free.common is None else free.common.responses
         assumed = common[:, :0] if free.common is None else free.common.responses_to("assumed_load_point")
@@ -143,7 +144,7 @@ def test_every_ratio_is_in_or_out_as_the_definition_says(c1, s1, c2, s2, ratio, 
 def changed(campaign, **fields):
     """The campaign with other fields, identified anew."""
     new = replace(campaign, **fields)
-    return replace(new, estimate=identify(new.robot, new.measurements, new.settings))
+    return replace(new, estimate=identify(Rows(new.robot, new.measurements), new.settings))
 
 
 def with_readings(campaign, **readings):
@@ -153,7 +154,7 @@ def with_readings(campaign, **readings):
 def side(document, **options):
     robot, measurements = prepare(document)
     settings = settings_of(robot, **options)
-    return Campaign(robot, measurements, settings, identify(robot, measurements, settings))
+    return Campaign(robot, measurements, settings, identify(Rows(robot, measurements), settings))
 
 
 def both(arms=(MOTOR, SECONDARY), seeds=(5, 6), options=None, **simulated):
@@ -395,7 +396,7 @@ def hung_off(arm, plan, offset, seed):
     uncertainty = CommonUncertainty(load_point=0.01, assumed=frozenset({"load_point"}))
     measurements = replace(measurements, common_uncertainty=uncertainty)
     settings = settings_of(robot)
-    return Campaign(robot, measurements, settings, identify(robot, measurements, settings))
+    return Campaign(robot, measurements, settings, identify(Rows(robot, measurements), settings))
 
 
 @pytest.mark.slow

@@ -50,6 +50,7 @@ from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.term_tests import MISTAKE_LEVEL
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import get_whole_block
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument, Scatter
 from jointstiff.solver.mechanics.postures import Postures
@@ -96,7 +97,7 @@ class TestPromise:
             RunOptions(positive=False, complementary_stiffness="included"), robot
         )
         readings = (read(plan, rng.standard_normal((2, 12, 3, 3))) for _ in range(draws))
-        found = [identify(robot, each, settings) for each in readings]
+        found = [identify(Rows(robot, each), settings) for each in readings]
         promised = plan.uncertainty * ARM.compliances
         stated = np.mean([[joint.standard_uncertainty for joint in each.joints] for each in found], axis=0)
         np.testing.assert_allclose(stated, promised, rtol=0.01)
@@ -123,7 +124,7 @@ class TestPromise:
                 scatter=tools.scatter,
                 repeatability=turns,
             )
-            found.append(identify(robot, moved, settings).compliance)
+            found.append(identify(Rows(robot, moved), settings).compliance)
         promised = plan.uncertainty * ARM.compliances
         np.testing.assert_allclose(np.std(found, axis=0, ddof=1), promised, rtol=0.3)
         exactly = plan_campaign(robot, request_of(equipment())).uncertainty
@@ -144,7 +145,7 @@ class TestPromise:
             stated = replace(
                 stated, load_point=stated.load_point + 0.02 * off / np.linalg.norm(off), sigma=None
             )
-            joints = JointsAlone(robot, stated, Settings.from_options(RunOptions(), robot))
+            joints = JointsAlone(Rows(robot, stated), Settings.from_options(RunOptions(), robot))
             (test,) = [each for each in joints.screening.tests if each.name == "load_point"]
             found += test.p_value < MISTAKE_LEVEL
         assert found >= 14  # 16 are expected of the direction that shows least, with a deviation of 1.8

@@ -16,6 +16,7 @@ from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.fitted_causes import fit_causes
 from jointstiff.solver.evidence.refuted import leave_out, list_refuted
 from jointstiff.solver.evidence.suspects import Suspect, group_distinct_loads
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics.block import Motion, Term, fitted_errors, get_whole_block
 from jointstiff.solver.mechanics.terms import PLAY, SHIFT, TERMS
@@ -33,7 +34,7 @@ def pulls(seed, configurations=24, sigma=SIGMA):
 
 def screened(measurements):
     found = estimate(ROBOT, measurements, complementary_stiffness="included")
-    return screen_estimate(ROBOT, measurements, found)
+    return screen_estimate(Rows(ROBOT, measurements), found)
 
 
 def named(screening):
@@ -47,7 +48,9 @@ def test_errors_that_targets_share_widen_what_is_claimed_of_a_cause():
         measurements = pulls(1, configurations=40)
         errors = station * np.random.default_rng(2).standard_normal((40, 1, 3))
         moved = measurements.deflection + errors
-        fitted = fitted_errors(fit_causes(ROBOT, replace(measurements, deflection=moved), [("shift", None)]))
+        fitted = fitted_errors(
+            fit_causes(Rows(ROBOT, replace(measurements, deflection=moved)), [("shift", None)])
+        )
         claimed.append(np.linalg.norm(fitted.root, axis=1))
     independent = SIGMA * np.sqrt(2.0 / 120.0)
     shared = np.hypot(6e-5 / np.sqrt(40.0), independent)
@@ -67,12 +70,12 @@ def test_a_fitted_force_makes_no_distinct_loads():
     wrong = replace(measurements, force=forces - np.array([150.0, 0.0, 0.0]))
     assert group_distinct_loads(measurements) == (measurements.labels,)
     fitted = [("constant_force", None)]
-    mended = fit_causes(ROBOT, measurements, fitted)
+    mended = fit_causes(Rows(ROBOT, measurements), fitted)
     assert group_distinct_loads(mended) == (measurements.labels,)
     # What is advised after the fit can be fitted, too.
     two = group_distinct_loads(wrong)
     assert [len(group) for group in two] == [15, 15]
-    assert group_distinct_loads(fit_causes(ROBOT, wrong, fitted)) == two
+    assert group_distinct_loads(fit_causes(Rows(ROBOT, wrong), fitted)) == two
 
 
 @pytest.fixture
@@ -125,7 +128,7 @@ def test_springs_that_harden_are_no_play(hardening):
         (cause,) = screening.causes
         assert cause.suspect.name == "curved_springs"
         assert (cause.unknowns[:3] < 0.0).all()
-        found = estimate(ROBOT, fit_causes(ROBOT, measurements, named(screening)))
+        found = estimate(ROBOT, fit_causes(Rows(ROBOT, measurements), named(screening)))
         u = np.sqrt(np.diag(found.covariance))
         assert (np.abs(found.compliance - ARM.compliances) < 3 * u).all()
 
@@ -134,7 +137,7 @@ def test_play_and_curved_springs_in_a_tie_are_not_linear():
     """Readings at one size of the load do not distinguish them: the finding says what does."""
     measurements = hardened(0, 0.3)
     found = estimate(ROBOT, measurements, complementary_stiffness="included")
-    (curved,) = screen_estimate(ROBOT, measurements, found).causes
+    (curved,) = screen_estimate(Rows(ROBOT, measurements), found).causes
     play = replace(curved, suspect=Suspect("play", PLAY))
     finding = report_causes([curved, play], found)
     assert finding.message.startswith("the joints are not linear: with compliances that differ by (")
@@ -242,7 +245,7 @@ class TestSeveralMistakes:
             soft = ElasticArm(elastic.arm, 0.1 * elastic.links)
             robot, measurements = prepare(elastic_campaign(soft, seed=seed, configurations=30))
             found = estimate(robot, measurements, complementary_stiffness="included")
-            screening = screen_estimate(robot, measurements, found)
+            screening = screen_estimate(Rows(robot, measurements), found)
             assert screening.wrong == ()
             assert not screening.causes
             assert screening.links_need_validation
@@ -257,7 +260,7 @@ class TestSeveralMistakes:
         measurements = pulls(3, configurations=30)
         wrong = replace(measurements, load_point=measurements.load_point + 0.05)
         found = estimate(ROBOT, wrong, complementary_stiffness="included")
-        (cause,) = screen_estimate(ROBOT, wrong, found).causes
+        (cause,) = screen_estimate(Rows(ROBOT, wrong), found).causes
         tie = replace(cause, suspect=Suspect("play", PLAY))
         last = replace(cause, suspect=Suspect("shift", SHIFT), step=1)
         for most, names in ((3, ["load_point", "shift", "play"]), (2, ["load_point", "shift"])):

@@ -9,6 +9,7 @@ from support.springs import SIGMA, SpringCampaign, robot_of
 from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm
 from jointstiff.solver.evidence.pure_error import compute_pure_error
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import get_whole_block
 from jointstiff.solver.run import run
 
@@ -30,7 +31,7 @@ def test_noise_is_found_without_any_model():
     found = []
     for seed in range(40):
         measurements = read(seed=seed)
-        pure = compute_pure_error(ROBOT, measurements, measurements.deflection, 0.0)
+        pure = compute_pure_error(Rows(ROBOT, measurements), measurements.deflection, 0.0)
         found.append(pure.sigma)
         assert pure.shows_motion
     # The standard error of a root mean square over 40 · 24 · 3 coordinates is 1.3 %.
@@ -42,7 +43,7 @@ def test_a_motion_of_the_flange_is_no_noise():
     block = get_whole_block(ROBOT, measurements)
     turns = 1e-4 * np.random.default_rng(0).standard_normal((len(block.torque), ROBOT.n))
     moved = np.einsum("btij,bj->bti", block.jacobian, turns)
-    pure = compute_pure_error(ROBOT, measurements, moved, 6.0)
+    pure = compute_pure_error(Rows(ROBOT, measurements), moved, 6.0)
     assert pure.sigma < 1e-7 < 1e-6 < pure.left
 
 
@@ -70,4 +71,4 @@ def test_two_targets_do_not_show_noise_apart_from_motion():
     present = measurements.present.copy()
     present[:, 2] = False
     two = replace(measurements, present=present)
-    assert compute_pure_error(ROBOT, two, two.deflection, 0.0) is None
+    assert compute_pure_error(Rows(ROBOT, two), two.deflection, 0.0) is None

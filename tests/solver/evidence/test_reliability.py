@@ -18,6 +18,7 @@ from jointstiff.solver.evidence.reliability import (
 )
 from jointstiff.solver.evidence.term_tests import MISTAKE_LEVEL
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.run import run
 
@@ -38,9 +39,9 @@ def read(campaign, generator, common=STATED):
 
 def least_mistakes(measurements):
     """The identification by joints alone, and the least mistakes by name."""
-    joints = JointsAlone(ROBOT, measurements, SETTINGS)
+    joints = JointsAlone(Rows(ROBOT, measurements), SETTINGS)
     tests = len(joints.screening.tests)
-    found = find_least_mistakes(ROBOT, joints.measurements, joints.estimate, tests)
+    found = find_least_mistakes(joints.rows, joints.estimate, tests)
     return joints, {each.name: each for each in found}
 
 
@@ -76,7 +77,7 @@ def test_the_least_mistake_is_found_in_four_of_five_campaigns(name):
     found = least_mistakes(read(CLEAN, generator))[1]
     campaign, hits = planted(name, found[name].unknowns), 0
     for _ in range(60):
-        tests = JointsAlone(ROBOT, read(campaign, generator), SETTINGS).screening.tests
+        tests = JointsAlone(Rows(ROBOT, read(campaign, generator)), SETTINGS).screening.tests
         p_value = next(test.p_value for test in tests if test.name == name and test.first is None)
         hits += p_value < MISTAKE_LEVEL / len(tests)
     assert 0.65 <= hits / 60 <= 0.95  # three standard deviations about 0.8
@@ -89,7 +90,7 @@ def test_a_mistake_moves_its_joint_as_far_as_foretold(name, common):
     joints, found = least_mistakes(read(CLEAN, np.random.default_rng(6), common))
     mistake = found[name]
     wrong = planted(name, 0.5 * np.array(mistake.unknowns))
-    moved = JointsAlone(ROBOT, read(wrong, np.random.default_rng(6), common), SETTINGS).estimate
+    moved = JointsAlone(Rows(ROBOT, read(wrong, np.random.default_rng(6), common)), SETTINGS).estimate
     j = ROBOT.joint_names.index(mistake.joint)
     change = abs(moved.compliance[j] - joints.estimate.compliance[j])
     foretold = 0.5 * mistake.moves * joints.estimate.joints[j].standard_uncertainty

@@ -52,6 +52,7 @@ from jointstiff.solver.fit.observability import (
 )
 from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.problem import Bounds
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.stages import sigma_test
 from jointstiff.solver.mechanics.block import regressor_blocks
@@ -105,8 +106,8 @@ class TestAgainstIdentify:
                 patch.setattr(solution, "LEAST_EIGENVALUE", np.inf)
                 by_rows = resample(blocks, plan, bounds)
             for k, drawn in enumerate(draw_configurations(plan, 19, 0, 8)):
-                expected = identify(robot, measurements[drawn], options)
-                prediction = predict(robot, measurements, expected.compliance)
+                expected = identify(Rows(robot, measurements[drawn]), options)
+                prediction = predict(Rows(robot, measurements), expected.compliance)
                 at_bound = [joint.status == "at_bound" for joint in expected.joints]
                 for found in (by_squares, by_rows):
                     np.testing.assert_allclose(found.compliance[k], expected.compliance, rtol=1e-8)
@@ -128,9 +129,9 @@ class TestAgainstIdentify:
         found = resample(blocks_of_set(robot, measurements, options), plan, POSITIVE)
         assert np.isnan(found.compliance[:, 0]).all()
         for k, drawn in enumerate(draw_configurations(plan, len(measurements), 0, 5)):
-            expected = identify(robot, measurements[drawn], options)
+            expected = identify(Rows(robot, measurements[drawn]), options)
             np.testing.assert_allclose(found.compliance[k, 1:], expected.compliance[1:], rtol=1e-8)
-            prediction = predict(robot, measurements, expected.compliance)
+            prediction = predict(Rows(robot, measurements), expected.compliance)
             assert found.compensation[k] == pytest.approx(prediction.compensation, rel=1e-9)
 
 

@@ -13,6 +13,7 @@ from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.scatter import Repeatability, compute_target_motion
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import get_whole_block
 from jointstiff.solver.mechanics.measurements import Scatter
 
@@ -38,8 +39,8 @@ def scattered(scatter, *, seed=0, station=0.0, sigma=SIGMA, count=24):
 def test_the_repeatability_of_the_joints_is_found(planted, sigma):
     found = []
     for seed in range(4):
-        joints = JointsAlone(ROBOT, scattered(planted, seed=seed, sigma=sigma), SETTINGS)
-        found.append(Repeatability.from_measurements(ROBOT, joints.measurements, joints.estimate.sigma).joint)
+        joints = JointsAlone(Rows(ROBOT, scattered(planted, seed=seed, sigma=sigma)), SETTINGS)
+        found.append(Repeatability.from_rows(joints.rows, joints.estimate.sigma).joint)
     assert np.mean(found) == pytest.approx(planted, rel=0.25)
 
 
@@ -47,11 +48,11 @@ def test_the_repeatability_of_the_joints_is_found(planted, sigma):
 def test_joints_that_repeat_show_no_scatter(sigma):
     for seed in range(6):
         measurements = scattered(0.0, seed=seed, sigma=sigma)
-        assert JointsAlone(ROBOT, measurements, SETTINGS).measurements is measurements
+        assert JointsAlone(Rows(ROBOT, measurements), SETTINGS).measurements is measurements
 
 
 def test_the_error_of_a_station_is_not_taken_for_that_of_three_targets():
-    joints = JointsAlone(ROBOT, scattered(0.0, station=5e-5), SETTINGS)
+    joints = JointsAlone(Rows(ROBOT, scattered(0.0, station=5e-5)), SETTINGS)
     assert joints.measurements.scatter.station * SIGMA == pytest.approx(5e-5, rel=0.3)
 
 
@@ -72,7 +73,7 @@ def test_a_fit_with_scatter_is_generalised_least_squares():
     """Independent of whitening: the estimate and its covariance by the inverse of the whole covariance."""
     scatter = Scatter(joints=1.2, station=0.7)
     measurements = replace(scattered(2e-5), scatter=scatter)
-    found = identify(ROBOT, measurements, SETTINGS)
+    found = identify(Rows(ROBOT, measurements), SETTINGS)
     block = get_whole_block(ROBOT, measurements)
     A, J = (each.reshape(len(measurements), -1, ROBOT.n) for each in (block.A, block.jacobian))
     d = measurements.deflection.reshape(len(measurements), -1)
@@ -91,8 +92,8 @@ def test_complete_and_partial_pose_agree_with_scatter():
         RunOptions(method="complete_pose", complementary_stiffness="neglected"), ROBOT
     )
     np.testing.assert_allclose(
-        identify(ROBOT, measurements, complete).compliance,
-        identify(ROBOT, measurements, SETTINGS).compliance,
+        identify(Rows(ROBOT, measurements), complete).compliance,
+        identify(Rows(ROBOT, measurements), SETTINGS).compliance,
         rtol=1e-8,
     )
 
@@ -102,8 +103,8 @@ def test_equal_weights_stay_equal_with_scatter():
     uniform = Settings.from_options(
         RunOptions(weighting="uniform", complementary_stiffness="neglected"), ROBOT
     )
-    plain = identify(ROBOT, measurements, uniform)
-    shared = identify(ROBOT, replace(measurements, scatter=Scatter(1.0, 0.5)), uniform)
+    plain = identify(Rows(ROBOT, measurements), uniform)
+    shared = identify(Rows(ROBOT, measurements).with_scatter(Scatter(1.0, 0.5)), uniform)
     np.testing.assert_allclose(shared.compliance, plain.compliance, rtol=1e-9)
     assert (np.diag(shared.covariance) > np.diag(plain.covariance)).all()
 
@@ -112,12 +113,12 @@ def test_one_wrong_posture_is_no_scatter():
     measurements = scattered(0.0)
     off = measurements.deflection.copy()
     off[7] += 2e-3
-    joints = JointsAlone(ROBOT, replace(measurements, deflection=off), SETTINGS)
+    joints = JointsAlone(Rows(ROBOT, replace(measurements, deflection=off)), SETTINGS)
     assert not joints.measurements.scatter
 
 
 def test_residuals_beyond_any_robot_in_order_are_no_scatter():
-    assert not JointsAlone(ROBOT, scattered(5e-4), SETTINGS).measurements.scatter
+    assert not JointsAlone(Rows(ROBOT, scattered(5e-4)), SETTINGS).measurements.scatter
 
 
 @pytest.mark.parametrize("sigma", [SIGMA, None])
@@ -125,8 +126,8 @@ def test_a_repeatability_that_is_stated_is_used(sigma):
     measurements = replace(scattered(3e-5, sigma=sigma), repeatability=3e-5)
     if sigma:
         measurements = replace(measurements, scatter=Scatter(3e-5 / sigma))
-    joints = JointsAlone(ROBOT, measurements, SETTINGS)
-    found = Repeatability.from_measurements(ROBOT, joints.measurements, joints.estimate.sigma)
+    joints = JointsAlone(Rows(ROBOT, measurements), SETTINGS)
+    found = Repeatability.from_rows(joints.rows, joints.estimate.sigma)
     assert found.source == "given"
     assert found.joint == pytest.approx(3e-5, rel=1e-9 if sigma else 0.1)
 
@@ -134,7 +135,7 @@ def test_a_repeatability_that_is_stated_is_used(sigma):
 def test_a_stated_repeatability_excuses_no_larger_errors():
     """0.4 mm of a station are no repeatability of 10 µrad."""
     measurements = replace(scattered(0.0, station=4e-4), repeatability=1e-5, scatter=Scatter(1e-5 / SIGMA))
-    joints = JointsAlone(ROBOT, measurements, SETTINGS)
+    joints = JointsAlone(Rows(ROBOT, measurements), SETTINGS)
     assert joints.measurements.scatter == Scatter(1e-5 / SIGMA)
     assert joints.estimate.sigma_test.result == "residuals_too_large"
 
@@ -153,7 +154,7 @@ def test_a_straight_wrist_hides_no_scatter():
         loaded = deflections(ARM, turned, *plan.wrenches, POINTS)[1]
         noise = SIGMA * generator.standard_normal((2, *loaded.shape))
         read = straight.measurements(straight.unloaded + noise[0], loaded + noise[1], sigma=SIGMA)
-        joints = JointsAlone(ROBOT, read, SETTINGS)
+        joints = JointsAlone(Rows(ROBOT, read), SETTINGS)
         found.append(joints.measurements.scatter.joints * SIGMA)
     assert np.mean(found) == pytest.approx(1.2e-5, rel=0.3)
 
@@ -163,7 +164,7 @@ def test_noise_of_one_target_that_is_stated_too_small_is_no_scatter():
         measurements = scattered(0.0, seed=seed, sigma=SIGMA / 1.6, count=30)
         one = replace(measurements, present=np.arange(3) == np.zeros((30, 1)))
         one = replace(one, deflection=np.where(one.present[..., None], one.deflection, 0.0))
-        joints = JointsAlone(ROBOT, one, SETTINGS)
+        joints = JointsAlone(Rows(ROBOT, one), SETTINGS)
         assert not joints.measurements.scatter
         assert joints.estimate.sigma_test.result == "residuals_too_large"
 

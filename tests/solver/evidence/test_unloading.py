@@ -9,6 +9,7 @@ from support.springs import SIGMA, SpringCampaign, robot_of
 from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm
 from jointstiff.solver.evidence.unloading import compare_unloaded_positions
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import ISOTROPIC_DIFFERENCE, ReturnReadings
 from jointstiff.solver.run import run
 
@@ -39,7 +40,7 @@ def test_the_share_that_remains_is_found_within_its_uncertainty():
     errors = []
     for seed in range(60):
         measurements = read(remains=0.05, seed=seed)
-        found = compare_unloaded_positions(ROBOT, measurements, ARM.compliances)
+        found = compare_unloaded_positions(Rows(ROBOT, measurements), ARM.compliances)
         errors.append((found.share - 0.05) / found.standard_uncertainty)
         assert found.remains
     # Student's t with 15 degrees of freedom has a standard deviation of 1.07.
@@ -47,7 +48,7 @@ def test_the_share_that_remains_is_found_within_its_uncertainty():
 
 
 def test_springs_come_back():
-    found = [compare_unloaded_positions(ROBOT, read(seed=seed), ARM.compliances) for seed in range(40)]
+    found = [compare_unloaded_positions(Rows(ROBOT, read(seed=seed)), ARM.compliances) for seed in range(40)]
     assert not any(each.remains for each in found)
     # The distance of two positions with three coordinates is √6 σ.
     assert np.median([each.distance for each in found]) == pytest.approx(np.sqrt(6.0) * SIGMA, rel=0.05)
@@ -77,6 +78,6 @@ def test_two_unloaded_readings_make_intervals_narrower_and_hold_the_truth():
 
 def test_a_part_of_the_postures_may_be_read_again():
     measurements = read(remains=0.06, again=0.4, configurations=24)
-    found = compare_unloaded_positions(ROBOT, measurements, ARM.compliances)
+    found = compare_unloaded_positions(Rows(ROBOT, measurements), ARM.compliances)
     assert found.postures == int(measurements.returned.present[:, 0].sum()) < 24
     assert found.remains

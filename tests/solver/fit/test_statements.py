@@ -12,7 +12,7 @@ from jointstiff.simulator import default_arm
 from jointstiff.solver.fit.estimate import UncertaintyBudget
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
-from jointstiff.solver.mechanics.block import build_whitened_rows, get_whole_block
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import TERMS
@@ -44,9 +44,9 @@ def hung(offset, *, seed=0, common=ASSUMED, sigma=SIGMA):
 def test_a_fit_with_statements_is_generalised_least_squares(common):
     """The errors of a statement have the covariance B S Bᵀ over the whole campaign."""
     measurements = hung([4e-3, -6e-3, 2e-3], common=common)
-    found = identify(ROBOT, measurements, NEGLECTED)
+    found = identify(Rows(ROBOT, measurements), NEGLECTED)
     terms = [term for term in TERMS.values() if any(term.prior(common))]
-    rows = build_whitened_rows(get_whole_block(ROBOT, measurements), [JOINTS, *terms], found.compliance)
+    (rows,) = Rows(ROBOT, measurements).generate([JOINTS, *terms], found.compliance)
     flat = rows.targets.reshape(-1, rows.targets.shape[-1])
     A, B, d = flat[:, : ROBOT.n], flat[:, ROBOT.n : -1], flat[:, -1]
     stated = np.concatenate([np.resize(term.prior(common), rows.widths[term.name]) for term in terms])
@@ -72,12 +72,12 @@ def test_a_turn_of_all_loads_turns_forces_and_moments_as_the_springs_say(axis):
 
     (read,) = springs(0.0).measured(1, seed=0)
     moved = (springs(angle).loaded - springs(-angle).loaded) / (2.0 * angle)
-    columns = TERMS["force_direction"].motion(get_whole_block(ROBOT, read), ARM.compliances).targets
+    columns = TERMS["force_direction"].motion(Rows(ROBOT, read).block, ARM.compliances).targets
     np.testing.assert_allclose(columns[..., axis], moved, atol=2e-3 * np.abs(moved).max())
 
 
 def test_the_parts_of_a_budget_add_up_and_none_is_negative():
-    found = identify(ROBOT, hung([5e-3, 5e-3, 5e-3]), Settings.from_options(RunOptions(), ROBOT))
+    found = identify(Rows(ROBOT, hung([5e-3, 5e-3, 5e-3])), Settings.from_options(RunOptions(), ROBOT))
     budget = UncertaintyBudget.from_estimate(found, 0.95)
     by_source = {part.source: np.diag(part.covariance) for part in budget.components}
     assert set(by_source) == {"readings", "assumed_load_point", "assumed_force_scale"}
@@ -94,11 +94,11 @@ def test_a_stated_drift_is_corrected_whatever_rows_are_left_out():
     drifted = replace(measurements, deflection=measurements.deflection + drift)
     rows = np.array([0, 1, *range(5, 24)])
     for part, moved in ((measurements, drifted), (measurements[rows], drifted[rows])):
-        still = identify(ROBOT, part, NEGLECTED)
-        found = identify(ROBOT, moved, NEGLECTED)
+        still = identify(Rows(ROBOT, part), NEGLECTED)
+        found = identify(Rows(ROBOT, moved), NEGLECTED)
         u = np.sqrt(np.diag(still.covariance))
         assert np.abs((found.compliance - still.compliance) / u).max() < 0.5
-        exact = identify(ROBOT, replace(moved, common_uncertainty=CommonUncertainty()), NEGLECTED)
+        exact = identify(Rows(ROBOT, replace(moved, common_uncertainty=CommonUncertainty())), NEGLECTED)
         assert np.abs((exact.compliance - still.compliance) / u).max() > 1.0
         assert (u < 1.1 * np.sqrt(np.diag(exact.covariance))).all()
 
@@ -123,8 +123,8 @@ def test_a_statement_that_the_readings_refute_is_named(stated):
 
 
 def test_joint_6_is_known_better_by_the_readings_than_by_the_assumption():
-    free = identify(ROBOT, hung(np.zeros(3)), NEGLECTED)
-    exact = identify(ROBOT, hung(np.zeros(3), common=CommonUncertainty()), NEGLECTED)
+    free = identify(Rows(ROBOT, hung(np.zeros(3))), NEGLECTED)
+    exact = identify(Rows(ROBOT, hung(np.zeros(3), common=CommonUncertainty())), NEGLECTED)
     assumed_alone = free.common.responses_to("assumed_load_point")[5]
     assert np.linalg.norm(assumed_alone) < np.sqrt(free.covariance[5, 5])
     assert free.covariance[5, 5] < 4.0 * exact.covariance[5, 5]
@@ -135,7 +135,7 @@ def test_residuals_are_those_of_the_fit_with_the_load_point_that_it_found():
     measurements = hung([0.01, -0.01, 0.01])
     result = run(ROBOT, measurements, RunOptions())
     squares = sum(np.square(each.residual).sum() for each in result.residuals) / (2.0 * SIGMA**2)
-    statements = identify(ROBOT, measurements, NEGLECTED).statements
+    statements = identify(Rows(ROBOT, measurements), NEGLECTED).statements
     stated = np.square(statements.unknowns).sum()
     assert squares + stated == pytest.approx(result.goodness.chi_square, rel=1e-3)
 

@@ -12,6 +12,7 @@ from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, b
 from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.fitted_causes import fit_causes
 from jointstiff.solver.fit.estimate import UncertaintyBudget
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import Term, move_by_torque
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.mechanics.postures import Postures
@@ -54,7 +55,7 @@ def test_it_is_tested_as_a_cause(campaign, cell_zero_term):
     unloaded, loaded = deflections(ARM, *load, places)
     noise = np.random.default_rng(1).normal(0.0, np.sqrt(2.0) * 1e-5, loaded.shape)
     off = replace(measurements, deflection=loaded - unloaded + noise)
-    seen, clean = (screen_estimate(robot, m, estimate(robot, m)) for m in (off, measurements))
+    seen, clean = (screen_estimate(Rows(robot, m), estimate(robot, m)) for m in (off, measurements))
     told, silent = (
         next(test.p_value for test in screening.tests if test.name == "cell_zero")
         for screening in (seen, clean)
@@ -68,9 +69,9 @@ def test_it_is_fitted_beside_the_joints(campaign, cell_zero_term):
     robot, measurements = campaign
     rotation = ARM.posture(measurements.joints).flange_rotation
     off = replace(measurements, force=measurements.force + rotation @ ZERO)
-    screening = screen_estimate(robot, off, estimate(robot, off))
+    screening = screen_estimate(Rows(robot, off), estimate(robot, off))
     assert [cause.suspect.name for cause in screening.causes] == ["cell_zero"]
-    beside = fit_causes(robot, off, [("cell_zero", None)])
+    beside = fit_causes(Rows(robot, off), [("cell_zero", None)])
     (zero,) = beside.fitted.unknowns
     np.testing.assert_allclose(zero, -ZERO, atol=10.0)
     found = estimate(robot, beside, complementary_stiffness="included")

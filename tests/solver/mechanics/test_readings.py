@@ -43,9 +43,10 @@ from jointstiff.solver.fit.elastic import (
     WITH_BASE,
     ElasticColumns,
     ElasticModel,
-    generate_elastic_blocks,
+    generate_elastic_rows,
 )
 from jointstiff.solver.fit.estimate import predict
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks
@@ -116,7 +117,7 @@ def test_clean_encoders_raise_no_finding(seed):
 
 def test_predicted_deflections_are_those_of_springs_under_a_small_load():
     robot, measurements = prepared(noise=0.0, force=10.0)
-    predicted = predict(robot, measurements, ARM.compliances).encoders
+    predicted = predict(Rows(robot, measurements), ARM.compliances).encoders
     exact = measurements.encoders.deflection
     np.testing.assert_allclose(predicted, exact, atol=2e-4 * np.abs(exact).max())
 
@@ -293,8 +294,8 @@ class TestIncluded:
     def test_prediction_is_the_exact_balance(self, pulls):
         robot, measurements = pulls
         found = estimate(robot, measurements, complementary_stiffness="included")
-        included = predict(robot, measurements, found.compliance, balanced_compliance=found.compliance)
-        linear = predict(robot, measurements, found.compliance)
+        included = predict(Rows(robot, measurements, found.compliance), found.compliance)
+        linear = predict(Rows(robot, measurements), found.compliance)
         load = measurements.force, measurements.moment, LOAD_POINT
         unloaded, loaded = deflections(ARM, measurements.joints, *load, POINTS)
         assert np.abs(included.predicted - (loaded - unloaded)).max() < 1e-8
@@ -337,7 +338,7 @@ def test_the_exact_balance_on_a_pedestal_is_the_linear_model_to_first_order(forc
     document = pedestal_campaign(ARM, STIFFNESS, foot=FOOT, configurations=8, force=force, sigma=0.0, seed=2)
     robot, measurements = prepare(document)
     rows = np.concatenate(
-        [rows.targets[..., :-1] for _, rows in generate_elastic_blocks(robot, measurements, COLUMNS)]
+        [each.targets[..., :-1] for each in generate_elastic_rows(Rows(robot, measurements), COLUMNS)]
     )
     apart = np.abs(rows @ compliances() - measurements.deflection).max()
     assert apart < 2.0e-6 * force * np.abs(measurements.deflection).max()
@@ -345,7 +346,7 @@ def test_the_exact_balance_on_a_pedestal_is_the_linear_model_to_first_order(forc
 
 def test_a_turn_of_the_base_about_the_first_axis_is_joint_1(pedestal):
     robot, measurements = pedestal
-    (_, found), *_ = generate_elastic_blocks(robot, measurements, COLUMNS)
+    found, *_ = generate_elastic_rows(Rows(robot, measurements), COLUMNS)
     rows = found.targets
     about = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     turned = rows[..., COLUMNS.link_columns(BASE)] @ to_vector(np.outer(about, about))
@@ -363,7 +364,7 @@ def pedestal():
 
 @pytest.fixture(scope="module")
 def found(pedestal):
-    folds = Folds(*pedestal, COLUMNS, np.ones(6, dtype=bool), CrossValidation(folds=3, draws=1), None)
+    folds = Folds(Rows(*pedestal), COLUMNS, np.ones(6, dtype=bool), CrossValidation(folds=3, draws=1), None)
     return estimate_elastic(folds, ElasticModel("joints_and_base", COLUMNS), 1e-3)
 
 
@@ -393,7 +394,7 @@ def test_the_model_predicts_other_postures_and_places(pedestal, found):
 
 
 def test_a_test_speaks_for_a_pedestal_and_links_have_nothing_to_say_beside_it(pedestal):
-    screening = screen_estimate(*pedestal, estimate(*pedestal))
+    screening = screen_estimate(Rows(*pedestal), estimate(*pedestal))
     assert screening.base_needs_validation
     assert screening.base_p_value < 1e-20
     assert screening.links_p_value_with_base > LINKS_LEVEL
@@ -402,7 +403,7 @@ def test_a_test_speaks_for_a_pedestal_and_links_have_nothing_to_say_beside_it(pe
 
 def test_a_clean_arm_has_no_base(pedestal):
     clean = prepare(pedestal_campaign(ARM, np.inf, seed=1))
-    screening = screen_estimate(*clean, estimate(*clean))
+    screening = screen_estimate(Rows(*clean), estimate(*clean))
     assert not screening.base_needs_validation
     assert not WITH_BASE & set(list_models_to_compare(screening, None))
     assert not WITH_BASE & set(list_models_to_compare(screening, "joints_and_links"))

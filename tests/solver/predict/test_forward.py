@@ -20,6 +20,7 @@ from jointstiff.solver.fit.estimate import PostureJackknife, UncertaintyBudget
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.chain import chain_dh_rows
@@ -299,7 +300,7 @@ def links():
     document = elastic_campaign(beam_arm(ARM), configurations=30, sigma=2e-5, seed=3)
     robot, measurements = prepare(document)
     columns = ElasticColumns(6, tuple(range(6)))
-    folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), CrossValidation(folds=3), None)
+    folds = Folds(Rows(robot, measurements), columns, np.ones(6, dtype=bool), CrossValidation(folds=3), None)
     model = ElasticModel("joints_and_links", columns)
     return ElasticPredictor.from_estimate(robot, estimate_elastic(folds, model, 1e-4))
 
@@ -412,9 +413,9 @@ def test_near_singularities_a_map_keeps_the_branch_or_refuses_the_place():
 
 def left_out(robot, measurements, method="partial_pose", **options):
     settings = Settings(method, "covariance", Bounds.positive(robot.n), **options)
-    estimate = identify(robot, measurements, settings)
+    estimate = identify(Rows(robot, measurements), settings)
     model = JointModel.from_estimate(robot, estimate, settings.constraints)
-    return model, estimate_error_by_leaving_postures_out(robot, measurements, settings, estimate, model)
+    return model, estimate_error_by_leaving_postures_out(Rows(robot, measurements), settings, estimate, model)
 
 
 def noisy():
@@ -422,7 +423,7 @@ def noisy():
 
 
 def test_numbers_that_are_not_finite_are_no_dispersion_over_the_postures():
-    found = identify(ROBOT, noisy(), Settings("partial_pose", "covariance", Bounds.positive(ROBOT.n)))
+    found = identify(Rows(ROBOT, noisy()), Settings("partial_pose", "covariance", Bounds.positive(ROBOT.n)))
     fits = found.compliance * (1.0 + 0.1 * np.random.default_rng(2).standard_normal((30, ROBOT.n)))
     known = UncertaintyBudget.from_estimate(found, 0.95, PostureJackknife(fits[1:], 30))
     fits[0] = np.inf

@@ -11,6 +11,7 @@ from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.answers import STATUSES, MapTask, compute_tool_rotations, map_places
 from jointstiff.solver.predict.forward import CorrectionLimits, compensate, compute_ramp_shares
@@ -29,9 +30,9 @@ DOWN = replace(READ, force=np.tile([0.0, 0.0, -1500.0], (len(READ), 1)))
 
 def of_readings(measurements):
     """Return the model of readings, and its error at postures that are left out."""
-    found = identify(ROBOT, measurements, SETTINGS)
+    found = identify(Rows(ROBOT, measurements), SETTINGS)
     model = JointModel.from_estimate(ROBOT, found, SETTINGS.constraints)
-    return model, estimate_error_by_leaving_postures_out(ROBOT, measurements, SETTINGS, found, model)
+    return model, estimate_error_by_leaving_postures_out(Rows(ROBOT, measurements), SETTINGS, found, model)
 
 
 MODEL, ERROR = of_readings(READ)

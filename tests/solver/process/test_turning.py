@@ -19,6 +19,7 @@ from jointstiff.solver.choice.held_out import Folds
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fit.elastic import ElasticColumns, ElasticModel
 from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
@@ -342,7 +343,7 @@ def test_elastic_links_take_the_same_way():
     """Two ways of an arm whose links bend are ranked by the covariance of all entries."""
     robot, measurements = prepare(elastic_campaign(beam_arm(ARM), configurations=30, sigma=2e-5, seed=3))
     columns = ElasticColumns(6, tuple(range(6)))
-    folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), CrossValidation(folds=3), None)
+    folds = Folds(Rows(robot, measurements), columns, np.ones(6, dtype=bool), CrossValidation(folds=3), None)
     elastic = estimate_elastic(folds, ElasticModel("joints_and_links", columns), 1e-4)
     model = ElasticPredictor.from_estimate(robot, elastic)
     p = process_path("trim", CENTRE, count=6)

@@ -1,0 +1,113 @@
+"""Rows of a campaign: the only way from fits and their evidence to the mechanics (method.md §13)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.fit.stack import Stack
+from jointstiff.solver.mechanics.block import (
+    BLOCK_LENGTH,
+    BlockRows,
+    RegressorBlock,
+    Term,
+    build_rows,
+    get_whole_block,
+    regressor_blocks,
+)
+from jointstiff.solver.mechanics.measurements import Measurements, Scatter
+from jointstiff.solver.mechanics.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Readings of N observations as rows of least-squares problems, at one linearisation.
+
+    Kinematics and columns of small sets are computed once and kept; those of large sets are computed block by
+    block, so that memory stays flat.
+    """
+
+    robot: Robot  #: n joints
+    measurements: Measurements  #: N observations
+    #: (n,) compliances with which the loads are in balance [rad/(N·m)]; None neglects the complementary
+    #: stiffness
+    balanced: FloatArray | None = None
+    prepared: RegressorBlock | None = None  #: kinematics and regressors, where they are known already
+
+    def __len__(self) -> int:
+        return len(self.measurements)
+
+    def __getitem__(self, observations: IndexArray | slice) -> Rows:
+        """Return the rows of some observations."""
+        return self.of(self.measurements[observations])
+
+    def at(self, balanced: FloatArray | None) -> Rows:
+        """Return the rows with the loads in balance at other compliances (n,) [rad/(N·m)]."""
+        return Rows(self.robot, self.measurements, balanced)
+
+    def of(self, measurements: Measurements) -> Rows:
+        """Return the rows of other measurements with the same robot, at the same linearisation."""
+        return Rows(self.robot, measurements, self.balanced)
+
+    def with_scatter(self, scatter: Scatter) -> Rows:
+        """Return the rows with errors that the targets of a posture share; kinematics stay as they are."""
+        measurements = replace(self.measurements, scatter=scatter)
+        if len(self) > BLOCK_LENGTH:
+            return self.of(measurements)
+        prepared = replace(self.block, measurements=measurements)
+        return Rows(self.robot, measurements, self.balanced, prepared)
+
+    def select_evenly(self, most: int) -> Rows:
+        """Return the rows of at most so many observations, evenly spread over the set."""
+        return self.of(self.measurements.select_evenly(most))
+
+    @property
+    def block(self) -> RegressorBlock:
+        """Kinematics and regressors of all observations.
+
+        Raises:
+            SolverError: a load has no balance.
+        """
+        return self.prepared or get_whole_block(self.robot, self.measurements, self.balanced)
+
+    def generate_blocks(self) -> Iterator[RegressorBlock]:
+        """Yield the observations block by block.
+
+        Raises:
+            SolverError: a load has no balance.
+        """
+        if self.prepared is not None:
+            return iter((self.prepared,))
+        return regressor_blocks(self.robot, self.measurements, self.balanced)
+
+    def generate(
+        self, terms: Sequence[Term], compliance: FloatArray, *, whitened: bool = True
+    ) -> Iterator[BlockRows]:
+        """Yield the rows of each block: columns of all terms, then the readings.
+
+        Args:
+            terms: effects that may have moved the targets; each has a column for each unknown.
+            compliance: (n,) joint compliances at which the columns of errors are computed [rad/(N·m)].
+            whitened: whether the noise of each row has variance sigma²; rows in metres and radians otherwise.
+
+        Raises:
+            SolverError: a load has no balance.
+        """
+        for block in self.generate_blocks():
+            rows = build_rows(block, terms, compliance)
+            yield rows.whiten() if whitened else rows
+
+    def stack(self, terms: Sequence[Term], compliance: FloatArray, *, whitened: bool = True) -> Stack:
+        """Stack the rows of the targets of all observations; rows of encoders are left out.
+
+        Arguments and errors are those of `generate`.
+        """
+        rows, read, widths = list[FloatArray](), list[IndexArray](), dict[str, int]()
+        for of_block in self.generate(terms, compliance, whitened=whitened):
+            rows.append(of_block.targets.reshape(len(of_block.targets), -1, of_block.targets.shape[-1]))
+            read.append(of_block.block.measurements.coordinates.sum(axis=1))
+            widths = of_block.widths
+        return Stack(np.concatenate(rows), np.concatenate(read), widths)
