@@ -15,7 +15,6 @@ from jointstiff.schemas.model import IdentifiedModel, LinksResult, ScoredModel
 from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.schemas.run import ModelChoice, RunResult
 from jointstiff.solver.choice.competition import Competition, Elastic, Winner
-from jointstiff.solver.choice.elastic_fit import replace_by_effective
 from jointstiff.solver.choice.held_out import report_losses, report_penalty
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.evidence.causes import Screening
@@ -23,6 +22,7 @@ from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.reliability import LeastMistake, find_least_mistakes
 from jointstiff.solver.evidence.scatter import Repeatability
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL
+from jointstiff.solver.fit.effective import replace_by_effective
 from jointstiff.solver.fit.estimate import (
     ComplementaryStiffness,
     Estimate,

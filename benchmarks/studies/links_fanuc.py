@@ -18,35 +18,31 @@ from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.choice.elastic_fit import ElasticEstimate, fit_first_certified
 from jointstiff.solver.choice.held_out import (
     WEIGHTS,
     Folds,
     choose_weight_index,
+    fit_first_certified,
     fit_folds,
     refine_path,
     select_model,
 )
-from jointstiff.solver.fit.elastic import (
-    LOSSES,
-    MODELS,
-    WITH_BASE,
-    ElasticColumns,
-    ElasticModel,
-    generate_elastic_rows,
-)
+from jointstiff.solver.fit.elastic import ElasticFit
+from jointstiff.solver.fit.part import generate_elastic_rows
+from jointstiff.solver.fit.reduced import LOSSES, Candidate
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.models import MODELS, Columns, find_model
 from jointstiff.solver.predict.models import ElasticPredictor, estimate_error_by_leaving_folds_out
 
 __all__ = ["held_out_compensation", "run"]
 
 CAMPAIGN = Path(__file__).parents[3] / "shared" / "data" / "fanuc_r2000ic" / "campaign.json"
-COLUMNS = ElasticColumns(6, tuple(range(6)))
+COLUMNS = Columns(6, tuple(range(6)))
 VISIBLE = np.ones(6, dtype=np.bool_)
-_MODELS = tuple(name for name in MODELS if name not in WITH_BASE)
+_MODELS = tuple(model.name for model in MODELS if not model.has_base)
 SPLITS, FITTED = 20, 20
 _CHOSEN = "joints_and_links, loss chosen"
 
@@ -103,9 +99,7 @@ def _fanuc(robot: Robot, measurements: Measurements, *, quick: bool, part: Part)
     )
 
 
-def _share_of_ball(
-    robot: Robot, fitted: Measurements, elastic: ElasticEstimate, held: Measurements
-) -> FloatArray:
+def _share_of_ball(robot: Robot, fitted: Measurements, elastic: ElasticFit, held: Measurements) -> FloatArray:
     """Return how far held-out readings are from their predictions, over the radii of the balls for 90 %."""
     error = estimate_error_by_leaving_folds_out(Rows(robot, fitted), elastic)
     place = held.position[:, 0]  # in the flange frame
@@ -118,24 +112,22 @@ def _share_of_ball(
 def _cross_validated(robot: Robot, measurements: Measurements) -> float:
     """Compensation [%] of the whole set by cross-validation, joints and links, loss and penalty chosen."""
     folds = Folds(Rows(robot, measurements), COLUMNS, VISIBLE, CrossValidation(), None)
-    models = [ElasticModel("joints_and_links", COLUMNS, loss) for loss in LOSSES]
+    models = [Candidate(find_model("joints_and_links"), COLUMNS, loss) for loss in LOSSES]
     selection = select_model(folds, {model.key: fit_folds(folds, model, WEIGHTS) for model in models})
     return 100 * selection.find_held_out("joints_and_links").compensation
 
 
-def _best_loss(
-    folds: Folds, name: ModelName, losses: Sequence[Loss]
-) -> tuple[FloatArray, ElasticEstimate | None]:
+def _best_loss(folds: Folds, name: ModelName, losses: Sequence[Loss]) -> tuple[FloatArray, ElasticFit | None]:
     """Compliances (P,) of a whole set under the loss and the weight that its folds choose, and the fit."""
     chosen = []
     for loss in losses:
-        model = ElasticModel(name, COLUMNS, loss)
+        model = Candidate(find_model(name), COLUMNS, loss)
         path = fit_folds(folds, model, WEIGHTS)
         chosen.append((float(path.errors[:, choose_weight_index(path.errors, "best")].mean()), path, model))
     _, path, model = min(chosen, key=lambda each: each[0])
     if name == "joints":
-        form = folds.formulate_model_fit(model)
-        return form.convert_to_compliances(form.fit_joints_only()), None
+        form = folds.reduce_training_rows(model)
+        return form.to_compliances(form.fit_joints_only()), None
     path = refine_path(folds, model, path)
     elastic = fit_first_certified(folds, model, path.weights[choose_weight_index(path.errors, "best") :])
     return elastic.entries, elastic

@@ -20,16 +20,11 @@ import numpy as np
 from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.choice.elastic_fit import (
-    EffectiveCompliances,
-    ElasticEstimate,
-    compute_effective_compliances,
-    fit_first_certified,
-    refuse_unsupported_elastic,
-)
 from jointstiff.solver.choice.held_out import (
     LIMITS,
+    LINKS_ALONE,
     WEIGHTS,
+    WITH_BASE,
     Folds,
     HeldOut,
     PenaltyPath,
@@ -37,6 +32,7 @@ from jointstiff.solver.choice.held_out import (
     choose_weight_index,
     draw_folds,
     find_certified_weights,
+    fit_first_certified,
     fit_fold,
     fit_folds,
     list_models_to_compare,
@@ -46,18 +42,19 @@ from jointstiff.solver.choice.held_out import (
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.evidence.causes import Screening
 from jointstiff.solver.evidence.joints import JointsAlone
-from jointstiff.solver.fit.elastic import (
-    LINKS_ALONE,
+from jointstiff.solver.fit.effective import EffectiveCompliances, compute_effective_compliances
+from jointstiff.solver.fit.elastic import ElasticFit, refuse_unsupported_elastic
+from jointstiff.solver.fit.method import DEFAULT_THRESHOLD, Settings
+from jointstiff.solver.fit.reduced import (
     LOSSES,
-    WITH_BASE,
-    ElasticColumns,
-    ElasticModel,
+    Candidate,
+    convert_weight_to_huber,
     list_losses_to_compare,
 )
-from jointstiff.solver.fit.method import DEFAULT_THRESHOLD, Settings
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.models import Columns, find_model
 
 _Paths: TypeAlias = dict[tuple[ModelName, Loss], PenaltyPath]
 
@@ -83,7 +80,7 @@ def find_obstacle_to_elastic_links(
         return "resampling"
     try:
         refuse_unsupported_elastic(settings)
-        ElasticColumns.from_options(options, robot)
+        Columns.from_options(options, robot)
         if options.loss != "automatic":
             list_losses_to_compare(measurements, (options.loss,))
     except UnsupportedMethodError as error:
@@ -97,7 +94,7 @@ def find_obstacle_to_elastic_links(
 class Elastic:
     """Fit of a model with bending links or base to the whole set, with intervals of joint compliances."""
 
-    estimate: ElasticEstimate  #: fit of the chosen model
+    estimate: ElasticFit  #: fit of the chosen model
     #: effective compliances of the joints, with intervals that account for the choice of the model
     effective: EffectiveCompliances
     intervals: ModelName | None  #: model whose fit gives the intervals; None if the penalty was given
@@ -138,7 +135,7 @@ class Competition:
                 remedy="omit `resampling`; the cross-validation shows the dispersion",
             )
         self._joints, self._options = joints, options
-        self._columns = ElasticColumns.from_options(options, joints.robot)
+        self._columns = Columns.from_options(options, joints.robot)
         self._requested = None if options.elasticity == "automatic" else options.elasticity
         # Repeated draws serve to choose the penalty; if it is given, one draw shows how well a model
         # predicts.
@@ -205,7 +202,7 @@ class Competition:
         """
         fold, start = divmod(span[0], len(self._weights))
         weights = self._weights[start : start + span[1] - span[0]]
-        fits = [fit_fold(self._folds, model, fold, weights) for model in self._squared_models]
+        fits = [fit_fold(self._folds, candidate, fold, weights) for candidate in self._squared_candidates]
         compliances, errors = map(np.array, zip(*fits, strict=True))
         return {"fold_compliances": compliances, "error": errors}
 
@@ -220,8 +217,8 @@ class Competition:
         """
         paths = self._collect_paths(parts)
         near = self._list_near_models(paths)
-        for model in near:
-            self._refine_squares(model, paths)
+        for candidate in near:
+            self._refine_squares(candidate, paths)
         if "huber" in self._losses:
             paths |= self._fit_huber(near, paths)
         selection, held_out = self._choose_model(paths)
@@ -233,50 +230,51 @@ class Competition:
         if not self.steps():  # With a given penalty no step computed the fits, so they are computed here.
             count = len(self._weights)
             parts = [self.compute((k * count, (k + 1) * count)) for k in range(self._fold_count)]
-        shape = len(self._squared_models), self._fold_count, len(self._weights)
+        shape = len(self._squared_candidates), self._fold_count, len(self._weights)
         compliances, errors = (
             np.concatenate([part[name] for part in parts], axis=1) for name in ("fold_compliances", "error")
         )
         return {
-            model.key: PenaltyPath(self._weights, model_compliances, model_errors)
-            for model, model_compliances, model_errors in zip(
-                self._squared_models, compliances.reshape(*shape, -1), errors.reshape(shape), strict=True
+            candidate.key: PenaltyPath(self._weights, model_compliances, model_errors)
+            for candidate, model_compliances, model_errors in zip(
+                self._squared_candidates, compliances.reshape(*shape, -1), errors.reshape(shape), strict=True
             )
         }
 
-    def _list_near_models(self, paths: _Paths) -> list[ElasticModel]:
+    def _list_near_models(self, paths: _Paths) -> list[Candidate]:
         """Return the models whose squares predict nearly as well as the best; all if only Huber is asked."""
         least = {key: path.least_error for key, path in paths.items()}
         limit = _NEAR * min(least.values()) if "squared" in self._losses else np.inf
-        return [model for model in self._squared_models if least[model.key] <= limit]
+        return [candidate for candidate in self._squared_candidates if least[candidate.key] <= limit]
 
-    def _fit_huber(self, models: Sequence[ElasticModel], paths: _Paths) -> _Paths:
+    def _fit_huber(self, candidates: Sequence[Candidate], paths: _Paths) -> _Paths:
         """Return the fits of some models by Huber's loss, with each fold held out."""
-        return {
-            (model.name, "huber"): fit_folds(
-                self._folds, replace(model, loss="huber"), self._place_weights(model, paths[model.key])
-            )
-            for model in models
-        }
+        found = {}
+        for candidate in candidates:
+            by_huber = replace(candidate, loss="huber")
+            weights = self._place_weights(candidate, paths[candidate.key])
+            found[by_huber.key] = fit_folds(self._folds, by_huber, weights)
+        return found
 
-    def _place_weights(self, model: ElasticModel, path: PenaltyPath) -> list[float]:
+    def _place_weights(self, candidate: Candidate, path: PenaltyPath) -> list[float]:
         """Return the weights to try with Huber's loss, around the weight that squares chose."""
         if self.penalty_is_given or not find_certified_weights(path.errors).any():
             return list(self._weights)
         best = choose_weight_index(path.errors, "best")
         unknowns = path.unknowns[:, best].mean(axis=0)
-        formulation = self._folds.formulate_model_fit(model)
-        as_strong = formulation.convert_weight_to_huber(model, unknowns, path.weights[best])
+        reduced = self._folds.reduce_training_rows(candidate)
+        as_strong = convert_weight_to_huber(reduced, candidate, unknowns, path.weights[best])
         quarter = round(4.0 * float(np.log10(as_strong)))
         least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
         quarters = {min(max(quarter + step, least), greatest) for step in _STEPS_NEAR}
         return [10.0 ** (each / 4.0) for each in sorted(quarters)]
 
-    def _refine_squares(self, model: ElasticModel, paths: _Paths) -> None:
+    def _refine_squares(self, candidate: Candidate, paths: _Paths) -> None:
         """Search the penalty of a model fitted by squares on a finer grid; replace its path in `paths`."""
-        path = paths[model.key]
-        if not self.penalty_is_given and model.name != "joints" and find_certified_weights(path.errors).any():
-            paths[model.key] = refine_path(self._folds, model, path)
+        path = paths[candidate.key]
+        has_penalty = not (self.penalty_is_given or candidate.model.has_only_joints)
+        if has_penalty and find_certified_weights(path.errors).any():
+            paths[candidate.key] = refine_path(self._folds, candidate, path)
 
     def _choose_model(self, paths: _Paths) -> tuple[Selection, HeldOut]:
         """Choose the model with its loss and penalty, after trying finer penalties around the best penalties.
@@ -313,11 +311,11 @@ class Competition:
         return selection, chosen
 
     @cached_property
-    def _squared_models(self) -> list[ElasticModel]:
+    def _squared_candidates(self) -> list[Candidate]:
         """Models to compare, with the squared loss."""
         threshold = self._options.huber_threshold or DEFAULT_THRESHOLD
         names = list_models_to_compare(self.screening, self._requested)
-        return [ElasticModel(name, self._columns, "squared", threshold) for name in names]
+        return [Candidate(find_model(name), self._columns, "squared", threshold) for name in names]
 
     @cached_property
     def _folds(self) -> Folds:
@@ -347,10 +345,10 @@ class Competition:
             prior=prior,
         )
 
-    def _find_model(self, held_out: HeldOut) -> ElasticModel:
+    def _find_candidate(self, held_out: HeldOut) -> Candidate:
         """Return the compared model whose name and loss are those of `held_out`."""
-        model = next(model for model in self._squared_models if model.name == held_out.model)
-        return replace(model, loss=held_out.loss)
+        squared = next(each for each in self._squared_candidates if each.model.name == held_out.model)
+        return replace(squared, loss=held_out.loss)
 
     def _refine_penalty(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Selection:
         """Search the penalty of one model on a finer grid, and return the selection with its new accuracy.
@@ -362,12 +360,12 @@ class Competition:
             selection: comparison of all models so far.
             paths: fits of each model and loss.
         """
-        model = self._find_model(held_out)
-        paths[model.key] = refine_path(self._folds, model, paths[model.key])
-        this_model_alone = select_model(self._folds, {model.key: paths[model.key]}, held_out.model)
+        candidate = self._find_candidate(held_out)
+        paths[candidate.key] = refine_path(self._folds, candidate, paths[candidate.key])
+        this_model_alone = select_model(self._folds, {candidate.key: paths[candidate.key]}, held_out.model)
         return selection.replace_refined(this_model_alone.models[0])
 
-    def _fit_with_chosen_penalty(self, held_out: HeldOut, paths: _Paths) -> ElasticEstimate:
+    def _fit_with_chosen_penalty(self, held_out: HeldOut, paths: _Paths) -> ElasticFit:
         """Fit a model to the whole set with the penalty that cross-validation chose.
 
         If no optimum is certified with this penalty, the next larger penalties are tried.
@@ -377,7 +375,7 @@ class Competition:
         """
         weights = paths[held_out.model, held_out.loss].weights
         chosen_index = weights.index(held_out.penalty or weights[0])
-        return fit_first_certified(self._folds, self._find_model(held_out), weights[chosen_index:])
+        return fit_first_certified(self._folds, self._find_candidate(held_out), weights[chosen_index:])
 
     def _fit_whole_set(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Elastic:
         """Fit the chosen model to the whole set, with intervals that account for the choice of the model.
@@ -391,8 +389,9 @@ class Competition:
         if self.penalty_is_given:
             return Elastic(elastic, self._compute_effective(elastic, elastic), None)
         if self._requested is not None:
-            of_squares = self._fit_squares(elastic.model.name, paths) or elastic
-            return Elastic(elastic, self._compute_effective(elastic, of_squares), elastic.model.name)
+            name = elastic.candidate.model.name
+            of_squares = self._fit_squares(name, paths) or elastic
+            return Elastic(elastic, self._compute_effective(elastic, of_squares), name)
         richest = self._fit_squares(selection.largest, paths) or elastic  # its fit gives the intervals
         effective = self._compute_effective(elastic, richest)
         if selection.tied is not None:
@@ -402,25 +401,25 @@ class Competition:
             prediction = replace(
                 elastic.prediction,
                 bending="links_or_base",
-                predicted_by="base" if elastic.model.name in WITH_BASE else "links",
+                predicted_by="base" if elastic.candidate.model.name in WITH_BASE else "links",
                 joined=tied is not None,
             )
             elastic = replace(elastic, prediction=prediction)
-        return Elastic(elastic, effective, richest.model.name)
+        return Elastic(elastic, effective, richest.candidate.model.name)
 
-    def _fit_squares(self, name: ModelName, paths: _Paths) -> ElasticEstimate | None:
+    def _fit_squares(self, name: ModelName, paths: _Paths) -> ElasticFit | None:
         """Fit a model to the whole set by squares, with its best penalty; None if no optimum is certified.
 
         The penalty is searched on the finer grid first.
         """
-        model = next(model for model in self._squared_models if model.name == name)
-        self._refine_squares(model, paths)
-        path = paths[model.key]
+        candidate = next(candidate for candidate in self._squared_candidates if candidate.model.name == name)
+        self._refine_squares(candidate, paths)
+        path = paths[candidate.key]
         if not find_certified_weights(path.errors).any():
             return None
         chosen_index = choose_weight_index(path.errors, self._validation.rule, self._validation.draws)
         try:
-            return fit_first_certified(self._folds, model, path.weights[chosen_index:])
+            return fit_first_certified(self._folds, candidate, path.weights[chosen_index:])
         except UnsupportedMethodError:
             return None
 
@@ -440,7 +439,7 @@ class Competition:
             return None
         return self._compute_effective(fit_of_tied, self._fit_squares(richest, paths) or fit_of_tied)
 
-    def _compute_effective(self, elastic: ElasticEstimate, richest: ElasticEstimate) -> EffectiveCompliances:
+    def _compute_effective(self, elastic: ElasticFit, richest: ElasticFit) -> EffectiveCompliances:
         """Return effective joint compliances of the fit `elastic`, with ranges from the fit `richest`."""
         return compute_effective_compliances(
             self._joints.robot,

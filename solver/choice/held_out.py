@@ -8,6 +8,7 @@ triangle of the held-out fold.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal
@@ -21,24 +22,25 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.evidence.causes import CLEAR_GAIN, HeldOutGain, Screening
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL
-from jointstiff.solver.fit.elastic import (
-    LINKS_ALONE,
-    LOSSES,
-    MODELS,
+from jointstiff.solver.fit.elastic import ElasticFit, fit_elastic
+from jointstiff.solver.fit.part import (
     MOST_TARGETS,
-    WITH_BASE,
-    ElasticColumns,
-    ElasticModel,
-    ElasticRows,
-    Formulation,
-    compress_elastic_rows,
-    formulate_fit,
+    Part,
+    compress_parts,
     generate_elastic_rows,
     select_rows_of_part,
 )
+from jointstiff.solver.fit.reduced import LOSSES, Candidate, Reduced, fit_loss, reduce_part
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.statements import Statements
 from jointstiff.solver.mechanics.measurements import find_first_equal
+from jointstiff.solver.models import MODELS, Columns
+
+_NAMES: Final = tuple(model.name for model in MODELS)
+WITH_BASE: Final = frozenset(model.name for model in MODELS if model.has_base)
+"""Models whose base bends: compared with the others only if a test finds that the base bends."""
+LINKS_ALONE: Final = frozenset(model.name for model in MODELS if model.has_links and not model.has_base)
+"""Models whose links bend and whose base does not."""
 
 
 def list_models_to_compare(screening: Screening, requested: ModelName | None) -> tuple[ModelName, ...]:
@@ -54,14 +56,14 @@ def list_models_to_compare(screening: Screening, requested: ModelName | None) ->
     """
     # If the request lets the base bend, all models are compared: with a bending base and with a rigid one.
     if requested in WITH_BASE:
-        return MODELS
+        return _NAMES
     if requested is not None or not screening.base_needs_validation:
-        return tuple(name for name in MODELS if name not in WITH_BASE)
+        return tuple(name for name in _NAMES if name not in WITH_BASE)
     base_adds_to_links = screening.base_p_value_with_links < LINKS_LEVEL
     links_add_to_base = screening.links_p_value_with_base < LINKS_LEVEL
     if not base_adds_to_links:
-        return tuple(name for name in MODELS if name != "links_and_base")
-    return MODELS if links_add_to_base else ("joints", "joints_and_base")
+        return tuple(name for name in _NAMES if name != "links_and_base")
+    return _NAMES if links_add_to_base else ("joints", "joints_and_base")
 
 
 WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 4))
@@ -131,9 +133,7 @@ class Folds:
     """Measurement set divided into folds; each fold is compressed once, when it is first needed.
 
     Attributes:
-        source: rows of the N observations.
-        robot: n joints.
-        measurements: N observations.
+        rows: N observations.
         columns: columns of the richest model.
         visible: (n,) mask of the joints that the whole set determines.
         validation: how the set is divided, and the rule by which a weight is chosen.
@@ -145,7 +145,7 @@ class Folds:
     def __init__(
         self,
         rows: Rows,
-        columns: ElasticColumns,
+        columns: Columns,
         visible: BoolArray,
         validation: CrossValidation,
         statements: Statements | None,
@@ -155,23 +155,23 @@ class Folds:
         Raises:
             UnsupportedMethodError: all observations have the same posture.
         """
-        self.source, self.robot, self.measurements = rows, rows.robot, rows.measurements
+        self.rows = rows
         self.columns, self.visible, self.validation = columns, visible, validation
         self.statements = statements
         self.held_out = draw_folds(validation, rows.measurements.joints)
         self.per_draw = len(self.held_out) // validation.draws
-        self._training: dict[int | None, ElasticRows] = {}
-        self._formulations: dict[tuple[int | None, ModelName], Formulation] = {}
+        self._training: dict[int | None, Part] = {}
+        self._reduced: dict[tuple[int | None, ModelName], Reduced] = {}
 
     def __len__(self) -> int:
         return len(self.held_out)
 
     @cached_property
-    def rows(self) -> tuple[ElasticRows, ...]:
+    def parts(self) -> tuple[Part, ...]:
         """Compressed rows of each fold, in the order of the folds."""
-        return compress_elastic_rows(self.source, self.columns, self.held_out, self.statements)
+        return compress_parts(self.rows, self.columns, self.held_out, self.statements)
 
-    def merge_training_rows(self, fold: int | None) -> ElasticRows:
+    def merge_training_rows(self, fold: int | None) -> Part:
         """Return the compressed rows of a training set: all folds of a draw except the held-out `fold`.
 
         If `fold` is None, the rows of the whole set are returned.
@@ -180,32 +180,30 @@ class Folds:
             # The folds of one draw make up the whole set, so None merges all folds of the first draw.
             start = 0 if fold is None else fold // self.per_draw * self.per_draw
             draw = range(start, start + self.per_draw)
-            self._training[fold] = ElasticRows.merge([self.rows[each] for each in draw if each != fold])
+            self._training[fold] = Part.merge([self.parts[each] for each in draw if each != fold])
         return self._training[fold]
 
-    def formulate_model_fit(self, model: ElasticModel, fold: int | None = None) -> Formulation:
-        """Return the problem of fitting a model to all folds of a draw except the held-out `fold`.
+    def reduce_training_rows(self, candidate: Candidate, fold: int | None = None) -> Reduced:
+        """Return the rows of a training set, reduced to the parameters of a model.
 
-        If `fold` is None, the model is fitted to the whole set.
-
-        Raises:
-            UnsupportedMethodError: no target moved or no load acts, so that the penalty has no scale.
-        """
-        key = fold, model.name
-        if key not in self._formulations:
-            training, sigma = self.merge_training_rows(fold), self.measurements.sigma
-            self._formulations[key] = formulate_fit(training, model, self.visible, sigma)
-        return self._formulations[key]
-
-    def formulate_with_statements(self, model: ElasticModel, statements: Statements) -> Formulation:
-        """Return the problem of fitting a model to the whole set, with statements of another weight.
+        All folds of a draw except the held-out `fold` are used; the whole set if `fold` is None.
 
         Raises:
             UnsupportedMethodError: no target moved or no load acts, so that the penalty has no scale.
         """
-        whole_set = [np.arange(len(self.measurements))]
-        (rows,) = compress_elastic_rows(self.source, self.columns, whole_set, statements)
-        return formulate_fit(rows, model, self.visible, self.measurements.sigma)
+        key = fold, candidate.model.name
+        if key not in self._reduced:
+            training, sigma = self.merge_training_rows(fold), self.rows.measurements.sigma
+            self._reduced[key] = reduce_part(training, candidate, self.visible, sigma)
+        return self._reduced[key]
+
+    def fit_whole_set(self, candidate: Candidate, weight: float) -> ElasticFit:
+        """Fit a model to the whole set for a given weight λ of the penalty, and certify the optimum.
+
+        Raises:
+            UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
+        """
+        return fit_elastic(self.rows, self.merge_training_rows(None), candidate, self.visible, weight)
 
     def compute_prediction_errors(self, fold: int, unknowns: FloatArray) -> FloatArray:
         """Return the errors (W,) [m] with which W vectors of unknowns (W, P + E) predict a fold's readings.
@@ -213,15 +211,32 @@ class Folds:
         An error is the mean norm of the targets' whitened residuals; in a set of more than `MOST_TARGETS`
         targets, it is the root mean square of the residuals' coordinates.
         """
-        rows = self.rows[fold]
-        if int(self.measurements.present.sum()) <= MOST_TARGETS:
-            return np.array([rows.compute_residual_norms(each).mean() for each in unknowns])
-        residual = unknowns @ rows.triangle[:, :-1].T - rows.triangle[:, -1]
-        return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / max(1, rows.readings)))
+        part = self.parts[fold]
+        if int(self.rows.measurements.present.sum()) <= MOST_TARGETS:
+            return np.array([part.compute_residual_norms(each).mean() for each in unknowns])
+        residual = unknowns @ part.triangle[:, :-1].T - part.triangle[:, -1]
+        return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / max(1, part.size.readings)))
+
+
+def fit_first_certified(folds: Folds, candidate: Candidate, weights: Sequence[float]) -> ElasticFit:
+    """Fit a model to the whole set with the smallest penalty in `weights` that gives a certified optimum.
+
+    Args:
+        folds: measurement set with its compressed rows.
+        candidate: elastic elements that bend, and the loss.
+        weights: weights λ of the penalty to try one after the other, in ascending order.
+
+    Raises:
+        UnsupportedMethodError: no optimum is certified; the error names the largest penalty.
+    """
+    for weight in weights[:-1]:
+        with suppress(UnsupportedMethodError):
+            return folds.fit_whole_set(candidate, weight)
+    return folds.fit_whole_set(candidate, weights[-1])
 
 
 def fit_fold(
-    folds: Folds, model: ElasticModel, fold: int, weights: Sequence[float]
+    folds: Folds, candidate: Candidate, fold: int, weights: Sequence[float]
 ) -> tuple[FloatArray, FloatArray]:
     """Fit a model with one fold of a draw held out, for some weights of the penalty.
 
@@ -229,7 +244,7 @@ def fit_fold(
 
     Args:
         folds: the divided measurement set.
-        model: elastic elements that bend, and the loss.
+        candidate: elastic elements that bend, and the loss.
         fold: index of the fold that is held out.
         weights: W weights λ; a model of joints alone has no penalty, so that all weights give the same fit.
 
@@ -237,35 +252,31 @@ def fit_fold(
         The unknowns (W, P + E), compliances and E stated errors; and the errors (W,) [m] with which they
         predict the held-out fold.
     """
-    formulation = folds.formulate_model_fit(model, fold)
-    cone = formulation.cone
-    if cone.penalised or cone.sizes:
-        unknowns = np.array([_fit_unknowns(formulation, model, weight) for weight in weights])
+    reduced = folds.reduce_training_rows(candidate, fold)
+    if not candidate.model.has_only_joints:
+        unknowns = np.array([_fit_unknowns(reduced, candidate, weight) for weight in weights])
     else:  # Joints alone have no penalty, so that one fit serves for all weights.
-        one_fit = (
-            formulation.fit_joints_only()
-            if model.loss == "squared"
-            else _fit_unknowns(formulation, model, 1.0)
-        )
+        is_squared = candidate.loss == "squared"
+        one_fit = reduced.fit_joints_only() if is_squared else _fit_unknowns(reduced, candidate, 1.0)
         unknowns = np.tile(one_fit, (len(weights), 1))
     return unknowns, folds.compute_prediction_errors(fold, unknowns)
 
 
-def fit_folds(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> PenaltyPath:
+def fit_folds(folds: Folds, candidate: Candidate, weights: Sequence[float]) -> PenaltyPath:
     """Fit a model with each fold held out in turn, for ascending weights of the penalty; return the fits."""
-    fits = [fit_fold(folds, model, fold, weights) for fold in range(len(folds))]
+    fits = [fit_fold(folds, candidate, fold, weights) for fold in range(len(folds))]
     unknowns, errors = map(np.array, zip(*fits, strict=True))
     return PenaltyPath(tuple(weights), unknowns, errors)
 
 
-def refine_path(folds: Folds, model: ElasticModel, path: PenaltyPath) -> PenaltyPath:
+def refine_path(folds: Folds, candidate: Candidate, path: PenaltyPath) -> PenaltyPath:
     """Fit a model with further weights λ around the weight of least error, until no finer weight is left.
 
     The finest grid has four weights per decade. If the best weight is at an end of the path, weights beyond
     this end are tried too. Return the path with the added weights, in ascending order.
     """
     while further := _propose_further_weights(np.array(path.weights), path.errors):
-        added = fit_folds(folds, model, further)
+        added = fit_folds(folds, candidate, further)
         weights = np.array(path.weights + added.weights)
         order = np.argsort(weights)
         path = PenaltyPath(
@@ -291,12 +302,12 @@ def _propose_further_weights(weights: FloatArray, errors: FloatArray) -> list[fl
     return [10.0 ** (quarter / 4.0) for quarter in sorted(halfway.difference(quarters.tolist()))]
 
 
-def _fit_unknowns(formulation: Formulation, model: ElasticModel, weight: float) -> FloatArray:
+def _fit_unknowns(reduced: Reduced, candidate: Candidate, weight: float) -> FloatArray:
     """Return the fitted unknowns (P + E,) of a model; NaN if no optimum can be certified."""
     try:
-        return formulation.convert_to_unknowns(formulation.fit(model, weight, gap=_GAP)[0])
+        return reduced.to_unknowns(fit_loss(reduced, candidate, weight, gap=_GAP).solution)
     except SolverError:
-        return np.full(formulation.column_count + formulation.rows.stated_errors, np.nan)
+        return np.full(reduced.part.compliances + reduced.part.stated_errors, np.nan)
 
 
 def find_certified_weights(errors: FloatArray) -> BoolArray:
@@ -452,7 +463,7 @@ def select_model(
         UnsupportedMethodError: the requested model has no weight with a certified fit in every fold.
     """
     validation = folds.validation
-    models_and_losses = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in paths]
+    models_and_losses = [(name, loss) for name in _NAMES for loss in LOSSES if (name, loss) in paths]
     is_certified = {key: bool(find_certified_weights(paths[key].errors).any()) for key in models_and_losses}
     # If no fit of the requested model is certified, its keys are kept: `choose_weight_index` then raises.
     none_certified = not any(is_certified[key] for key in models_and_losses if key[0] == requested)
@@ -466,7 +477,8 @@ def select_model(
     chosen_unknowns = np.array([paths[key].unknowns[:, index] for key, index in chosen_index.items()])
     compensation, residual_norms = _score_held_out(folds, chosen_unknowns)
     # The columns of `norms` are in the order of the folds: find the posture of each column.
-    posture_of_observation = np.unique(find_first_equal(folds.measurements.joints), return_inverse=True)[1]
+    first_equal = find_first_equal(folds.rows.measurements.joints)
+    posture_of_observation = np.unique(first_equal, return_inverse=True)[1]
     posture_of_column = posture_of_observation[np.concatenate(folds.held_out)]
     norm_sums = np.array([np.bincount(posture_of_column, model_norms) for model_norms in residual_norms])
     by_posture = norm_sums / np.bincount(posture_of_column)
@@ -569,7 +581,7 @@ def _score_held_out(folds: Folds, unknowns: FloatArray) -> tuple[FloatArray, Flo
         np.zeros((len(unknowns), len(fold_observations))) for fold_observations in folds.held_out
     ]
     start = 0  # index of the first observation of the block
-    for rows in generate_elastic_rows(folds.source, folds.columns, folds.statements):
+    for rows in generate_elastic_rows(folds.rows, folds.columns, folds.statements):
         in_block = rows.block.measurements
         for fold, fold_observations in enumerate(folds.held_out):
             in_fold = select_rows_of_part(fold_observations, start, start + len(in_block))

@@ -1,708 +1,456 @@
-"""Models of elastic joints, links and base, from simple to rich: rows, penalty and losses (method.md §7).
-
-    squared    ‖z − R x‖² / ‖z‖² + λ tr              rows compressed to a triangle
-    huber      Σ ρ(r_i) / Σ ‖d_i‖ + λ tr             one second-order cone a target
-
-ρ is ‖r‖²/(2h) up to h, and ‖r‖ − h/2 beyond.
-
-The penalty contains no arbitrarily chosen length. The penalty is the work that a unit force at the load point
-does on an element, averaged over the directions of the force and, because the fitted postures are few, over
-all directions of the lever. The length ρ_i of the lever is the root mean square distance, over the fitted
-postures, from the origin of frame i to the load point. The penalty of a link is ``tr(M_i C_i)`` with
-``M_i = diag(I, 2/3 ρ_i² I)``; the penalty of coupled joints is ``tr(M C_θ)`` with ``M = diag(2/3 ρ_j²)``.
-With the parameters ``X = K C K / u``, K² = M, the penalty is the trace of X, and with u the deflection
-divided by the force it has no unit.
-"""
+"""Fit of a model of elastic links for a known weight of the penalty, and its results (method.md §7)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
-from typing import Final
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from jointstiff.schemas.options import ElasticModel as ModelName
-from jointstiff.schemas.options import Loss, RunOptions
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fit.cone import Cone, find_diagonal_entries
-from jointstiff.solver.fit.conic import (
-    ConeSolution,
-    LeastSquares,
-    NormSum,
-    RobustProgram,
-    RobustSolution,
-    SemidefiniteProgram,
-    certify_cone,
-    certify_robust,
-    solve_cone,
-    solve_robust,
+from jointstiff.schemas.model import (
+    ElasticCompliance,
+    ElementShare,
+    LinkCertificate,
+    PrincipalCompliance,
 )
-from jointstiff.solver.fit.method import DEFAULT_THRESHOLD
-from jointstiff.solver.fit.problem import Bounds, IdentificationProblem
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, fix_axis_signs
+from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.fit.cone import find_diagonal_entries, lift_diagonal, to_matrix
+from jointstiff.solver.fit.conic import compute_effective_freedom
+from jointstiff.solver.fit.estimate import Prediction
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.part import Part, generate_elastic_rows
+from jointstiff.solver.fit.reduced import (
+    Candidate,
+    Reduced,
+    compute_gap_unit,
+    convert_weight_to_squares,
+    fit_loss,
+    reduce_part,
+)
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import solve_step
-from jointstiff.solver.fit.stages import MEDIAN_NORM
-from jointstiff.solver.fit.statements import Statements
-from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor
-from jointstiff.solver.mechanics.block import (
-    BlockRows,
-    Term,
-)
-from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.springs import (
-    BASE,
-    COUPLED_JOINTS,
-    JOINTS,
-    build_links_term,
-    triangle_indices,
-)
-
-MOST_JOINTS = 12
-"""Greatest number of joints of a robot with elastic links: with more joints, unknowns outnumber readings."""
-
-MOST_TARGETS: Final = 500
-"""Greatest number of targets for which robust losses are supported: one fit then takes about 0.5 s."""
-_BLOCK = 256
-"""Number of observations in a block: the rows of a block stay below 10 MB for each target."""
-
-
-@dataclass(frozen=True)
-class ElasticColumns:
-    """Columns of each compliance among the P columns of the richest model.
-
-    A symmetric compliance matrix has one column for each entry of its upper triangle.
-    """
-
-    n: int  #: number of joints
-    links: tuple[int, ...]  #: indices of the joints whose links may bend; the base may bend in any case
-
-    def __post_init__(self) -> None:
-        if self.n > MOST_JOINTS:
-            raise UnsupportedMethodError(
-                f"the robot has {self.n} joints; elastic links support at most {MOST_JOINTS}",
-                where="elasticity",
-                remedy="use elasticity joints",
-            )
-
-    @classmethod
-    def from_options(cls, options: RunOptions, robot: Robot) -> ElasticColumns:
-        """Return the columns of the links that may bend.
-
-        Raises:
-            RequestError: the robot has no joint that an option names.
-            UnsupportedMethodError: the robot has too many joints.
-        """
-        named = sorted({robot.joint_index(name, "links") for name in options.links})
-        return cls(robot.n, tuple(named or range(robot.n)))
-
-    @property
-    def width(self) -> int:
-        """Number P of columns: of the joints, of their coupling, and 21 for each link and for the base."""
-        return self.n + len(self.coupling) + 21 * len(self.frames)
-
-    @property
-    def frames(self) -> tuple[int, ...]:
-        """Frames with a 6 × 6 compliance (21 different entries): joint indices of the links, then `BASE`."""
-        return *self.links, BASE
-
-    @property
-    def joints(self) -> IndexArray:
-        """(n,) columns of the joint compliances c [m/(rad/(N·m))]."""
-        return np.arange(self.n)
-
-    @property
-    def coupling(self) -> IndexArray:
-        """Columns (n (n + 1) / 2,) of the full compliance matrix C_θ of the joints [m/(rad/(N·m))]."""
-        return np.arange(self.n, self.n + self.n * (self.n + 1) // 2)
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """Terms of the deflection model in the order of the columns: joints, coupling, links and base."""
-        return JOINTS, COUPLED_JOINTS, build_links_term(self.frames)
-
-    def link_columns(self, frame: int) -> IndexArray:
-        """Return the columns (21,) of the compliance C_i of the link behind joint `frame`, or of `BASE`."""
-        start = self.n + len(self.coupling) + 21 * self.frames.index(frame)
-        return np.arange(start, start + 21)
+from jointstiff.solver.fit.solution import Witness
+from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
+from jointstiff.solver.mechanics.springs import BASE
+from jointstiff.solver.messages import point
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticRows:
-    """Compressed rows of some observations, and the sums that determine the scale of the penalty.
+class PenalisedLikelihood:
+    """Likelihood of the compliances with a penalty, by squares, from which uncertainties are computed.
 
-    The columns A of P compliances come first, then the columns B of K stated errors, in units of their
-    standard uncertainties, then the readings d.
+    With the weights of a robust loss, residuals near zero would count too much, and uncertainties would be
+    too small.
     """
 
-    #: (P + K + 1, P + K + 1) with ``TᵀT`` the Gram matrix of the rows [A B d], whitened in units of sigma
-    triangle: FloatArray
-    configurations: int  #: number of observations
-    readings: int  #: number of coordinates that were read
-    targets: int  #: number of targets that were read
-    force: float  #: sum over the observations of ‖F‖² [N²]
-    moment: float  #: sum over the observations of ‖M‖² [N²·m²]
-    #: (n + 1,) sum of the squared distances of the load point from the origins of the joint frames and, as
-    #: the last number, of the base [m²]
-    lever: FloatArray
-    deflection: float  #: sum over the targets of ‖δp‖² [m²]
+    reduced: Reduced  #: rows of the whole set
+    weight: float  #: weight λ of the penalty
+    #: standard uncertainty of one coordinate of one reading [m]: the stated sigma, or the residuals' sigma if
+    #: greater; None without degrees of freedom
+    sigma: float | None
+    degrees_of_freedom: float | None  #: degrees of freedom of a sigma from residuals; None for a stated sigma
 
-    #: (T, 3, P + K + 1) whitened rows [A B d] of each target, which a robust loss needs; T = 0 for more than
-    #: `MOST_TARGETS` targets
-    each: FloatArray
-    stated: FloatArray  #: (q, P + K + 1) rows of what is stated: first that K errors are zero, then priors
-    stated_errors: int = 0  #: number K of stated errors
-    sigma: float = 1.0  #: standard uncertainty of a reading, by which statements are weighted [m]
 
-    @classmethod
-    def merge(cls, parts: Sequence[ElasticRows]) -> ElasticRows:
-        """Merge the rows of several parts of a set; sums of squares are added, so that no digits are lost.
+@dataclass(frozen=True, eq=False)
+class ElasticFit:
+    """Compliances of joints, links and base from one fit, with residuals, uncertainties and certificate."""
 
-        The rows of single targets are dropped if they become too many.
-        """
-        kept = {name: getattr(parts[0], name) for name in ("stated", "stated_errors", "sigma")}
-        added_fields = (f.name for f in fields(cls) if f.name not in {"triangle", "each", *kept})
-        sums = {name: sum(getattr(part, name) for part in parts) for name in added_fields}
-        rows_of_targets = np.concatenate([part.each for part in parts])
-        rows_of_targets = rows_of_targets if sums["targets"] <= MOST_TARGETS else rows_of_targets[:0]
-        triangle = compute_triangular_factor(np.concatenate([part.triangle for part in parts]))
-        return cls(triangle=triangle, each=rows_of_targets, **sums, **kept)
-
-    @property
-    def compliances(self) -> int:
-        """Number P of columns of compliances."""
-        return int(self.triangle.shape[1]) - 1 - self.stated_errors
-
-    @cached_property
-    def _stated(self) -> tuple[FloatArray, FloatArray]:
-        """Triangle (P + 1, P + 1) with stated errors projected out, and the map (K, P + 1) to these errors.
-
-        Each stated error has a row like a reading: the error is zero, within its standard uncertainty.
-        """
-        P, K = self.compliances, self.stated_errors
-        errors, others = slice(P, P + K), [*range(P), P + K]
-        rows = np.vstack([self.triangle, self.stated])
-        factor = compute_triangular_factor(np.hstack([rows[:, errors], rows[:, others]]))
-        return factor[K:, K:], np.asarray(np.linalg.solve(factor[:K, :K], factor[:K, K:]), dtype=np.float64)
+    candidate: Candidate  #: elastic elements that bend, and the loss
+    penalty: float  #: weight λ of the penalty
+    compliance: FloatArray  #: (n,) joint compliances [rad/(N·m)]; NaN if the readings do not determine one
+    #: (n, n) full joint compliance [rad/(N·m)], zero in rows of undetermined joints; None if joints are
+    #: not coupled
+    coupled_joints: FloatArray | None
+    entries: FloatArray  #: (P,) all compliances; deflections are rows @ entries
+    links: tuple[ElasticCompliance, ...]  #: compliances of the links that bend
+    base: ElasticCompliance | None  #: compliance of the base; None if the model has a rigid base
+    elements: tuple[ElementShare, ...]  #: share of the deflections that each element explains
+    prediction: Prediction  #: predicted deflections of all targets, and their residuals
+    sigma: float | None  #: stated sigma, or sigma from the residuals [m]; None without degrees of freedom
+    chi_square: float  #: chi square of the weighted residuals, computed with sigma
+    degrees_of_freedom: float  #: number of coordinates read minus the effective freedom
+    effective_freedom: float  #: effective number of parameters that the readings determine
+    parameters: int  #: number of parameters of the model
+    certificate: LinkCertificate  #: certificate of optimality
+    likelihood: PenalisedLikelihood  #: least-squares problem from which the uncertainties are computed
+    #: (T,) weights of the squares of all targets whose optimum is that of a robust loss; None for squares
+    target_weights: FloatArray | None
+    penalty_of_squares: float  #: weight of the penalty in a fit by these squares
+    witness: Witness | None  #: comparison of Clarabel's own answer with the certified one
+    force_scale: float  #: relative standard uncertainty of the size of all loads
 
     @property
-    def with_errors_fitted(self) -> FloatArray:
-        """Triangle (P + 1, P + 1) of the rows [A d]: a fit to it equals a fit with the stated errors free.
-
-        The errors are free within their standard uncertainties.
-        """
-        return self._stated[0] if len(self.stated) else self.triangle
+    def statements(self) -> Statements:
+        """Stated errors that were fitted together with the compliances."""
+        return self.likelihood.reduced.part.statements
 
     @property
-    def count(self) -> int:
-        """Number of readings and of stated compliances."""
-        return self.readings + len(self.stated) - self.stated_errors
-
-    def append_fitted_errors(self, compliances: FloatArray) -> FloatArray:
-        """Return compliances (..., P), followed by the stated errors (..., K) that fit best in squares."""
-        if not self.stated_errors:
-            return compliances
-        to_errors = self._stated[1]
-        errors = to_errors[:, -1] - compliances @ to_errors[:, :-1].T
-        return np.concatenate([compliances, errors], axis=-1)
-
-    def compute_residual_norms(self, unknowns: FloatArray) -> FloatArray:
-        """Return the norms (T,) [m] of each target's whitened residual at unknowns (P + K,)."""
-        residuals = self.each[..., :-1] @ unknowns - self.each[..., -1]
-        return np.asarray(np.linalg.norm(residuals, axis=1))
-
-    def compute_huber_weights(self, unknowns: FloatArray, threshold: float) -> FloatArray:
-        """Return the weights (T,) of the targets' squares by Huber's loss with a threshold [m].
-
-        Args:
-            unknowns: (P + K,) compliances and stated errors.
-            threshold: length of a residual from which the loss is linear [m].
-        """
-        norms = self.compute_residual_norms(unknowns)
-        return np.asarray(threshold / np.maximum(norms, threshold))
-
-    def weight_targets(self, weight: FloatArray) -> ElasticRows:
-        """Return the rows with a triangle in which the squares of the T targets have weights (T,).
-
-        The rows `each` stay unweighted.
-        """
-        rows = np.sqrt(weight)[:, None, None] * self.each
-        return replace(self, triangle=compute_triangular_factor(rows.reshape(-1, rows.shape[-1])))
+    def unexplained(self) -> float:
+        """Fraction of the measured deflection that no elastic element explains."""
+        return 1.0 - sum(element.share for element in self.elements)
 
 
-def compress_elastic_rows(
+def find_principal_compliances(block: FloatArray) -> list[PrincipalCompliance]:
+    """Return eigenvalues and eigenvectors of a compliance block (3, 3), the largest compliance first."""
+    values, vectors = np.linalg.eigh(block)  # in ascending order
+    pairs = zip(np.maximum(values[::-1], 0.0).tolist(), fix_axis_signs(vectors.T[::-1]), strict=True)
+    return [PrincipalCompliance(value=value, direction=point(direction)) for value, direction in pairs]
+
+
+CERTIFIED_GAP: Final = 1e-2
+"""Largest duality gap of an accepted certificate, in units of sigma."""
+_DESIRED_GAP: Final = 1e-3
+"""Duality gap aimed at where rounding allows it: the ranks of the matrices are then certain."""
+_SOLVED_GAP: Final = 0.8 * CERTIFIED_GAP
+"""Largest accepted gap of the solver's solution, below `CERTIFIED_GAP`: making the matrices of the solution
+positive semidefinite may increase the gap a little."""
+_LEAST_SCALE: Final = 1e-6
+"""Smallest residual scale relative to the readings, so that the scale of data without noise is not zero."""
+_LEAST_FREEDOM: Final = 0.5
+"""Degrees of freedom below which the residuals do not determine sigma."""
+
+
+def refuse_unsupported_elastic(settings: Settings) -> None:
+    """Refuse options that a model with bending links or base does not support.
+
+    The option of the complementary stiffness is not refused: this stiffness is neglected if links bend,
+    because it changes a deflection under 1 kN by 0.05 % only.
+
+    Raises:
+        UnsupportedMethodError: an option is not supported; the error names the option and a remedy.
+    """
+    only_positive = bool((settings.bounds.lower == 0.0).all() and np.isinf(settings.bounds.upper).all())
+    # Whether the option is refused, field of the request, remedy
+    refused = (
+        (settings.method != "partial_pose", "method", "use method partial_pose"),
+        (settings.weighting != "covariance", "weighting", "use weighting covariance"),
+        (not only_positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `positive` true"),
+        (bool(settings.order), "stiffness_order", "omit `stiffness_order`"),
+    )
+    for is_refused, where, remedy in refused:
+        if is_refused:
+            raise UnsupportedMethodError(
+                f"the given {where.replace('_', ' ')} works only with elasticity joints",
+                where=where,
+                remedy=f"{remedy}, or use elasticity joints",
+            )
+
+
+def fit_elastic(
+    rows: Rows, part: Part, candidate: Candidate, visible: BoolArray, weight: float
+) -> ElasticFit:
+    """Fit an elastic model to a whole set for a given penalty, and certify the optimum.
+
+    Where sigma is not stated, joints alone give the first sigma, by which statements are weighted; the fit is
+    repeated with its own sigma.
+
+    Args:
+        rows: N observations.
+        part: all these observations, compressed, with what is stated.
+        candidate: elastic elements that bend, and the loss; a model of joints alone is not supported.
+        visible: (n,) mask of the joints that the readings determine.
+        weight: λ > 0 of the penalty.
+
+    Raises:
+        UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
+    """
+    stated_sigma = rows.measurements.sigma
+    first = _fit_once(rows, reduce_part(part, candidate, visible, stated_sigma), candidate, weight)
+    if not len(part.stated) or stated_sigma is not None or not first.sigma:
+        return first
+    weighted = part.with_sigma(max(first.sigma, LEAST_STATED_SIGMA))
+    return _fit_once(rows, reduce_part(weighted, candidate, visible), candidate, weight)
+
+
+def _fit_once(rows: Rows, reduced: Reduced, candidate: Candidate, weight: float) -> ElasticFit:
+    """Fit an elastic model to a whole set, with statements weighted as they are.
+
+    Args:
+        rows: N observations.
+        reduced: all these observations, reduced to the parameters of the model.
+        candidate: elastic elements that bend, and the loss.
+        weight: λ > 0 of the penalty.
+
+    Raises:
+        UnsupportedMethodError: the penalty is too small for the optimum to be certified.
+    """
+    robot, columns = rows.robot, candidate.columns
+    certified = _fit_certified(reduced, candidate, weight)
+    compliances, unknowns = certified.compliances, certified.unknowns
+    squares, weight_of_squares = certified.squares, certified.weight_of_squares
+    residuals = _summarise_residuals(squares, weight_of_squares, compliances, reduced.sigma)
+    elements, prediction = _compute_element_shares(rows, candidate, reduced.part.statements, unknowns)
+    determined = np.isin(np.arange(robot.n), reduced.columns)
+    joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
+    summaries = {
+        frame: ElasticCompliance(
+            joint=None if frame == BASE else robot.joint_names[frame],
+            **_summarise_compliance(compliances, candidate, residuals.effective_freedom, frame),
+        )
+        for frame in candidate.frames
+    }
+    return ElasticFit(
+        candidate=candidate,
+        penalty=weight,
+        compliance=np.where(determined, np.diagonal(joints), np.nan),
+        coupled_joints=joints if candidate.model.couples_joints else None,
+        entries=compliances,
+        links=tuple(each for frame, each in summaries.items() if frame != BASE),
+        base=summaries.get(BASE),
+        elements=elements,
+        prediction=prediction,
+        sigma=residuals.sigma,
+        chi_square=residuals.chi_square,
+        degrees_of_freedom=residuals.degrees_of_freedom,
+        effective_freedom=float(residuals.effective_freedom.sum()),
+        parameters=len(reduced.columns),
+        certificate=certified.certificate,
+        likelihood=_build_likelihood(reduced, candidate, unknowns, weight),
+        target_weights=certified.target_weights,
+        penalty_of_squares=weight_of_squares,
+        witness=certified.witness,
+        force_scale=rows.measurements.common_uncertainty.scale,
+    )
+
+
+class _Certified(NamedTuple):
+    """Certified optimum with matrices that are positive semidefinite in SI units."""
+
+    compliances: FloatArray  #: (P,)
+    unknowns: FloatArray  #: (P + K,) compliances and stated errors
+    certificate: LinkCertificate
+    witness: Witness | None
+    squares: Reduced  #: weighted least-squares problem with the same optimum
+    weight_of_squares: float  #: weight of the penalty in this problem
+    target_weights: FloatArray | None  #: (T,) weights of the targets in this problem; None for squares
+
+
+def _fit_certified(reduced: Reduced, candidate: Candidate, weight: float) -> _Certified:
+    """Find the optimum of a candidate's loss, and certify the matrices that are published.
+
+    Raises:
+        UnsupportedMethodError: the penalty is too small for the optimum to be certified.
+    """
+    gap_scale = _compute_gap_scale(reduced)
+    gap_of_one_sigma = gap_scale / compute_gap_unit(reduced, candidate)
+    try:  # The solver aims at the desired gap; a larger gap within the accepted limit is no error.
+        loss, solution = fit_loss(
+            reduced,
+            candidate,
+            weight,
+            gap=_DESIRED_GAP * gap_of_one_sigma,
+            accepted=_SOLVED_GAP * gap_of_one_sigma,
+        )
+    except SolverError as error:
+        raise _build_uncertified_error(weight) from error
+    compliances, least_eigenvalue = _make_semidefinite(reduced.to_compliances(solution.x), candidate)
+    unknowns = reduced.to_unknowns(solution)
+    unknowns[: len(compliances)] = compliances
+    gap = loss.certify_gap(compliances, weight, solution) / gap_of_one_sigma
+    if not gap <= CERTIFIED_GAP:
+        raise _build_uncertified_error(weight)
+    dual, witness = solution.certificate.dual, solution.certificate.witness
+    certificate = LinkCertificate(
+        least_eigenvalue=least_eigenvalue, dual=dual, gap=gap, scale=float(gap_scale)
+    )
+    squares, weight_of_squares = loss.build_weighted_squares(candidate, unknowns, weight)
+    target_weights = loss.weigh_targets(unknowns)
+    return _Certified(compliances, unknowns, certificate, witness, squares, weight_of_squares, target_weights)
+
+
+def _build_likelihood(
+    reduced: Reduced, candidate: Candidate, unknowns: FloatArray, weight: float
+) -> PenalisedLikelihood:
+    """Return the least-squares problem from which the uncertainties of a fit are computed.
+
+    The stated sigma is raised to the sigma of the residuals, if the residuals are larger.
+
+    Args:
+        reduced: rows of the fit.
+        candidate: elastic elements that bend, and the loss.
+        unknowns: (P + K,) fitted compliances and stated errors.
+        weight: weight λ of the penalty in the fit.
+    """
+    weight = convert_weight_to_squares(reduced, candidate, unknowns, weight)
+    compliances = unknowns[: reduced.part.compliances]
+    residuals = _summarise_residuals(reduced, weight, compliances, reduced.sigma)
+    sigma, degrees_of_freedom = residuals.sigma, residuals.degrees_of_freedom
+    if reduced.sigma is None or sigma is None:
+        return PenalisedLikelihood(reduced, weight, sigma, degrees_of_freedom)
+    excess = 1.0
+    if degrees_of_freedom >= _LEAST_FREEDOM:
+        excess = sqrt(residuals.chi_square / degrees_of_freedom)
+    return PenalisedLikelihood(reduced, weight, sigma * max(1.0, excess), None)
+
+
+class _Residuals(NamedTuple):
+    """Summary of the residuals of a fit."""
+
+    #: (P,) effective freedom of each compliance: 1 if the readings determine the compliance, 0 if the penalty
+    #: does
+    effective_freedom: FloatArray
+    degrees_of_freedom: float
+    sigma: float | None  #: as stated, or computed from the residuals [m]; None if there are too few readings
+    chi_square: float  #: 0 without sigma
+
+
+def _summarise_residuals(
+    squares: Reduced, weight: float, compliances: FloatArray, sigma: float | None
+) -> _Residuals:
+    """Compute the degrees of freedom, sigma and chi square of a fit from its residuals.
+
+    Args:
+        squares: (weighted) least-squares problem of the fit.
+        weight: weight λ of the penalty.
+        compliances: (P,) fitted compliances.
+        sigma: stated standard uncertainty of a coordinate [m]; None if unknown.
+    """
+    parameters, part = compliances[squares.columns] / squares.unit, squares.part
+    effective_freedom = np.zeros(part.compliances)
+    effective_freedom[squares.columns] = compute_effective_freedom(squares.state(weight), parameters)
+    degrees_of_freedom = max(0.0, part.count - float(effective_freedom.sum()))
+    triangle = part.with_errors_fitted
+    squares_sum = float(np.square(triangle[:, :-1] @ compliances - triangle[:, -1]).sum())
+    if sigma is None and degrees_of_freedom >= _LEAST_FREEDOM:
+        sigma = sqrt(squares_sum / degrees_of_freedom)
+    chi_square = squares_sum / sigma**2 if sigma else 0.0
+    return _Residuals(effective_freedom, degrees_of_freedom, sigma, chi_square)
+
+
+def _compute_gap_scale(reduced: Reduced) -> float:
+    """Return the length [m] that is the unit of the gaps of certificates.
+
+    The length is sigma, or the rms residual of an unconstrained fit without penalty, if that is greater: an
+    optimum more exact than these residuals would have no use. If sigma is None, the rms residual of a fit of
+    joints alone replaces sigma.
+    """
+    squares, readings, joint_count = reduced.squares, reduced.part.size.readings, reduced.cone.free
+    joint_columns = squares.R[:, :joint_count]
+    fitted = joint_columns @ np.linalg.lstsq(joint_columns, squares.z, rcond=None)[0]
+    joints_residual = float(np.linalg.norm(fitted - squares.z))
+    least_residual = float(np.linalg.norm(squares.R @ squares.origin - squares.z))
+    joints_scale = max(joints_residual, _LEAST_SCALE) * reduced.size
+    noise = reduced.sigma or joints_scale / sqrt(max(1, readings - joint_count))
+    return max(noise, least_residual * reduced.size / sqrt(max(1, readings)))
+
+
+def _build_uncertified_error(weight: float) -> UnsupportedMethodError:
+    """Build the error for a weight λ of the penalty with which no optimum can be certified."""
+    return UnsupportedMethodError(
+        f"the fit with a penalty of {weight:.3g} cannot be certified as optimal, because rounding errors "
+        "hide which links bend",
+        where="link_penalty",
+        remedy=f"give link_penalty {10.0 * weight:.0e} or more, choose fewer links, or omit link_penalty",
+    )
+
+
+def _make_semidefinite(compliances: FloatArray, candidate: Candidate) -> tuple[FloatArray, float]:
+    """Make the matrices of fitted compliances positive semidefinite.
+
+    Rounding of the scaled optimum may leave small negative eigenvalues in SI units; the diagonals are raised
+    accordingly.
+
+    Returns:
+        The compliances (P,) with raised diagonals; and the least of all joint compliances and of the
+        eigenvalues of all matrices that are not zero.
+    """
+    raised, columns = compliances.copy(), candidate.columns
+    matrices = [(6, columns.link_columns(frame)) for frame in columns.frames]
+    matrices.append((columns.n, columns.coupling))
+    least_values = [float(raised[columns.joints].min())]
+    for size, entry_columns in matrices:
+        if raised[entry_columns].any():  # A matrix of zeros belongs to an element that does not bend.
+            raised[entry_columns] = lift_diagonal(raised[entry_columns], size)
+            eigenvalues = np.linalg.eigvalsh(to_matrix(raised[entry_columns], size))
+            least_values.append(float(eigenvalues.min()))
+    return raised, min(least_values)
+
+
+def _summarise_compliance(
+    compliances: FloatArray, candidate: Candidate, freedom: FloatArray, frame: int
+) -> dict[str, Any]:
+    """Return the fields of the message `ElasticCompliance` of a link or the base, but the field `joint`.
+
+    Args:
+        compliances: (P,) fitted compliances.
+        candidate: elastic elements that bend.
+        freedom: (P,) effective degrees of freedom of each compliance.
+        frame: index of the link, or `BASE`.
+    """
+    link_columns = candidate.columns.link_columns(frame)
+    matrix = to_matrix(compliances[link_columns], 6)
+    return {
+        "matrix": matrix.tolist(),
+        "translation": find_principal_compliances(matrix[:3, :3]),
+        "rotation": find_principal_compliances(matrix[3:, 3:]),
+        "effective_freedom": float(freedom[link_columns].sum()),
+        "parameters": 6 if candidate.model.links == "diagonal" else len(link_columns),
+    }
+
+
+def _compute_element_shares(
     source: Rows,
-    columns: ElasticColumns,
-    parts: Sequence[IndexArray],
-    statements: Statements | None = None,
-) -> tuple[ElasticRows, ...]:
-    """Compress the rows of each of several parts of a measurement set, in one pass with little memory.
+    candidate: Candidate,
+    statements: Statements,
+    unknowns: FloatArray,
+) -> tuple[tuple[ElementShare, ...], Prediction]:
+    """Compute the share of the measured deflections that each elastic element explains.
+
+    The deflections that an element causes are projected on the measured deflections: their scalar products,
+    summed over the targets, are divided by the sum of the squared measured deflections.
 
     Args:
         source: N observations.
-        columns: columns of the richest model.
-        parts: ascending indices of the observations of each part.
-        statements: stated errors that are fitted together with the compliances; None without any.
-
-    Raises:
-        MeasurementError: a covariance is not positive definite.
-    """
-    robot, measurements = source.robot, source.measurements
-    blocks = list(generate_elastic_rows(source, columns, statements))
-    width = blocks[0].targets.shape[-1] - 1
-    errors = width - columns.width
-    triangles = [Triangle(unknowns=width) for _ in parts]
-    squared_levers = np.zeros((len(parts), robot.n + 1))
-    rows_of_targets = [[np.zeros((0, 3, width + 1))] for _ in parts]
-    keeps_rows = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
-    start = 0  # index of the first observation of the block
-    for rows in blocks:
-        whitened, block = rows.whiten(), rows.block
-        present, coordinates = block.measurements.present, block.measurements.coordinates
-        lever = np.square(block.frames[2]).sum(axis=2)
-        for part_number, part in enumerate(parts):
-            in_part = select_rows_of_part(part, start, start + len(present))
-            triangle = triangles[part_number]
-            triangle.add(whitened.targets[in_part], count=int(coordinates[in_part].sum()))
-            if whitened.encoders is not None and block.measurements.encoders is not None:
-                read = block.measurements.encoders.present[in_part]
-                triangle.add(whitened.encoders[in_part], count=int(read.sum()))
-            if keeps_rows[part_number]:
-                rows_of_targets[part_number].append(whitened.targets[in_part][present[in_part]])
-            squared_levers[part_number] += lever[in_part].sum(axis=0)
-        start += len(present)
-    return tuple(
-        ElasticRows(
-            triangle=triangle.R,
-            configurations=len(part),
-            readings=triangle.rows,
-            targets=int(measurements.present[part].sum()),
-            force=float(np.square(measurements.force[part]).sum()),
-            moment=float(np.square(measurements.moment[part]).sum()),
-            lever=lever,
-            deflection=float(np.square(measurements.deflection[part]).sum()),
-            each=np.concatenate(target_rows),
-            stated=np.zeros((0, width + 1))
-            if statements is None
-            else statements.build_rows(columns.width, errors),
-            stated_errors=errors,
-            sigma=1.0 if statements is None else statements.sigma,
-        )
-        for part, triangle, lever, target_rows in zip(
-            parts, triangles, squared_levers, rows_of_targets, strict=True
-        )
-    )
-
-
-def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:
-    """Return the rows of a block of observations that belong to a part of the measurement set.
-
-    Args:
-        part: ascending indices of the observations of the part.
-        start: index of the first observation of the block.
-        stop: index after the last observation of the block.
+        candidate: elastic elements that bend.
+        statements: stated errors that were fitted.
+        unknowns: (P + K,) fitted compliances and stated errors.
 
     Returns:
-        Indices of the rows, counted from the start of the block.
+        The shares; and the prediction of all deflections by all elements and stated errors together.
     """
-    first, last = np.searchsorted(part, [start, stop])
-    return np.asarray(part[first:last] - start)
-
-
-def generate_elastic_rows(
-    rows: Rows, columns: ElasticColumns, statements: Statements | None = None
-) -> Iterator[BlockRows]:
-    """Yield the rows of blocks of observations.
-
-    P columns of compliances come first, then K columns of stated errors, then the readings.
-    """
-    statements = statements or Statements.none(rows.robot.n)
-    for start in range(0, len(rows), _BLOCK):
-        part = rows[np.arange(start, min(start + _BLOCK, len(rows)))] if len(rows) > _BLOCK else rows
-        yield from statements.generate(part, columns.terms, whitened=False)
-
-
-MODELS: Final[tuple[ModelName, ...]] = (
-    "joints",
-    "joints_and_base",
-    "coupled_joints",
-    "diagonal_links",
-    "joints_and_links",
-    "links_and_base",
-)
-"""The models, from simple to rich."""
-WITH_BASE: Final[frozenset[ModelName]] = frozenset({"joints_and_base", "links_and_base"})
-"""Models whose base bends: compared with the others only if a test finds that the base bends."""
-LINKS_ALONE: Final[frozenset[ModelName]] = frozenset({"diagonal_links", "joints_and_links"})
-"""Models whose links bend and whose base does not."""
-
-
-LOSSES: Final[tuple[Loss, ...]] = ("squared", "huber")
-"""Losses of the norm of each target's residual."""
-
-_LEAST_SCALE: Final = 1e-6
-"""Least robust scale of residuals, relative to the mean deflection: exact readings would give zero."""
-_SCALE_ROUNDS: Final = 2
-"""Rounds in which the scale of the residuals and a robust fit follow from each other: the median hardly moves
-after the first."""
-_LEAST_WEIGHT: Final = 1e-9
-"""Least weight of the penalty in a least-squares problem."""
-_SHORTEST_LEVER: Final = 1e-2
-"""Least lever relative to the longest lever: with a lever near zero, because the load point lies in the
-origin of the frame, rotations would have no penalty."""
-_BASE_ROOT: Final = 0.3
-"""Square root of the base's penalty relative to a link's. All readings depend on the base, so that hardly any
-penalty is needed; the penalty of a link would make the estimated compliance of a pedestal 5 % too small."""
-_NO_COLUMN: Final = 1e-9
-"""Least norm of a joint's column relative to the largest norm: a smaller column is rounding, and the
-compliance of this joint is not estimated."""
-
-
-@dataclass(frozen=True)
-class ElasticModel:
-    """Elements that deflect, and the loss with which their compliances are fitted."""
-
-    #: elastic elements in addition to the joints, which have compliances of zero or more: `coupled_joints`
-    #: has a full positive semidefinite joint compliance; `diagonal_links` six compliances for each link;
-    #: `joints_and_links` a full positive semidefinite 6 × 6 compliance for each link; `joints_and_base` a
-    #: full 6 × 6 compliance of the base; `links_and_base` full compliances of links and base
-    name: ModelName
-    columns: ElasticColumns  #: columns of the richest model; its links are those that bend here
-    #: loss of the norm of each target's whitened residual: its square, or Huber's
-    loss: Loss = "squared"
-    threshold: float = DEFAULT_THRESHOLD  #: threshold of Huber's loss, in units of sigma
-
-    @property
-    def key(self) -> tuple[ModelName, Loss]:
-        """Pair of name and loss, which identifies the model within a run."""
-        return self.name, self.loss
-
-    def generate_penalised_elements(
-        self, determined: BoolArray, lever: FloatArray
-    ) -> Iterator[tuple[IndexArray, FloatArray, bool]]:
-        """Yield the penalised elements of the model.
-
-        The penalty of an element with compliance C is the trace of K C K, K diagonal.
-
-        Yields:
-            The columns of the element's compliance; the diagonal of K; and whether the compliance is a full
-            matrix (True) or diagonal (False).
-
-        Args:
-            determined: (n,) mask of the joints whose compliance is determined.
-            lever: (n + 1,) lever ρ of the load about each joint's frame and the base [m].
-        """
-        rotation_root = np.sqrt(2.0 / 3.0) * lever  # entries of K for rotations, see the module's docstring
-        if self.name == "coupled_joints":
-            rows, columns = triangle_indices(self.columns.n)
-            yield (
-                self.columns.coupling[determined[rows] & determined[columns]],
-                rotation_root[:BASE][determined],
-                True,
+    robot, measurements, columns = source.robot, source.measurements, candidate.columns
+    coupling_diagonal = columns.coupling[find_diagonal_entries(columns.n)]
+    # Kind, joint, and columns of each element. A joint's own compliance has a column as a single number, and
+    # a column on the diagonal of the coupled compliance; one of the two compliances is zero.
+    elements_of_model: list[tuple[Literal["joint", "coupling", "link", "base"], str | None, IndexArray]] = [
+        ("joint", robot.joint_names[joint], np.array([columns.joints[joint], coupling_diagonal[joint]]))
+        for joint in range(columns.n)
+    ]
+    if candidate.model.couples_joints:
+        elements_of_model.append(("coupling", None, np.setdiff1d(columns.coupling, coupling_diagonal)))
+    for frame in candidate.frames:
+        kind: Literal["link", "base"] = "base" if frame == BASE else "link"
+        joint_name = None if frame == BASE else robot.joint_names[frame]
+        elements_of_model.append((kind, joint_name, columns.link_columns(frame)))
+    predicted, predicted_turns, products = [], [], []
+    for rows in generate_elastic_rows(source, columns, statements):
+        # Missing readings add nothing: their rows and deflections are zero.
+        # (B, P + K) scalar product of the deflections due to each unknown with the measured deflections
+        deflection = rows.block.measurements.deflection
+        column_products = np.einsum("btip,bti->bp", rows.targets[..., :-1], deflection) * unknowns
+        products.append(
+            np.stack(
+                [column_products[:, part_columns].sum(axis=1) for _, _, part_columns in elements_of_model]
             )
-        for frame in self.frames:
-            is_full = self.name != "diagonal_links"
-            columns = self.columns.link_columns(frame)
-            root = np.repeat([1.0, rotation_root[frame]], 3) * (_BASE_ROOT if frame == BASE else 1.0)
-            yield columns if is_full else columns[find_diagonal_entries(6)], root, is_full
-
-    @property
-    def frames(self) -> tuple[int, ...]:
-        """Frames of the links and base that bend: joint indices of the links, then `BASE`."""
-        links = () if self.name in {"joints", "coupled_joints", "joints_and_base"} else self.columns.links
-        return (*links, BASE) if self.name in WITH_BASE else links
-
-
-@dataclass(frozen=True, eq=False)
-class Formulation:
-    """Optimisation problem of fitting a model to some observations, for any weight of the penalty."""
-
-    squares: LeastSquares  #: squared residuals as a function of the p parameters
-    cone: Cone  #: cone that contains the parameters
-    columns: IndexArray  #: (p,) column of the rows that belongs to each parameter
-    unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
-    rows: ElasticRows  #: rows of the observations
-    size: float  #: norm ‖d‖ of the whitened readings [m], by which the readings are divided
-    sigma: float | None  #: stated sigma of one coordinate of one reading [m]; None if no sigma is stated
-
-    @property
-    def column_count(self) -> int:
-        """Number P of columns of compliances."""
-        return self.rows.compliances
-
-    @cached_property
-    def total(self) -> float:
-        """Sum of the lengths of all targets' deflections [m]: the unit of robust losses."""
-        return float(np.linalg.norm(self.rows.each[..., -1], axis=1).sum())
-
-    @cached_property
-    def _norms(self) -> NormSum:
-        """Sum of the norms of the targets' residuals, as all robust losses and penalties use it."""
-        each, total = self.rows.each, self.total
-        A, B = each[..., self.columns] * (self.unit / total), each[..., self.column_count : -1] / total
-        return NormSum(A, each[..., -1] / total, self.cone, B, self.rows.sigma / total)
-
-    def build_squared_program(self, weight: float) -> SemidefiniteProgram:
-        """Return the semidefinite program of the squared loss for a weight λ of the penalty."""
-        return SemidefiniteProgram(self.squares, self.cone, weight)
-
-    def build_robust_program(self, weight: float, threshold: float) -> RobustProgram:
-        """Return the program of a robust loss for a weight λ and a threshold h [m]."""
-        return RobustProgram(self._norms, weight, threshold / self.total)
-
-    def convert_to_compliances(self, x: FloatArray) -> FloatArray:
-        """Return the compliances (P,) of parameters x (p,); zero in columns without a parameter."""
-        compliances = np.zeros(self.column_count)
-        compliances[self.columns] = self.unit * x
-        return compliances
-
-    def convert_to_unknowns(self, solution: ConeSolution) -> FloatArray:
-        """Return the unknowns (P + K,) of a solution: the compliances, then the stated errors."""
-        compliances = self.convert_to_compliances(solution.x)
-        if isinstance(solution, RobustSolution):
-            return np.concatenate([compliances, solution.errors])
-        return self.rows.append_fitted_errors(compliances)
-
-    def compute_gap_unit(self, model: ElasticModel) -> float:
-        """Return the factor [m] that converts the gap of a certificate to a length.
-
-        With the squared loss, the length is ‖R (x − x̂)‖, the distance between the fitted readings and the
-        fitted readings at the exact optimum. With a robust loss, the length is the amount by which the mean
-        norm of the targets' residuals exceeds that at the exact optimum.
-        """
-        if model.loss == "squared":
-            return self.size
-        return self.total / self.rows.targets
-
-    def fit(
-        self, model: ElasticModel, weight: float, *, gap: float, accepted: float | None = None
-    ) -> tuple[ConeSolution, float]:
-        """Fit the parameters with the model's loss, and certify the optimum.
-
-        The threshold of Huber's loss is in units of sigma; if sigma is unknown, in units of the robust scale
-        of the residuals, first of a fit with squares, then of the fit itself.
-
-        Args:
-            model: elastic elements that bend, and the loss.
-            weight: λ > 0 of the penalty.
-            gap: duality gap at which the search ends; `compute_gap_unit` converts the gap to a length.
-            accepted: greatest gap that is accepted if rounding prevents `gap`; None for `gap` itself.
-
-        Returns:
-            The solution, parameters (p,) with their certificate; and the threshold h [m] of Huber's loss, inf
-            for squares.
-
-        Raises:
-            SolverError: no optimum is certified within the accepted gap.
-        """
-        if model.loss == "squared":
-            return self._fit_squares(weight, gap, accepted), float("inf")
-        if self.sigma is not None:
-            threshold = model.threshold * self.sigma
-            return self._fit_huber(weight, threshold, gap, accepted), threshold
-        solution: ConeSolution = self._fit_squares(weight, gap, accepted)
-        for _ in range(_SCALE_ROUNDS):
-            threshold = model.threshold * self._estimate_residual_scale(self.convert_to_unknowns(solution))
-            solution = self._fit_huber(weight, threshold, gap, accepted)
-        return solution, threshold
-
-    def _fit_squares(self, weight: float, gap: float, accepted: float | None) -> ConeSolution:
-        """Fit the parameters by squares; arguments and errors as in `fit`."""
-        return solve_cone(self.build_squared_program(weight), wanted_gap=gap, accepted_gap=accepted)
-
-    def _fit_huber(
-        self, weight: float, threshold: float, gap: float, accepted: float | None
-    ) -> RobustSolution:
-        """Fit the parameters by Huber's loss with a threshold h [m]; arguments and errors as in `fit`."""
-        program = self.build_robust_program(weight, threshold)
-        return solve_robust(program, wanted_gap=gap, accepted_gap=accepted)
-
-    def certify_gap(
-        self, compliances: FloatArray, weight: float, solution: ConeSolution, threshold: float
-    ) -> float:
-        """Return the duality gap at compliances (P,) that differ slightly from a solution.
-
-        Args:
-            compliances: (P,) compliances, for example a solution with raised diagonals.
-            weight: weight λ of the penalty.
-            solution: the solution, whose dual multipliers are used for a robust loss.
-            threshold: threshold h [m] of the robust loss; unused for the squared loss.
-        """
-        x = compliances[self.columns] / self.unit
-        if not isinstance(solution, RobustSolution):
-            return certify_cone(self.build_squared_program(weight), x).gap
-        program = self.build_robust_program(weight, threshold)
-        return certify_robust(program, x, solution.errors, solution.certificate.multipliers).gap
-
-    def fit_joints_only(self) -> FloatArray:
-        """Return the exact least-squares unknowns (P + K,) if joints alone bend: there is no penalty."""
-        R, z = self.squares.R, self.squares.z
-        problem = IdentificationProblem(R, z, Bounds.positive(R.shape[1]))
-        compliances = self.convert_to_compliances(solve_step(problem).compliance)
-        return self.rows.append_fitted_errors(compliances)
-
-    def _estimate_residual_scale(self, unknowns: FloatArray) -> float:
-        """Return the standard deviation [m] of the residuals at unknowns (P + K,), from their median norm."""
-        norms = self.rows.compute_residual_norms(unknowns)
-        least = _LEAST_SCALE * self.total / max(1, len(norms))
-        return max(float(np.median(norms)) / MEDIAN_NORM, least)
-
-    def build_weighted_squares(
-        self, model: ElasticModel, unknowns: FloatArray, weight: float, threshold: float
-    ) -> tuple[Formulation, float]:
-        """Return a weighted least-squares problem with the optimum of a robust fit, and its penalty weight.
-
-        A target whose residual r exceeds the threshold h has weight h/‖r‖: the sum of the weighted squares is
-        stationary where Huber's loss is stationary. For the squared loss, this problem itself is returned.
-
-        Args:
-            model: elastic elements that bend, and the loss.
-            unknowns: (P + K,) fitted compliances and stated errors.
-            weight: weight λ of the penalty in the fit.
-            threshold: threshold h of the fit [m].
-        """
-        if model.loss == "squared":
-            return self, weight
-        weighted = self.rows.weight_targets(self.rows.compute_huber_weights(unknowns, threshold))
-        determined = np.isin(np.arange(model.columns.n), self.columns)
-        squares = formulate_fit(weighted, model, determined, self.sigma)
-        return squares, 2.0 * self.total * threshold * weight / squares.size**2
-
-    def convert_weight_to_squares(self, model: ElasticModel, unknowns: FloatArray, weight: float) -> float:
-        """Return the penalty's weight for squares that is as strong as λ is in a fit of the model.
-
-        Args:
-            model: elastic elements that bend, and the loss.
-            unknowns: (P + K,) fitted compliances and stated errors.
-            weight: weight λ of the penalty in the fit.
-        """
-        if model.loss == "squared":
-            return weight
-        return max(weight * self._compare_penalties(model, unknowns), _LEAST_WEIGHT)
-
-    def convert_weight_to_huber(self, model: ElasticModel, unknowns: FloatArray, weight: float) -> float:
-        """Return the penalty's weight for Huber's loss that is as strong as λ is in a fit by squares.
-
-        Args:
-            model: elastic elements that bend, and the threshold of the loss.
-            unknowns: (P + K,) compliances and stated errors, fitted by squares.
-            weight: weight λ of the penalty in the fit by squares.
-        """
-        return weight / self._compare_penalties(model, unknowns)
-
-    def _compare_penalties(self, model: ElasticModel, unknowns: FloatArray) -> float:
-        """Return how much weaker a penalty of the same weight is with squares than with Huber's loss.
-
-        In the gradient of Huber's loss a residual up to the threshold h counts with its length over h, and a
-        longer residual with 1; in the gradient of squares each residual counts with its own length.
-        """
-        scale = self.sigma or self._estimate_residual_scale(unknowns)
-        lengths = np.maximum(self.rows.compute_residual_norms(unknowns), model.threshold * scale)
-        return 2.0 * self.total * float(lengths.mean()) / self.size**2
-
-
-def formulate_fit(
-    rows: ElasticRows, model: ElasticModel, visible: BoolArray, sigma: float | None = None
-) -> Formulation:
-    """Formulate the fit of a model to some observations as an optimisation problem.
-
-    Args:
-        rows: compressed rows of the observations: regressor R and readings z after a QR decomposition.
-        model: elastic elements that bend, and the loss.
-        visible: (n,) mask of the joints whose compliances the readings determine.
-        sigma: stated standard uncertainty of one coordinate of one reading [m]; None if unknown.
-
-    Raises:
-        UnsupportedMethodError: no target moved, or no load acts, so that the size of the penalty is
-            undefined.
-    """
-    regressor, z = rows.with_errors_fitted[:, :-1], rows.with_errors_fitted[:, -1]
-    reading_norm = float(np.linalg.norm(rows.triangle[:, -1]))
-    norms = np.linalg.norm(regressor[:, model.columns.joints], axis=0)
-    is_determined = visible & (norms > _NO_COLUMN * norms.max())
-    joints = np.flatnonzero(is_determined)
-    penalty_unit, lever_arms = _scale_penalty(rows, reading_norm)
-    # Columns and units of the parameters: first scalar compliances, then the entries of full matrices.
-    scalars, matrices, matrix_orders = [(joints, reading_norm / norms[joints])], [], []
-    for columns, penalty_root, is_full in model.generate_penalised_elements(is_determined, lever_arms):
-        if is_full:
-            i, j = triangle_indices(len(penalty_root))
-            matrices.append((columns, penalty_unit / (penalty_root[i] * penalty_root[j])))
-            matrix_orders.append(len(penalty_root))
-        else:
-            scalars.append((columns, penalty_unit / penalty_root**2))
-    parameter_columns = np.concatenate([columns for columns, _ in scalars + matrices])
-    units = np.concatenate([units for _, units in scalars + matrices])
-    scalar_count = sum(len(columns) for columns, _ in scalars)
-    return Formulation(
-        squares=LeastSquares((regressor / reading_norm)[:, parameter_columns] * units, z / reading_norm),
-        cone=Cone(scalar_count, tuple(matrix_orders), penalised=scalar_count - len(joints)),
-        columns=parameter_columns,
-        unit=units,
-        rows=rows,
-        size=reading_norm,
-        sigma=sigma,
-    )
-
-
-def _scale_penalty(rows: ElasticRows, reading_norm: float) -> tuple[float, FloatArray]:
-    """Return the unit of compliance u [m/N] and the levers ρ (n + 1,) [m] that scale the penalty.
-
-    u is the root mean square deflection divided by the root mean square force. A moment is converted to the
-    force that causes this moment on the levers of the joints.
-
-    Args:
-        rows: compressed rows of the observations.
-        reading_norm: norm of the whitened readings [m]; zero if no target moved.
-
-    Raises:
-        UnsupportedMethodError: no target moved, or no load has a lever arm.
-    """
-    lever_arms = np.sqrt(rows.lever / rows.configurations)
-    lever_arms = np.maximum(lever_arms, _SHORTEST_LEVER * lever_arms[:BASE].max())
-    # Sum of the squared forces; 1.5 / lever² converts a squared moment to the squared force on a lever with
-    # a direction at random. If the load point lies in the origin of every joint's frame, all levers are zero,
-    # and no force is computed.
-    squared_force = (
-        rows.force + rows.moment * float(np.mean(1.5 / lever_arms[:BASE] ** 2)) if lever_arms.all() else 0.0
-    )
-    if reading_norm == 0.0 or squared_force == 0.0:
-        raise UnsupportedMethodError(
-            "no target moved, or no load has a lever arm, so the penalty on link compliance has no scale",
-            where="elasticity",
-            remedy="use elasticity joints",
         )
-    return float(np.sqrt(rows.deflection / rows.targets / (squared_force / rows.configurations))), lever_arms
-
-
-def list_losses_to_compare(measurements: Measurements, losses: tuple[Loss, ...]) -> tuple[Loss, ...]:
-    """Return those of `losses` that a set supports.
-
-    Only `squared` is supported for more than `MOST_TARGETS` targets, for encoders, and for readings along a
-    direction, whose residuals have no length.
-
-    Raises:
-        UnsupportedMethodError: the set does not support the loss, and `losses` does not contain `squared`.
-    """
-    targets = int(measurements.present.sum())
-    of_lengths = measurements.encoders is None and measurements.direction is None
-    if targets <= MOST_TARGETS and of_lengths:
-        return losses
-    if "squared" in losses:
-        return ("squared",)
-    if not of_lengths:
-        raise UnsupportedMethodError(
-            f"the loss {losses[0]} needs the length of each residual; encoder readings and readings along a "
-            "direction have none",
-            where="loss",
-            remedy="use loss squared",
+        predicted.append(rows.targets[..., :-1] @ unknowns)
+        if rows.encoders is not None:
+            predicted_turns.append(rows.encoders[..., :-1] @ unknowns)
+    measured = np.square(measurements.deflection).sum(axis=(1, 2))
+    explained = np.concatenate(products, axis=1)
+    share_of_observation = np.divide(explained, measured, out=np.zeros_like(explained), where=measured > 0.0)
+    elements = tuple(
+        ElementShare(
+            kind=kind,
+            joint=joint,
+            share=float(explained[number].sum() / measured.sum()),
+            by_observation=share_of_observation[number].tolist(),
         )
-    raise UnsupportedMethodError(
-        f"{targets} targets were read, but the loss {losses[0]} of elastic links supports at most "
-        f"{MOST_TARGETS} targets",
-        where="loss",
-        remedy="use loss squared, or leave observations out",
+        for number, (kind, joint, _) in enumerate(elements_of_model)
     )
+    prediction = Prediction.from_predicted(measurements, np.concatenate(predicted))
+    only_base_bends = candidate.model.name == "joints_and_base"
+    bending: Literal["links", "base"] = "base" if only_base_bends else "links"
+    encoders = np.concatenate(predicted_turns) if predicted_turns else None
+    return elements, replace(prediction, bending=bending, encoders=encoders)

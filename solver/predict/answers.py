@@ -21,7 +21,6 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.run import Budget
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, cross
 from jointstiff.solver.errors import JointstiffError, RequestError
-from jointstiff.solver.fit.elastic import ElasticColumns
 from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.block import OwnWeight
@@ -29,6 +28,7 @@ from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics, compute_angle_gaps, fit_to_ranges
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import build_messages, point
+from jointstiff.solver.models import Columns
 from jointstiff.solver.predict.forward import Deflection, ForwardModel, unit_vectors
 from jointstiff.solver.predict.models import (
     EXTRAPOLATED,
@@ -506,7 +506,7 @@ def _build_elastic_model(
         covariance_root[np.triu_indices(len(elastic.columns))] = elastic.covariance_root
     return ElasticPredictor(
         robot,
-        ElasticColumns(robot.n, tuple(robot.joint_names.index(name) for name in elastic.links)),
+        Columns(robot.n, tuple(robot.joint_names.index(name) for name in elastic.links)),
         np.array(elastic.columns, dtype=np.intp),
         np.array(elastic.entries),
         covariance_root,

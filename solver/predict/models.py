@@ -29,15 +29,15 @@ from scipy.spatial.transform import Rotation
 
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.choice.elastic_fit import ElasticEstimate
 from jointstiff.solver.choice.held_out import Folds, fit_fold
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.evidence.resampling import build_method_stacks, fit_subsets
 from jointstiff.solver.fit.cone import find_diagonal_entries, to_matrix
-from jointstiff.solver.fit.elastic import ElasticColumns, generate_elastic_rows
+from jointstiff.solver.fit.elastic import ElasticFit
 from jointstiff.solver.fit.estimate import Estimate, PostureJackknife, compute_interval_ends
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.observability import Spectrum
+from jointstiff.solver.fit.part import generate_elastic_rows
 from jointstiff.solver.fit.problem import Constraints
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stages import Likelihood
@@ -53,6 +53,7 @@ from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors, skew
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import differentiate_bilinear_form
+from jointstiff.solver.models import Columns
 from jointstiff.solver.predict.forward import (
     LARGEST_TURN,
     CartesianCompliance,
@@ -424,7 +425,7 @@ class JointDeflection(Deflection):
         return None if ends is None else ends + (value - rows @ self.model.compliance)[:, None]
 
 
-def _compute_joint_root(elastic: ElasticEstimate) -> FloatArray | None:
+def _compute_joint_root(elastic: ElasticFit) -> FloatArray | None:
     """Return a root of the covariance of stated errors and of entries; None if sigma is unknown.
 
     Stated errors have a normal prior, too: zero within their standard uncertainties.
@@ -433,11 +434,11 @@ def _compute_joint_root(elastic: ElasticEstimate) -> FloatArray | None:
         (K + p, K + p) upper triangular L with L Lᵀ the covariance of K stated errors, in units of their
         standard uncertainties, and of p entries.
     """
-    companion, formulation = elastic.companion, elastic.companion.formulation
-    if companion.sigma is None:
+    reduced, sigma = elastic.likelihood.reduced, elastic.likelihood.sigma
+    if sigma is None:
         return None
-    cone, rows = formulation.cone, formulation.rows
-    scaled_entries = elastic.entries[formulation.columns] / formulation.unit
+    cone, part = reduced.cone, reduced.part
+    scaled_entries = elastic.entries[reduced.columns] / reduced.unit
     traces_of_diagonal_links = scaled_entries[cone.free : cone.nonnegative].reshape(-1, 6).sum(axis=1)
     traces = [
         *traces_of_diagonal_links,
@@ -446,10 +447,10 @@ def _compute_joint_root(elastic: ElasticEstimate) -> FloatArray | None:
     prior_deviation = max(_SHARE_OF_TRACE * float(np.sqrt(np.mean(np.square(traces)))), _LEAST_PRIOR)
     prior = np.full(len(scaled_entries), prior_deviation)
     prior[: cone.free] = _JOINT_PRIOR
-    unit = np.concatenate([np.ones(rows.stated_errors), formulation.unit * prior])
-    errors = np.arange(rows.compliances, rows.compliances + rows.stated_errors)
-    known = np.vstack([rows.triangle, rows.stated[rows.stated_errors :]])  # statements follow as a prior
-    scaled_rows = known[:, np.concatenate([errors, formulation.columns])] * (unit / companion.sigma)
+    unit = np.concatenate([np.ones(part.stated_errors), reduced.unit * prior])
+    errors = np.arange(part.compliances, part.compliances + part.stated_errors)
+    known = np.vstack([part.triangle, part.stated[part.stated_errors :]])  # statements follow as a prior
+    scaled_rows = known[:, np.concatenate([errors, reduced.columns])] * (unit / sigma)
     factor = np.linalg.cholesky(scaled_rows.T @ scaled_rows + np.eye(len(unit)))
     inverse = solve_triangular(factor, np.eye(len(unit)), lower=True)
     return np.asarray(unit[:, None] * inverse.T)
@@ -461,7 +462,7 @@ class ElasticPredictor(ForwardModel):
 
     first_order = True
 
-    columns: ElasticColumns  #: columns of the model with all joints, links and base
+    columns: Columns  #: columns of the model with all joints, links and base
     kept: IndexArray  #: (p,) indices of the columns that this model has
     entries: FloatArray  #: (p,) entries of the compliance matrices, one for each of these columns
     #: (p, p) upper triangular L with L Lᵀ the covariance of the entries; None if the covariance is unknown
@@ -469,23 +470,23 @@ class ElasticPredictor(ForwardModel):
     seen: BoolArray  #: (n,) mask of the joints whose compliance the readings show
 
     @classmethod
-    def from_estimate(cls, robot: Robot, elastic: ElasticEstimate) -> ElasticPredictor:
+    def from_estimate(cls, robot: Robot, elastic: ElasticFit) -> ElasticPredictor:
         """Build the model from an estimate of joints and links.
 
         The covariance of the entries of the compliance matrices follows from the readings together with a
         normal prior about zero, whose standard deviation follows from the traces of the estimated matrices;
         see the head of this module.
         """
-        companion, formulation = elastic.companion, elastic.companion.formulation
-        root, errors = _compute_joint_root(elastic), formulation.rows.stated_errors
+        reduced = elastic.likelihood.reduced
+        root, errors = _compute_joint_root(elastic), reduced.part.stated_errors
         return cls(
             robot,
-            elastic.model.columns,
-            formulation.columns,
-            elastic.entries[formulation.columns],
+            elastic.candidate.columns,
+            reduced.columns,
+            elastic.entries[reduced.columns],
             None if root is None else root[errors:, errors:],
             ~np.isnan(elastic.compliance),
-            degrees_of_freedom=companion.degrees_of_freedom,
+            degrees_of_freedom=elastic.likelihood.degrees_of_freedom,
         )
 
     @cached_property
@@ -865,7 +866,7 @@ def _refuse_directions(measurements: Measurements) -> None:
         )
 
 
-def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticEstimate) -> ModelError:
+def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticFit) -> ModelError:
     """Estimate the error of a model with elastic links at new postures.
 
     The postures are divided into `_FOLD_COUNT` folds. For each fold: fit the model again without the fold, by
@@ -878,7 +879,7 @@ def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticEstimate) 
     """
     robot, measurements = source.robot, source.measurements
     _refuse_directions(measurements)
-    model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.companion.sigma
+    model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.likelihood.sigma
     cross_validation = CrossValidation(folds=_FOLD_COUNT, draws=1)
     statements = elastic.statements
     weighted = measurements
@@ -886,8 +887,8 @@ def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticEstimate) 
         weights = np.ones(measurements.present.shape)
         weights[measurements.present] = elastic.target_weights
         weighted = replace(measurements, weight=weights)
-    folds = Folds(source.of(weighted), elastic.model.columns, model.seen, cross_validation, statements)
-    of_squares = replace(elastic.model, loss="squared")
+    folds = Folds(source.of(weighted), elastic.candidate.columns, model.seen, cross_validation, statements)
+    of_squares = replace(elastic.candidate, loss="squared")
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     observation_of_reading = np.nonzero(measurements.present)[0]
     residual = np.empty((len(observation_of_reading), 3))
@@ -895,7 +896,7 @@ def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticEstimate) 
     joint_root = _compute_joint_root(elastic)
     rank = 1 if joint_root is None else len(joint_root)
     prediction_root = np.zeros((len(observation_of_reading), 3, rank))
-    stated_errors = elastic.companion.formulation.rows.stated_errors
+    stated_errors = elastic.likelihood.reduced.part.stated_errors
     kept = np.concatenate([np.arange(stated_errors) + folds.columns.width, model.kept])
     for number, held_out_observations in enumerate(folds.held_out):
         unknowns, _ = fit_fold(folds, of_squares, number, (elastic.penalty_of_squares,))

@@ -36,10 +36,9 @@ from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.choice import competition
 from jointstiff.solver.choice.competition import Competition, Winner
-from jointstiff.solver.choice.elastic_fit import EffectiveCompliances
-from jointstiff.solver.choice.held_out import LIMITS, WEIGHTS, HeldOut, Selection
+from jointstiff.solver.choice.held_out import LIMITS, LINKS_ALONE, WEIGHTS, HeldOut, Selection
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
-from jointstiff.solver.fit.elastic import LINKS_ALONE
+from jointstiff.solver.fit.effective import EffectiveCompliances
 from jointstiff.solver.fit.estimate import Prediction
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.result import describe_choice_by_comparison
@@ -317,7 +316,8 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
     }
 
     none = Prediction(np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), None, 0.0, bending="base")
-    base = replace_in(SimpleNamespace(model=SimpleNamespace(name="joints_and_base")), prediction=none)
+    candidate = SimpleNamespace(model=SimpleNamespace(name="joints_and_base"))
+    base = replace_in(SimpleNamespace(candidate=candidate), prediction=none)
 
     class Tied(Competition):
         _requested = None

@@ -12,16 +12,10 @@ from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.choice import held_out as choice
-from jointstiff.solver.choice.elastic_fit import (
-    EffectiveCompliances,
-    build_effective_rows,
-    compute_effective_compliances,
-    estimate_elastic,
-    fit_first_certified,
-)
 from jointstiff.solver.choice.held_out import (
     LIMITS,
     WEIGHTS,
+    WITH_BASE,
     Folds,
     HeldOut,
     PenaltyPath,
@@ -29,6 +23,7 @@ from jointstiff.solver.choice.held_out import (
     choose_weight_index,
     draw_folds,
     find_richest_model,
+    fit_first_certified,
     fit_fold,
     fit_folds,
     list_models_to_compare,
@@ -40,19 +35,21 @@ from jointstiff.solver.choice.held_out import (
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fit.cone import to_vector
 from jointstiff.solver.fit.conic import LeastSquares, compute_unconstrained_range
-from jointstiff.solver.fit.elastic import (
-    LOSSES,
-    MODELS,
-    WITH_BASE,
-    ElasticColumns,
-    ElasticModel,
-    ElasticRows,
-    compress_elastic_rows,
-    formulate_fit,
-    generate_elastic_rows,
-    list_losses_to_compare,
+from jointstiff.solver.fit.effective import (
+    EffectiveCompliances,
+    build_effective_rows,
+    compute_effective_compliances,
 )
+from jointstiff.solver.fit.part import Part, compress_parts, generate_elastic_rows
 from jointstiff.solver.fit.prior import Prior
+from jointstiff.solver.fit.reduced import (
+    LOSSES,
+    Candidate,
+    HuberLoss,
+    fit_loss,
+    list_losses_to_compare,
+    reduce_part,
+)
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.statements import Statements, list_stated_terms
 from jointstiff.solver.mechanics.block import regressor_blocks
@@ -60,10 +57,13 @@ from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderReadings
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.models import MODELS as ALL_MODELS
+from jointstiff.solver.models import Columns, find_model
 from jointstiff.solver.predict.answers import build_forward_model, build_stored_model
 from jointstiff.solver.predict.models import ElasticPredictor, estimate_error_by_leaving_folds_out
 
-COLUMNS = ElasticColumns(6, tuple(range(6)))
+MODELS = tuple(model.name for model in ALL_MODELS)
+COLUMNS = Columns(6, tuple(range(6)))
 VISIBLE = np.ones(6, dtype=bool)
 
 
@@ -82,7 +82,7 @@ def rows_of(robot, measurements):
 
 
 def whole_rows(robot, measurements):
-    (rows,) = compress_elastic_rows(Rows(robot, measurements), COLUMNS, [np.arange(len(measurements))])
+    (rows,) = compress_parts(Rows(robot, measurements), COLUMNS, [np.arange(len(measurements))])
     return rows
 
 
@@ -91,7 +91,7 @@ def estimate(robot, measurements, name="joints_and_links", weight=1e-2, *, colum
     shares, statements = options.pop("shares", CrossValidation()), options.pop("statements", None)
     folds = Folds(Rows(robot, measurements), columns, options.pop("visible", VISIBLE), shares, statements)
     loss, threshold = options.pop("loss", "squared"), options.pop("threshold", 2.8)
-    return estimate_elastic(folds, ElasticModel(name, columns, loss, threshold), weight)
+    return folds.fit_whole_set(Candidate(find_model(name), columns, loss, threshold), weight)
 
 
 @pytest.fixture(scope="module")
@@ -144,13 +144,13 @@ def test_links_that_are_known_leave_noise_and_joints_alone_leave_much_more():
     robot, measurements = pulled(beam_arm(default_arm()), 130, seed=0)
     fitted, held_out = measurements[:90], measurements[90:]
     folds = Folds(Rows(robot, fitted), COLUMNS, VISIBLE, CrossValidation(folds=3), None)
-    model = ElasticModel("joints_and_links", COLUMNS)
+    model = Candidate(find_model("joints_and_links"), COLUMNS)
     path = fit_folds(folds, model, (1e-6, 1e-5))
     weight = path.weights[choose_weight_index(path.errors, "best")]
-    found = estimate_elastic(folds, model, weight)
+    found = folds.fit_whole_set(model, weight)
     rows = rows_of(robot, held_out)
     left = np.sqrt(np.square(held_out.deflection - rows @ found.entries).mean() / 2.0) / 2e-5
-    joints = fit_fold(folds, ElasticModel("joints", COLUMNS), 0, (1.0,))[0][0]
+    joints = fit_fold(folds, Candidate(find_model("joints"), COLUMNS), 0, (1.0,))[0][0]
     alone = np.sqrt(np.square(held_out.deflection - rows @ joints).mean() / 2.0) / 2e-5
     assert left < 1.1
     assert alone > 5.0
@@ -188,7 +188,7 @@ def test_few_postures_call_for_some_penalty_on_full_links_and_many_for_hardly_an
     The errors held out at the least weight tried are 1.227 and 1.001 times those at the best.
     """
     robot, measurements = pulled(beam_arm(default_arm()), count, seed=1)
-    model = ElasticModel(name, COLUMNS)
+    model = Candidate(find_model(name), COLUMNS)
     folds = Folds(Rows(robot, measurements), COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1), None)
     finer = refine_path(folds, model, fit_folds(folds, model, WEIGHTS))
     mean, best = finer.errors.mean(axis=0), choose_weight_index(finer.errors, "best")
@@ -233,13 +233,13 @@ def test_errors_of_many_targets_are_those_of_their_coordinates(monkeypatch):
 def test_a_joint_that_a_part_sees_by_rounding_alone_is_no_unknown_of_it():
     rows = whole_rows(*rigid_pulled(6, 2))
     triangle = rows.triangle * np.where(np.arange(COLUMNS.width + 1) == 2, 1e-12, 1.0)
-    form = formulate_fit(replace(rows, triangle=triangle), ElasticModel("joints", COLUMNS), VISIBLE)
+    form = reduce_part(replace(rows, triangle=triangle), Candidate(find_model("joints"), COLUMNS), VISIBLE)
     assert form.columns.tolist() == [0, 1, 3, 4, 5]
 
 
 def selected(robot, measurements, weights, folds):
     folds = Folds(Rows(robot, measurements), COLUMNS, VISIBLE, CrossValidation(draws=1, folds=folds), None)
-    models = [ElasticModel(name, COLUMNS) for name in MODELS]
+    models = [Candidate(find_model(name), COLUMNS) for name in MODELS]
     return select_model(folds, {model.key: fit_folds(folds, model, weights) for model in models})
 
 
@@ -322,10 +322,10 @@ def test_readings_along_directions_fit_as_the_same_components_do():
         projected = measurements.deflection * direction
         parts.append(replace(measurements, direction=direction, deflection=projected))
     merged, whole = (
-        ElasticRows.merge([whole_rows(robot, part) for part in parts]),
+        Part.merge([whole_rows(robot, part) for part in parts]),
         whole_rows(robot, measurements),
     )
-    assert merged.readings == whole.readings
+    assert merged.size.readings == whole.size.readings
     gram = whole.triangle.T @ whole.triangle
     np.testing.assert_allclose(merged.triangle.T @ merged.triangle, gram, atol=1e-12 * np.abs(gram).max())
     of_direction = estimate(robot, parts[0], "diagonal_links", 1e-2)
@@ -408,19 +408,24 @@ def test_squares_have_the_least_square_mean_and_huber_the_smaller_mean(fanuc):
     assert rms["squared"] < rms["huber"]
 
 
+def fit_threshold(part, model, weight):
+    loss, _ = fit_loss(reduce_part(part, model, VISIBLE), model, weight, gap=1e-3)
+    assert isinstance(loss, HuberLoss)
+    return loss.threshold
+
+
 def test_residuals_that_vanish_leave_a_threshold_of_a_millionth_of_the_mean_deflection():
     """Of readings that the joints give exactly, no sigma stated."""
     robot, measurements = rigid_pulled(8, 0)
     (block,) = regressor_blocks(robot, measurements)
     exact = replace(measurements, deflection=block.A @ default_arm().compliances, sigma=None)
-    model = ElasticModel("joints", COLUMNS, "huber")
-    _, threshold = formulate_fit(whole_rows(robot, exact), model, VISIBLE).fit(model, 1.0, gap=1e-3)
+    model = Candidate(find_model("joints"), COLUMNS, "huber")
+    threshold = fit_threshold(whole_rows(robot, exact), model, 1.0)
     mean = np.linalg.norm(exact.deflection, axis=2).mean()
     assert threshold == pytest.approx(1e-6 * model.threshold * mean / np.sqrt(2.0), rel=1e-6)  # of a reading
     noise = np.random.default_rng(0).normal(0.0, np.sqrt(2.0) * 2e-5, exact.deflection.shape)
     noisy = replace(exact, deflection=exact.deflection + noise)
-    form = formulate_fit(whole_rows(robot, noisy), model, VISIBLE)
-    _, threshold = form.fit(model, 1e3, gap=1e-3)
+    threshold = fit_threshold(whole_rows(robot, noisy), model, 1e3)
     assert threshold == pytest.approx(model.threshold * 2e-5, rel=0.25)
 
 
@@ -430,15 +435,15 @@ def test_the_squares_that_stand_for_a_robust_loss_have_its_optimum(elastic):
     wrong[::7, 1] += [5e-4, 0.0, -5e-4]
     spoilt, model = (
         replace(measurements, deflection=wrong),
-        ElasticModel("joints_and_links", COLUMNS, "huber"),
+        Candidate(find_model("joints_and_links"), COLUMNS, "huber"),
     )
-    robust = formulate_fit(whole_rows(robot, spoilt), model, VISIBLE, spoilt.sigma)
-    solution, threshold = robust.fit(model, 1e-3, gap=1e-8)
-    compliances = robust.convert_to_unknowns(solution)
-    squares, weight = robust.build_weighted_squares(model, compliances, 1e-3, threshold)
-    alike = squares.fit(ElasticModel("joints_and_links", COLUMNS), weight, gap=1e-6)[0]
+    robust = reduce_part(whole_rows(robot, spoilt), model, VISIBLE, spoilt.sigma)
+    loss, solution = fit_loss(robust, model, 1e-3, gap=1e-8)
+    compliances = robust.to_unknowns(solution)
+    squares, weight = loss.build_weighted_squares(model, compliances, 1e-3)
+    alike = fit_loss(squares, replace(model, loss="squared"), weight, gap=1e-6).solution
     rows = rows_of(robot, spoilt)
-    moved = rows @ (squares.convert_to_compliances(alike.x) - compliances)
+    moved = rows @ (squares.to_compliances(alike.x) - compliances)
     assert np.abs(moved).max() < 0.02 * measurements.sigma
 
 
@@ -508,9 +513,9 @@ def test_a_clean_set_is_answered_whatever_the_penalty(weight, loss):
 
 def test_a_penalty_that_cannot_be_certified_gives_way_to_the_next(elastic):
     folds = Folds(Rows(elastic[0], elastic[1][:15]), COLUMNS, VISIBLE, CrossValidation(), None)
-    model = ElasticModel("joints_and_links", COLUMNS)
+    model = Candidate(find_model("joints_and_links"), COLUMNS)
     with pytest.raises(UnsupportedMethodError, match="certified") as refused:
-        estimate_elastic(folds, model, 1e-30)
+        folds.fit_whole_set(model, 1e-30)
     assert (refused.value.where, "or more" in refused.value.remedy) == ("link_penalty", True)
     found = fit_first_certified(folds, model, (1e-30, 1e-4, 1e-2))
     assert found.penalty == 1e-4
@@ -529,7 +534,9 @@ def test_a_penalty_at_an_end_is_a_finding(chosen, remedy):
 def test_a_model_without_an_answer_is_left_out_unless_it_is_asked_for(elastic):
     robot, measurements = elastic
     folds = Folds(Rows(robot, measurements), COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1), None)
-    paths = {(name, "squared"): fit_folds(folds, ElasticModel(name, COLUMNS), (1e-2,)) for name in MODELS}
+    paths = {
+        (name, "squared"): fit_folds(folds, Candidate(find_model(name), COLUMNS), (1e-2,)) for name in MODELS
+    }
     coupled = ("coupled_joints", "squared")
     paths[coupled] = replace(paths[coupled], errors=paths[coupled].errors * np.nan)
     found = select_model(folds, paths, "joints_and_links")
@@ -543,9 +550,9 @@ def test_nothing_to_scale_the_penalty_by_is_refused(elastic):
     robot, measurements = elastic
     still = replace(measurements, deflection=np.zeros_like(measurements.deflection))
     with pytest.raises(UnsupportedMethodError, match="scale"):
-        formulate_fit(whole_rows(robot, still), ElasticModel("joints_and_links", COLUMNS), VISIBLE)
+        reduce_part(whole_rows(robot, still), Candidate(find_model("joints_and_links"), COLUMNS), VISIBLE)
     with pytest.raises(UnsupportedMethodError, match="13 joints"):
-        ElasticColumns(13, ())
+        Columns(13, ())
 
 
 def test_predictions_hold_on_beams_at_any_place(elastic):

@@ -27,25 +27,16 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.simulator.campaign import LOAD_POINT
 from jointstiff.simulator.equilibrium import deflections, torques
-from jointstiff.solver.choice.elastic_fit import (
-    build_effective_rows,
-    compute_effective_compliances,
-    estimate_elastic,
-)
-from jointstiff.solver.choice.held_out import Folds, list_models_to_compare
+from jointstiff.solver.choice.held_out import WITH_BASE, Folds, list_models_to_compare
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL
 from jointstiff.solver.fit import identify as iteration
 from jointstiff.solver.fit.cone import to_vector
-from jointstiff.solver.fit.elastic import (
-    MODELS,
-    WITH_BASE,
-    ElasticColumns,
-    ElasticModel,
-    generate_elastic_rows,
-)
+from jointstiff.solver.fit.effective import build_effective_rows, compute_effective_compliances
 from jointstiff.solver.fit.estimate import predict
+from jointstiff.solver.fit.part import generate_elastic_rows
+from jointstiff.solver.fit.reduced import Candidate
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics import block as regressor
@@ -54,6 +45,7 @@ from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Instrument
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.springs import BASE, NEGLECTED_STIFFNESS, complementary_stiffness
+from jointstiff.solver.models import MODELS, Columns, find_model
 from jointstiff.solver.predict.models import ElasticPredictor
 
 ENCODER_SIGMA = 5e-6
@@ -320,7 +312,7 @@ class TestReported:
 
 
 STIFFNESS, FOOT = np.array([8e6, 2e7]), -0.8
-COLUMNS = ElasticColumns(6, tuple(range(6)))
+COLUMNS = Columns(6, tuple(range(6)))
 TILT = np.array([[0.0, FOOT, 0.0, 1.0, 0.0, 0.0], [-FOOT, 0.0, 0.0, 0.0, 1.0, 0.0]])
 """Motion of R0's origin by a tilt about x and y of the foot: translation, then rotation."""
 
@@ -365,7 +357,7 @@ def pedestal():
 @pytest.fixture(scope="module")
 def found(pedestal):
     folds = Folds(Rows(*pedestal), COLUMNS, np.ones(6, dtype=bool), CrossValidation(folds=3, draws=1), None)
-    return estimate_elastic(folds, ElasticModel("joints_and_base", COLUMNS), 1e-3)
+    return folds.fit_whole_set(Candidate(find_model("joints_and_base"), COLUMNS), 1e-3)
 
 
 def test_base_and_joints_are_found_together(pedestal, found):
@@ -407,7 +399,7 @@ def test_a_clean_arm_has_no_base(pedestal):
     assert not screening.base_needs_validation
     assert not WITH_BASE & set(list_models_to_compare(screening, None))
     assert not WITH_BASE & set(list_models_to_compare(screening, "joints_and_links"))
-    assert list_models_to_compare(screening, "joints_and_base") == MODELS
+    assert list_models_to_compare(screening, "joints_and_base") == tuple(each.name for each in MODELS)
 
 
 @pytest.mark.parametrize("make", [scara, arm_on_rail, default_arm])

@@ -12,14 +12,13 @@ from jointstiff.schemas.options import CrossValidation
 from jointstiff.schemas.robot import DhRow
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
-from jointstiff.solver.choice.elastic_fit import estimate_elastic
 from jointstiff.solver.choice.held_out import Folds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fit.elastic import ElasticColumns, ElasticModel
 from jointstiff.solver.fit.estimate import PostureJackknife, UncertaintyBudget
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.reduced import Candidate
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -27,6 +26,7 @@ from jointstiff.solver.mechanics.chain import chain_dh_rows
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.models import Columns, find_model
 from jointstiff.solver.predict import models
 from jointstiff.solver.predict.answers import STATUSES, MapTask, compute_tool_rotations, map_places
 from jointstiff.solver.predict.forward import CorrectionLimits, compensate, compute_ramp_shares
@@ -299,10 +299,10 @@ def links():
     """Exact beams, read and fitted."""
     document = elastic_campaign(beam_arm(ARM), configurations=30, sigma=2e-5, seed=3)
     robot, measurements = prepare(document)
-    columns = ElasticColumns(6, tuple(range(6)))
+    columns = Columns(6, tuple(range(6)))
     folds = Folds(Rows(robot, measurements), columns, np.ones(6, dtype=bool), CrossValidation(folds=3), None)
-    model = ElasticModel("joints_and_links", columns)
-    return ElasticPredictor.from_estimate(robot, estimate_elastic(folds, model, 1e-4))
+    model = Candidate(find_model("joints_and_links"), columns)
+    return ElasticPredictor.from_estimate(robot, folds.fit_whole_set(model, 1e-4))
 
 
 def exact_beams(joints, cases):

@@ -14,14 +14,14 @@ from support.springs import robot_of
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import default_arm, equilibrium
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
-from jointstiff.solver.choice.elastic_fit import estimate_elastic
 from jointstiff.solver.choice.held_out import Folds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fit.elastic import ElasticColumns, ElasticModel
 from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.reduced import Candidate
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.models import Columns, find_model
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
 from jointstiff.solver.process.between import LimitsBetween
 from jointstiff.solver.process.candidates import find_branches, list_candidates
@@ -342,9 +342,9 @@ def test_an_arm_on_a_rail_turns_while_the_rail_rests():
 def test_elastic_links_take_the_same_way():
     """Two ways of an arm whose links bend are ranked by the covariance of all entries."""
     robot, measurements = prepare(elastic_campaign(beam_arm(ARM), configurations=30, sigma=2e-5, seed=3))
-    columns = ElasticColumns(6, tuple(range(6)))
+    columns = Columns(6, tuple(range(6)))
     folds = Folds(Rows(robot, measurements), columns, np.ones(6, dtype=bool), CrossValidation(folds=3), None)
-    elastic = estimate_elastic(folds, ElasticModel("joints_and_links", columns), 1e-4)
+    elastic = folds.fit_whole_set(Candidate(find_model("joints_and_links"), columns), 1e-4)
     model = ElasticPredictor.from_estimate(robot, elastic)
     p = process_path("trim", CENTRE, count=6)
     choice = choose_turns(model, InverseKinematics(robot), p, TASK)

@@ -1,0 +1,265 @@
+"""Effective compliances of joints where links or base bend, with their ranges (method.md §7).
+
+A rotation of joint j and a rotation of the link behind this joint about the same axis move every target
+alike, so that readings determine at most the sum ``c_j + a_jᵀ C_j,rot a_j``, with a_j the axis in the joint's
+frame: the effective compliance. The interval of an effective compliance is its range over all compliances of
+the cone whose penalised sum of squares exceeds the least sum by no more than ``(q σ)²``, q the quantile.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.joints import JOINT_UNITS
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.fit.cone import find_diagonal_entries
+from jointstiff.solver.fit.conic import (
+    compute_penalised_range,
+    compute_unconstrained_range,
+    solve_cone,
+)
+from jointstiff.solver.fit.elastic import ElasticFit
+from jointstiff.solver.fit.estimate import Estimate, JointCompliance
+from jointstiff.solver.fit.solution import Certificate
+from jointstiff.solver.fit.stages import student_quantile
+from jointstiff.solver.mechanics.block import spring_frames
+from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import BASE, triangle_indices, triangle_weights
+from jointstiff.solver.models import Columns
+
+_LIGHTER: Final = 0.12
+"""Penalty for stiffnesses and their intervals relative to the penalty that predicts best. With the latter,
+bias is as large as dispersion; with a lighter penalty dispersion outweighs bias (undersmoothing)."""
+_NOTHING: Final = 1e-4
+"""Lower end of an interval, relative to its upper end, below which the lower end counts as zero: cone
+programs do not reach zero exactly."""
+_GAP: Final = 1e-4
+"""Duality gap of the optimum around which intervals are computed, relative to the readings."""
+
+
+def build_effective_rows(robot: Robot, columns: Columns) -> FloatArray:
+    """Return the matrix (n, P) that maps all compliances (P,) to the joints' effective compliances (n,).
+
+    An effective compliance [rad/(N·m)] is the joint's compliance plus the compliance of its link about (for a
+    prismatic joint: along) the joint's axis; for joint 1 also that of the base. Link and base move every
+    target like the joint, so that readings cannot separate the three.
+    """
+    rows = np.zeros((columns.n, columns.width))
+    rows[np.arange(columns.n), columns.joints] = 1.0
+    rows[np.arange(columns.n), columns.coupling[find_diagonal_entries(columns.n)]] = 1.0
+    i, j = triangle_indices(6)
+    rotations = spring_frames(Postures(robot, np.zeros((1, columns.n))))[0][0]
+    # For each link or base: the joint that moves targets alike, and the joint's axis in the frame of the
+    # element.
+    joint_axes = {frame: (frame, robot.axes[frame]) for frame in columns.links}
+    joint_axes[BASE] = (0, rotations[0] @ robot.axes[0])
+    for frame, (joint, joint_axis) in joint_axes.items():
+        # A small motion has three translations, then three rotations.
+        translation, rotation = (
+            (joint_axis, np.zeros(3)) if robot.prismatic[joint] else (np.zeros(3), joint_axis)
+        )
+        axis = np.concatenate([translation, rotation])
+        rows[joint, columns.link_columns(frame)] = axis[i] * axis[j] * triangle_weights(6)
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class EffectiveCompliances:
+    """Effective compliances of the n joints with their ranges; NaN where a number is not known."""
+
+    #: (n,) compliance of each joint plus that of its link about, or along, the joint's axis [rad/(N·m)]
+    compliance: FloatArray
+    range: FloatArray  #: (n, 2) least and greatest values [rad/(N·m)]
+    quantile: float  #: half-width of a range divided by the standard uncertainty
+    #: False if the ranges must not be published as intervals, because the penalty was given
+    ranges_are_published: bool = True
+
+    @property
+    def ends(self) -> FloatArray:
+        """Ends (n, 2) of the published intervals [rad/(N·m)]; NaN if no intervals are published."""
+        return self.range if self.ranges_are_published else np.full_like(self.range, np.nan)
+
+    @property
+    def uncertainty(self) -> FloatArray:
+        """Standard uncertainties (n,) [rad/(N·m)]: half of a range divided by the quantile."""
+        return 0.5 * (self.range[:, 1] - self.range[:, 0]) / self.quantile
+
+    def widen_ranges_by(self, other: EffectiveCompliances) -> EffectiveCompliances:
+        """Return these compliances with ranges widened to contain the ranges of another model.
+
+        Each range still contains the compliance of this model.
+        """
+        lower = np.fmin(self.range[:, 0], other.range[:, 0])
+        upper = np.fmax(self.range[:, 1], other.range[:, 1])
+        # A range that comes only from the other model need not contain this model's value: widen the range.
+        value = np.where(np.isnan(lower), np.nan, self.compliance)
+        lower, upper = np.fmin(lower, value), np.fmax(upper, value)
+        return replace(
+            self, range=np.column_stack([lower, upper]), quantile=min(self.quantile, other.quantile)
+        )
+
+
+def compute_effective_compliances(
+    robot: Robot,
+    elastic: ElasticFit,
+    confidence: float,
+    range_estimate: ElasticFit | None = None,
+    *,
+    publishes_ranges: bool = True,
+) -> EffectiveCompliances:
+    """Compute the joints' effective compliances and their confidence ranges.
+
+    A range contains the values of an effective compliance at which the objective, with a lighter penalty, is
+    close to its minimum. The compliance itself is that at the minimum: from one draw of the noise to the
+    next, compliances at the chosen penalty differ more, as the choice of the penalty does. For the model of
+    joints and base, a range also contains the range of ordinary least squares, which has no bias from penalty
+    or constraints.
+
+    Args:
+        robot: n joints.
+        elastic: estimate of the chosen model; its effective compliances are returned if no range is known.
+        confidence: confidence level of the ranges.
+        range_estimate: estimate of the richest model compared, from which the ranges are computed; None takes
+            `elastic`.
+        publishes_ranges: whether the ranges may be published as intervals: only if cross-validation chose the
+            penalty.
+    """
+    range_estimate = range_estimate or elastic
+    likelihood = range_estimate.likelihood
+    rows = build_effective_rows(robot, elastic.candidate.columns)
+    effective, ranges = rows @ elastic.entries, np.full((robot.n, 2), np.nan)
+    quantile = student_quantile(0.5 * (1.0 + confidence), likelihood.degrees_of_freedom)
+    if likelihood.sigma is not None:
+        reduced = likelihood.reduced
+        program = reduced.state(_LIGHTER * likelihood.weight)
+        with suppress(SolverError):  # Without a certified optimum the ranges stay unknown (NaN).
+            optimum = solve_cone(program, wanted_gap=_GAP).x
+            # Root of the allowed increase of the objective, and the effective compliances as functions of x
+            radius = quantile * likelihood.sigma / reduced.size
+            functions = rows[:, reduced.columns] * reduced.unit
+            effective = functions @ optimum if publishes_ranges else effective
+            ranges = compute_penalised_range(program, optimum, radius**2, functions)
+            if range_estimate.candidate.model.name == "joints_and_base":
+                least, greatest = compute_unconstrained_range(reduced.squares, functions, radius).T
+                ranges = np.column_stack([np.fmin(ranges[:, 0], least), np.fmax(ranges[:, 1], greatest)])
+    # The programs find the ends to a tolerance only: a range must contain the estimate.
+    ranges[:, 0] = np.minimum(np.maximum(ranges[:, 0], 0.0), effective)
+    ranges[:, 1] = np.maximum(ranges[:, 1], effective)
+    # An error of all loads' size changes all compliances in proportion, and no reading shows it.
+    scale_error = quantile * range_estimate.force_scale * effective
+    ranges[:, 0] = np.maximum(effective - np.hypot(effective - ranges[:, 0], scale_error), 0.0)
+    ranges[:, 1] = effective + np.hypot(ranges[:, 1] - effective, scale_error)
+    ranges[ranges[:, 0] < _NOTHING * ranges[:, 1], 0] = 0.0
+    return EffectiveCompliances(
+        compliance=np.where(np.isnan(elastic.compliance), np.nan, effective),
+        range=ranges,
+        quantile=quantile,
+        ranges_are_published=publishes_ranges,
+    )
+
+
+LARGEST_UNCERTAINTY: Final = 0.5
+"""Relative standard uncertainty of an effective compliance above which it is poorly known."""
+
+RIGID: Final = 1e-12
+"""Compliance [rad/(N·m)] below which a joint counts as rigid: cone programs do not reach zero exactly."""
+
+
+def replace_by_effective(
+    estimate: Estimate, elastic: ElasticFit, effective: EffectiveCompliances
+) -> Estimate:
+    """Return the joints' estimate with joint compliances replaced by effective compliances.
+
+    Sigma, chi square, degrees of freedom and certificate are those of the estimate with bending links or
+    base.
+
+    Args:
+        estimate: estimate of joints alone.
+        elastic: estimate with bending links or base.
+        effective: effective compliances of the same joints.
+    """
+    # Words for the link or base that bends about the axis of a joint; keys are names of joints.
+    bending_words = {link.joint: "its link" for link in elastic.links}
+    if elastic.base is not None:
+        first = estimate.joints[0].name
+        # The text is followed by "'s": "its link's and the base's rotation about …".
+        bending_words[first] = (
+            f"{bending_words[first]}'s and the base" if first in bending_words else "the base"
+        )
+    certificate = elastic.certificate
+    evidence = Certificate(
+        primal=max(0.0, -certificate.least_eigenvalue),
+        dual=certificate.dual,
+        gap=certificate.gap,
+        multipliers=np.zeros(0),
+        solved_by="clarabel",
+        witness=elastic.witness,
+    )
+    return replace(
+        estimate,
+        joints=tuple(
+            _build_effective_joint(joint, effective, j, bending_words.get(joint.name))
+            for j, joint in enumerate(estimate.joints)
+        ),
+        compliance=np.nan_to_num(effective.compliance),
+        covariance=None,
+        sigma=elastic.sigma,
+        chi_square=elastic.chi_square,
+        degrees_of_freedom=elastic.degrees_of_freedom,
+        complementary_stiffness=None,
+        certificates=(evidence,),
+    )
+
+
+def _build_effective_joint(
+    joint: JointCompliance, effective: EffectiveCompliances, index: int, bending_words: str | None
+) -> JointCompliance:
+    """Return the result of a joint with its effective compliance, and remarks on links or base that bend.
+
+    A joint that is not observable is returned unchanged.
+
+    Args:
+        joint: result of the joint alone.
+        effective: effective compliances of all joints.
+        index: index of the joint.
+        bending_words: name of the link or base that bends about the joint's axis; None if both are rigid.
+    """
+    compliance = float(effective.compliance[index])
+    uncertainty = float(effective.uncertainty[index])
+    if joint.status == "not_observable" or np.isnan(compliance):
+        return joint
+    lower, upper = effective.ends[index].tolist()
+    is_rigid = compliance < RIGID
+    motion = JOINT_UNITS[joint.kind].of_link
+    remark_on_sum = (
+        f"effective compliance of the joint together with {bending_words}'s {motion} its axis, because "
+        "readings do not distinguish the two"
+    )
+    remarks = [] if bending_words is None else [remark_on_sum]
+    if is_rigid:
+        remarks = [
+            "the other elastic elements (joints, links or base) explain the readings without a compliance of "
+            "this joint"
+        ]
+    elif not np.isfinite(uncertainty):
+        remarks.append("no interval: the range of compliances that fit the readings was not found")
+    elif uncertainty > LARGEST_UNCERTAINTY * compliance:
+        remarks.append(
+            f"poorly determined (standard uncertainty {100 * uncertainty / compliance:.0f} %): "
+            "bending links explain the readings nearly as well as this joint"
+        )
+    return JointCompliance(
+        name=joint.name,
+        kind=joint.kind,
+        status="at_bound" if is_rigid else "identified" if uncertainty < compliance else "uncertain",
+        compliance=0.0 if is_rigid else compliance,
+        standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
+        compliance_interval=(lower, upper) if np.isfinite([lower, upper]).all() else None,
+        reason="; ".join(remarks) or None,
+    )

@@ -1,0 +1,476 @@
+"""Rows reduced to the parameters of an elastic model, and the losses of their residuals (method.md §7).
+
+    squared    ‖z − R x‖² / ‖z‖² + λ tr              rows compressed to a triangle
+    huber      Σ ρ(r_i) / Σ ‖d_i‖ + λ tr             one second-order cone a target
+
+ρ is ‖r‖²/(2h) up to h, and ‖r‖ − h/2 beyond.
+
+The penalty contains no arbitrarily chosen length. The penalty is the work that a unit force at the load point
+does on an element, averaged over the directions of the force and, because the fitted postures are few, over
+all directions of the lever. The length ρ_i of the lever is the root mean square distance, over the fitted
+postures, from the origin of frame i to the load point. The penalty of a link is ``tr(M_i C_i)`` with
+``M_i = diag(I, 2/3 ρ_i² I)``; the penalty of coupled joints is ``tr(M C_θ)`` with ``M = diag(2/3 ρ_j²)``.
+With the parameters ``X = K C K / u``, K² = M, the penalty is the trace of X, and with u the deflection
+divided by the force it has no unit.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from jointstiff.schemas.options import ElasticModel as ModelName
+from jointstiff.schemas.options import Loss as LossName
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.fit.cone import Cone, find_diagonal_entries
+from jointstiff.solver.fit.conic import (
+    ConeSolution,
+    LeastSquares,
+    NormSum,
+    RobustProgram,
+    RobustSolution,
+    SemidefiniteProgram,
+    certify_cone,
+    certify_robust,
+    solve_cone,
+    solve_robust,
+)
+from jointstiff.solver.fit.method import DEFAULT_THRESHOLD
+from jointstiff.solver.fit.part import MOST_TARGETS, Part, Size
+from jointstiff.solver.fit.problem import Bounds, IdentificationProblem
+from jointstiff.solver.fit.solution import solve_step
+from jointstiff.solver.fit.stages import MEDIAN_NORM
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.springs import BASE, triangle_indices
+from jointstiff.solver.models import Columns, Model
+
+LOSSES: Final[tuple[LossName, ...]] = ("squared", "huber")
+"""Losses of the norm of each target's residual."""
+_LEAST_SCALE: Final = 1e-6
+"""Least robust scale of residuals, relative to the mean deflection: exact readings would give zero."""
+_SCALE_ROUNDS: Final = 2
+"""Rounds in which the scale of the residuals and a robust fit follow from each other: the median hardly moves
+after the first."""
+_LEAST_WEIGHT: Final = 1e-9
+"""Least weight of the penalty in a least-squares problem."""
+_SHORTEST_LEVER: Final = 1e-2
+"""Least lever relative to the longest lever: with a lever near zero, because the load point lies in the
+origin of the frame, rotations would have no penalty."""
+_BASE_ROOT: Final = 0.3
+"""Square root of the base's penalty relative to a link's. All readings depend on the base, so that hardly any
+penalty is needed; the penalty of a link would make the estimated compliance of a pedestal 5 % too small."""
+_NO_COLUMN: Final = 1e-9
+"""Least norm of a joint's column relative to the largest norm: a smaller column is rounding, and the
+compliance of this joint is not estimated."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Model with the loss of its fit, as it competes with others."""
+
+    model: Model
+    columns: Columns  #: columns of the richest model; its links are those that bend here
+    loss: LossName = "squared"  #: loss of the norm of each target's whitened residual: its square, or Huber's
+    threshold: float = DEFAULT_THRESHOLD  #: threshold of Huber's loss, in units of sigma
+
+    @property
+    def key(self) -> tuple[ModelName, LossName]:
+        """Pair of the names of model and loss, which identifies the candidate within a run."""
+        return self.model.name, self.loss
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Frames of the links and base that bend: joint indices of the links, then `BASE`."""
+        return self.model.list_frames(self.columns)
+
+
+class _Element(NamedTuple):
+    """Element with a penalty: the trace of K C K of its compliance C."""
+
+    columns: IndexArray  #: columns of the entries of C
+    root: FloatArray  #: diagonal of K
+    is_full: bool  #: whether C is a full matrix; else it is diagonal
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """Rows of a part of a campaign, reduced to the p parameters of a model, for any weight of the penalty."""
+
+    part: Part  #: rows of the observations
+    squares: LeastSquares  #: squared residuals as a function of the parameters
+    cone: Cone  #: cone that contains the parameters
+    columns: IndexArray  #: (p,) column of the rows that belongs to each parameter
+    unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
+    size: float  #: norm ‖d‖ of the whitened readings [m], by which the readings are divided
+    sigma: float | None  #: stated sigma of one coordinate of one reading [m]; None if no sigma is stated
+
+    @cached_property
+    def total(self) -> float:
+        """Sum of the lengths of all targets' deflections [m]: the unit of robust losses."""
+        return float(np.linalg.norm(self.part.targets[..., -1], axis=1).sum())
+
+    @cached_property
+    def norms(self) -> NormSum:
+        """Sum of the norms of the targets' residuals, as all robust losses and penalties use it."""
+        targets, total, P = self.part.targets, self.total, self.part.compliances
+        A, B = targets[..., self.columns] * (self.unit / total), targets[..., P:-1] / total
+        return NormSum(A, targets[..., -1] / total, self.cone, B, self.part.statements.sigma / total)
+
+    def state(self, weight: float) -> SemidefiniteProgram:
+        """Return the program of squared residuals for a weight λ of the penalty."""
+        return SemidefiniteProgram(self.squares, self.cone, weight)
+
+    def to_compliances(self, x: FloatArray) -> FloatArray:
+        """Return the compliances (P,) of parameters x (p,); zero in columns without a parameter."""
+        compliances = np.zeros(self.part.compliances)
+        compliances[self.columns] = self.unit * x
+        return compliances
+
+    def to_unknowns(self, solution: ConeSolution) -> FloatArray:
+        """Return the unknowns (P + K,) of a solution: the compliances, then the stated errors."""
+        compliances = self.to_compliances(solution.x)
+        if isinstance(solution, RobustSolution):
+            return np.concatenate([compliances, solution.errors])
+        return self.part.append_fitted_errors(compliances)
+
+    def estimate_residual_scale(self, unknowns: FloatArray) -> float:
+        """Return the standard deviation [m] of the residuals at unknowns (P + K,), from their median norm."""
+        norms = self.part.compute_residual_norms(unknowns)
+        least = _LEAST_SCALE * self.total / max(1, len(norms))
+        return max(float(np.median(norms)) / MEDIAN_NORM, least)
+
+    def fit_joints_only(self) -> FloatArray:
+        """Return the exact least-squares unknowns (P + K,) if joints alone bend: there is no penalty."""
+        R, z = self.squares.R, self.squares.z
+        problem = IdentificationProblem(R, z, Bounds.positive(R.shape[1]))
+        return self.part.append_fitted_errors(self.to_compliances(solve_step(problem).compliance))
+
+
+def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: float | None = None) -> Reduced:
+    """Reduce the rows of a part to the parameters of a model.
+
+    Args:
+        part: compressed rows of the observations.
+        candidate: elastic elements that bend.
+        visible: (n,) mask of the joints whose compliances the readings determine.
+        sigma: stated standard uncertainty of one coordinate of one reading [m]; None if unknown.
+
+    Raises:
+        UnsupportedMethodError: no target moved, or no load acts, so that the size of the penalty is
+            undefined.
+    """
+    regressor, z = part.with_errors_fitted[:, :-1], part.with_errors_fitted[:, -1]
+    reading_norm = float(np.linalg.norm(part.triangle[:, -1]))
+    norms = np.linalg.norm(regressor[:, candidate.columns.joints], axis=0)
+    is_determined = visible & (norms > _NO_COLUMN * norms.max())
+    joints = np.flatnonzero(is_determined)
+    penalty_unit, lever_arms = _scale_penalty(part.size, reading_norm)
+    # Columns and units of the parameters: first scalar compliances, then the entries of full matrices.
+    scalars, matrices, orders = [(joints, reading_norm / norms[joints])], [], []
+    for element in _list_penalised_elements(candidate, is_determined, lever_arms):
+        root = element.root
+        if element.is_full:
+            i, j = triangle_indices(len(root))
+            matrices.append((element.columns, penalty_unit / (root[i] * root[j])))
+            orders.append(len(root))
+        else:
+            scalars.append((element.columns, penalty_unit / root**2))
+    columns = np.concatenate([columns for columns, _ in scalars + matrices])
+    units = np.concatenate([units for _, units in scalars + matrices])
+    scalar_count = sum(len(columns) for columns, _ in scalars)
+    return Reduced(
+        part=part,
+        squares=LeastSquares((regressor / reading_norm)[:, columns] * units, z / reading_norm),
+        cone=Cone(scalar_count, tuple(orders), penalised=scalar_count - len(joints)),
+        columns=columns,
+        unit=units,
+        size=reading_norm,
+        sigma=sigma,
+    )
+
+
+def _list_penalised_elements(
+    candidate: Candidate, determined: BoolArray, lever: FloatArray
+) -> Iterator[_Element]:
+    """Yield the penalised elements of a model.
+
+    Args:
+        candidate: elastic elements that bend.
+        determined: (n,) mask of the joints whose compliance is determined.
+        lever: (n + 1,) lever ρ of the load about each joint's frame and the base [m].
+    """
+    model, columns = candidate.model, candidate.columns
+    rotation_root = np.sqrt(2.0 / 3.0) * lever  # entries of K for rotations, see the module's docstring
+    if model.couples_joints:
+        i, j = triangle_indices(columns.n)
+        of_determined = columns.coupling[determined[i] & determined[j]]
+        yield _Element(of_determined, rotation_root[:BASE][determined], is_full=True)
+    for frame in candidate.frames:
+        of_frame, is_base = columns.link_columns(frame), frame == BASE
+        root = np.repeat([1.0, rotation_root[frame]], 3) * (_BASE_ROOT if is_base else 1.0)
+        is_full = is_base or model.links == "full"
+        yield _Element(of_frame if is_full else of_frame[find_diagonal_entries(6)], root, is_full)
+
+
+def _scale_penalty(size: Size, reading_norm: float) -> tuple[float, FloatArray]:
+    """Return the unit of compliance u [m/N] and the levers ρ (n + 1,) [m] that scale the penalty.
+
+    u is the root mean square deflection divided by the root mean square force. A moment is converted to the
+    force that causes this moment on the levers of the joints.
+
+    Args:
+        size: sums over the observations.
+        reading_norm: norm of the whitened readings [m]; zero if no target moved.
+
+    Raises:
+        UnsupportedMethodError: no target moved, or no load has a lever arm.
+    """
+    lever_arms = np.sqrt(size.lever / size.configurations)
+    lever_arms = np.maximum(lever_arms, _SHORTEST_LEVER * lever_arms[:BASE].max())
+    # Sum of the squared forces; 1.5 / lever² converts a squared moment to the squared force on a lever with
+    # a direction at random. If the load point lies in the origin of every joint's frame, all levers are zero,
+    # and no force is computed.
+    squared_force = 0.0
+    if lever_arms.all():
+        squared_force = size.force + size.moment * float(np.mean(1.5 / lever_arms[:BASE] ** 2))
+    if reading_norm == 0.0 or squared_force == 0.0:
+        raise UnsupportedMethodError(
+            "no target moved, or no load has a lever arm, so the penalty on link compliance has no scale",
+            where="elasticity",
+            remedy="use elasticity joints",
+        )
+    return float(np.sqrt(size.deflection / size.targets / (squared_force / size.configurations))), lever_arms
+
+
+class Loss(ABC):
+    """Loss of the residuals of reduced rows."""
+
+    reduced: Reduced
+
+    @abstractmethod
+    def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> ConeSolution:
+        """Find and certify the optimum.
+
+        Args:
+            weight: λ > 0 of the penalty.
+            gap: duality gap at which the search ends; `compute_gap_unit` converts the gap to a length.
+            accepted: greatest gap that is accepted if rounding prevents `gap`; None for `gap` itself.
+
+        Raises:
+            SolverError: no optimum is certified within the accepted gap.
+        """
+
+    @abstractmethod
+    def certify_gap(self, compliances: FloatArray, weight: float, solution: ConeSolution) -> float:
+        """Return the duality gap at compliances (P,) that differ slightly from those of a solution."""
+
+    @abstractmethod
+    def weigh_targets(self, unknowns: FloatArray) -> FloatArray | None:
+        """Return weights (T,) of the targets' squares with the same optimum; None for squares."""
+
+    @abstractmethod
+    def build_weighted_squares(
+        self, candidate: Candidate, unknowns: FloatArray, weight: float
+    ) -> tuple[Reduced, float]:
+        """Return a weighted least-squares problem with the optimum of the fit, and its penalty weight.
+
+        Args:
+            candidate: elastic elements that bend.
+            unknowns: (P + K,) fitted compliances and stated errors.
+            weight: weight λ of the penalty in the fit.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class SquaredLoss(Loss):
+    """Squares of the residuals, over the squares of the readings."""
+
+    reduced: Reduced
+
+    def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> ConeSolution:
+        """Find and certify the optimum; arguments and errors as of `Loss.solve`."""
+        return solve_cone(self.reduced.state(weight), wanted_gap=gap, accepted_gap=accepted)
+
+    def certify_gap(self, compliances: FloatArray, weight: float, solution: ConeSolution) -> float:  # noqa: ARG002
+        """Return the duality gap at compliances (P,); the solution is not needed."""
+        x = compliances[self.reduced.columns] / self.reduced.unit
+        return certify_cone(self.reduced.state(weight), x).gap
+
+    def weigh_targets(self, unknowns: FloatArray) -> None:  # noqa: ARG002
+        """Return None: all targets have the weight 1."""
+        return
+
+    def build_weighted_squares(
+        self,
+        candidate: Candidate,  # noqa: ARG002
+        unknowns: FloatArray,  # noqa: ARG002
+        weight: float,
+    ) -> tuple[Reduced, float]:
+        """Return the problem itself."""
+        return self.reduced, weight
+
+
+@dataclass(frozen=True, eq=False)
+class HuberLoss(Loss):
+    """Huber's loss of the norm of each target's residual, over the sum of the deflections' lengths."""
+
+    reduced: Reduced
+    threshold: float  #: length h of a residual from which the loss is linear [m]
+
+    def _state(self, weight: float) -> RobustProgram:
+        return RobustProgram(self.reduced.norms, weight, self.threshold / self.reduced.total)
+
+    def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> RobustSolution:
+        """Find and certify the optimum; arguments and errors as of `Loss.solve`."""
+        return solve_robust(self._state(weight), wanted_gap=gap, accepted_gap=accepted)
+
+    def certify_gap(self, compliances: FloatArray, weight: float, solution: ConeSolution) -> float:
+        """Return the duality gap at compliances (P,), with the dual multipliers of the solution."""
+        x = compliances[self.reduced.columns] / self.reduced.unit
+        errors = solution.errors if isinstance(solution, RobustSolution) else np.zeros(0)
+        return certify_robust(self._state(weight), x, errors, solution.certificate.multipliers).gap
+
+    def weigh_targets(self, unknowns: FloatArray) -> FloatArray:
+        """Return weights (T,): a target whose residual r exceeds the threshold h has weight h/‖r‖.
+
+        The sum of the weighted squares is stationary where Huber's loss is stationary.
+        """
+        norms = self.reduced.part.compute_residual_norms(unknowns)
+        return np.asarray(self.threshold / np.maximum(norms, self.threshold))
+
+    def build_weighted_squares(
+        self, candidate: Candidate, unknowns: FloatArray, weight: float
+    ) -> tuple[Reduced, float]:
+        """Return a weighted least-squares problem with the optimum of the fit, and its penalty weight."""
+        reduced = self.reduced
+        determined = np.isin(np.arange(candidate.columns.n), reduced.columns)
+        weighted = reduced.part.weigh_targets(self.weigh_targets(unknowns))
+        squares = reduce_part(weighted, candidate, determined, reduced.sigma)
+        return squares, 2.0 * reduced.total * self.threshold * weight / squares.size**2
+
+
+def compute_gap_unit(reduced: Reduced, candidate: Candidate) -> float:
+    """Return the factor [m] that converts the gap of a certificate to a length.
+
+    With the squared loss, the length is ‖R (x − x̂)‖, the distance between the fitted readings and the fitted
+    readings at the exact optimum. With a robust loss, the length is the amount by which the mean norm of the
+    targets' residuals exceeds that at the exact optimum.
+    """
+    if candidate.loss == "squared":
+        return reduced.size
+    return reduced.total / reduced.part.size.targets
+
+
+class Fitted(NamedTuple):
+    """Optimum of a loss."""
+
+    loss: Loss
+    solution: ConeSolution
+
+
+def fit_loss(
+    reduced: Reduced, candidate: Candidate, weight: float, *, gap: float, accepted: float | None = None
+) -> Fitted:
+    """Fit the parameters with a candidate's loss, and certify the optimum.
+
+    The threshold of Huber's loss is in units of sigma; if sigma is unknown, in units of the robust scale of
+    the residuals, first of a fit with squares, then of the fit itself.
+
+    Args:
+        reduced: rows of some observations.
+        candidate: the loss.
+        weight: λ > 0 of the penalty.
+        gap: duality gap at which the search ends.
+        accepted: greatest gap that is accepted if rounding prevents `gap`; None for `gap` itself.
+
+    Raises:
+        SolverError: no optimum is certified within the accepted gap.
+    """
+    loss: Loss = SquaredLoss(reduced)
+    if candidate.loss == "huber" and reduced.sigma is not None:
+        loss = HuberLoss(reduced, candidate.threshold * reduced.sigma)
+    solution = loss.solve(weight, gap=gap, accepted=accepted)
+    if candidate.loss == "huber" and reduced.sigma is None:
+        for _ in range(_SCALE_ROUNDS):
+            scale = reduced.estimate_residual_scale(reduced.to_unknowns(solution))
+            loss = HuberLoss(reduced, candidate.threshold * scale)
+            solution = loss.solve(weight, gap=gap, accepted=accepted)
+    return Fitted(loss, solution)
+
+
+def convert_weight_to_squares(
+    reduced: Reduced, candidate: Candidate, unknowns: FloatArray, weight: float
+) -> float:
+    """Return the penalty's weight for squares that is as strong as λ is in a fit of the candidate.
+
+    Args:
+        reduced: rows of the fit.
+        candidate: model and loss of the fit.
+        unknowns: (P + K,) fitted compliances and stated errors.
+        weight: weight λ of the penalty in the fit.
+    """
+    if candidate.loss == "squared":
+        return weight
+    return max(weight * _compare_penalties(reduced, candidate, unknowns), _LEAST_WEIGHT)
+
+
+def convert_weight_to_huber(
+    reduced: Reduced, candidate: Candidate, unknowns: FloatArray, weight: float
+) -> float:
+    """Return the penalty's weight for Huber's loss that is as strong as λ is in a fit by squares.
+
+    Args:
+        reduced: rows of the fit.
+        candidate: model, and threshold of the loss.
+        unknowns: (P + K,) compliances and stated errors, fitted by squares.
+        weight: weight λ of the penalty in the fit by squares.
+    """
+    return weight / _compare_penalties(reduced, candidate, unknowns)
+
+
+def _compare_penalties(reduced: Reduced, candidate: Candidate, unknowns: FloatArray) -> float:
+    """Return how much weaker a penalty of the same weight is with squares than with Huber's loss.
+
+    In the gradient of Huber's loss a residual up to the threshold h counts with its length over h, and a
+    longer residual with 1; in the gradient of squares each residual counts with its own length.
+    """
+    scale = reduced.sigma or reduced.estimate_residual_scale(unknowns)
+    norms = reduced.part.compute_residual_norms(unknowns)
+    lengths = np.maximum(norms, candidate.threshold * scale)
+    return 2.0 * reduced.total * float(lengths.mean()) / reduced.size**2
+
+
+def list_losses_to_compare(measurements: Measurements, losses: tuple[LossName, ...]) -> tuple[LossName, ...]:
+    """Return those of `losses` that a set supports.
+
+    Only `squared` is supported for more than `MOST_TARGETS` targets, for encoders, and for readings along a
+    direction, whose residuals have no length.
+
+    Raises:
+        UnsupportedMethodError: the set does not support the loss, and `losses` does not contain `squared`.
+    """
+    targets = int(measurements.present.sum())
+    of_lengths = measurements.encoders is None and measurements.direction is None
+    if targets <= MOST_TARGETS and of_lengths:
+        return losses
+    if "squared" in losses:
+        return ("squared",)
+    if not of_lengths:
+        raise UnsupportedMethodError(
+            f"the loss {losses[0]} needs the length of each residual; encoder readings and readings along a "
+            "direction have none",
+            where="loss",
+            remedy="use loss squared",
+        )
+    raise UnsupportedMethodError(
+        f"{targets} targets were read, but the loss {losses[0]} of elastic links supports at most "
+        f"{MOST_TARGETS} targets",
+        where="loss",
+        remedy="use loss squared, or leave observations out",
+    )
