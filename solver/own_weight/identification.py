@@ -36,6 +36,7 @@ from jointstiff.solver.fit.estimate import JointCompliance
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import Certificate
 from jointstiff.solver.fit.stages import student_quantile
+from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
 from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.geometry.poses import (
     PoseReadings,
@@ -47,6 +48,7 @@ from jointstiff.solver.geometry.poses import (
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Body, Robot
 from jointstiff.solver.mechanics.springs import JOINTS
+from jointstiff.solver.mechanics.terms import FORCE_SCALE
 from jointstiff.solver.own_weight.masses import (
     find_contradicted_mass,
     fit_freed_masses,
@@ -57,6 +59,7 @@ from jointstiff.solver.own_weight.masses import (
 from jointstiff.solver.own_weight.rows import (
     Burden,
     ReducedProblem,
+    StatedLoads,
     WeightReadings,
     WeightRows,
     compute_perpendicular_basis,
@@ -112,6 +115,8 @@ class WeightFit:
     reduced: ReducedProblem  #: convex problem of the last step
     optimum: MassConeSolution  #: solution of the convex problem
     steps: int  #: number of Gauss-Newton steps
+    #: (N, T, 3) motion of the targets by the errors of the loads that fit best [m]; 0 for exact loads
+    motion_by_loads: FloatArray | float
 
     def count_degrees_of_freedom(self, load_coordinates: int) -> int:
         """Return the degrees of freedom of the residuals: coordinates read minus unknowns determined.
@@ -170,6 +175,8 @@ def fit_own_weight(
     free_gravity: bool = False,
     free_base: bool = False,
     loaded: Measurements | None = None,
+    stated: StatedLoads | None = None,
+    statement_sigma: float = 1.0,
 ) -> WeightFit:
     """Fit geometry, compliances and weights by Gauss-Newton steps, each with a convex program.
 
@@ -182,6 +189,9 @@ def fit_own_weight(
         free_base: whether the tilt of the base is also estimated.
         loaded: deflections under known loads, fitted together with the positions, and weighted with the sigma
             of the deflections; None if no deflections were read.
+        stated: what is stated of the loads of positions under load; None for exact loads.
+        statement_sigma: standard uncertainty of a coordinate of a position, in the unit of the fit, by which
+            these statements are weighted.
 
     Returns:
         The fitted geometry, gravity, sag, tilt of the base and compliances, with the last convex problem.
@@ -198,18 +208,23 @@ def fit_own_weight(
     weight_norm = np.linalg.norm(whitened.weight)
     for step in range(1, MOST_STEPS + 1):
         with_gravity = replace(readings, burden=replace(burden, gravity=gravity))
-        rows = linearise_readings(robot, with_gravity, whitened, state, sag, compliance)
-        triangle, load_triangle = rows.stack.triangle(), Triangle(joints=robot.n)
+        rows = linearise_readings(robot, with_gravity, whitened, state, sag, compliance, stated)
+        whole_triangle = triangle = rows.stack.triangle()
+        if stated is not None:
+            unit_uncertainties = np.ones(rows.stack.widths["statements"])
+            whole_triangle = triangle.state("statements", unit_uncertainties, statement_sigma)
+            triangle = whole_triangle.project_out(["statements"], RANK)
         nuisance = ["geometry", *(["base"] if free_base else []), *(["gravity"] if free_gravity else [])]
-        loads = [] if loaded is None else Rows(robot, loaded, compliance).generate([JOINTS], compliance)
-        for of_block in loads:
-            load_triangle.add(of_block.flat)
-        deflection_sigma = 1.0 if loaded is None else loaded.sigma or 1.0
-        deflection_rows = load_triangle.R[: load_triangle.rows] / deflection_sigma
+        deflection_rows = np.zeros((0, robot.n + 1))
+        if loaded is not None:
+            deflection_rows = _compress_deflections(robot, loaded, compliance)
         reduced = reduce_problem(rows, triangle, nuisance, burden, deflection_rows)
         optimum = solve_mass_cones(reduced.A, reduced.b, reduced.cones)
         # Change of the nuisance unknowns: geometry, then three of the base, then two of gravity.
         nuisance_change = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
+        nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
+        unknowns = reduced.expand_solution(rows, optimum.x)
+        unknowns[nuisance_columns] += nuisance_change
         geometry_width = rows.stack.widths["geometry"]
         previous_sag, sag = sag, reduced.compute_sag(rows.torques, optimum.x)
         state = state.displace(nuisance_change[:geometry_width])
@@ -225,17 +240,58 @@ def fit_own_weight(
             )
             gravity = turned_gravity * np.linalg.norm(gravity) / np.linalg.norm(turned_gravity)
         compliance[reduced.observed_joints] = reduced.unit * optimum.x[reduced.cones.first]
-        nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
         nuisance_effect = np.linalg.norm(triangle.matrix[:, nuisance_columns] @ nuisance_change)
         prediction_change = nuisance_effect + weight_norm * np.abs(sag - previous_sag).max()
         residual_norm = np.sqrt(optimum.loss + reduced.residual_squares)
         if prediction_change <= _CONVERGED * residual_norm + _EXACT * np.linalg.norm(reduced.b):
-            return WeightFit(state, gravity, sag, base, compliance, rows, reduced, optimum, step)
+            motion = 0.0 if stated is None else _move_by_loads(stated, whole_triangle, unknowns, compliance)
+            return WeightFit(state, gravity, sag, base, compliance, rows, reduced, optimum, step, motion)
     raise MeasurementError(
         f"the fit of geometry and own weight did not converge in {MOST_STEPS} steps",
         where="observations",
         remedy="check masses, centres of mass, gravity's direction, and the unit and sign of the angles",
     )
+
+
+def _move_by_loads(
+    stated: StatedLoads, triangle: Triangle, unknowns: FloatArray, compliance: FloatArray
+) -> FloatArray:
+    """Return the motion (N, T, 3) of the targets by the errors of the loads that fit best [m].
+
+    Args:
+        stated: what is stated of the loads.
+        triangle: compressed rows of the positions and of the statements, whose columns come last.
+        unknowns: (P,) all other unknowns.
+        compliance: (n,) compliances of the joints [rad/(N·m)].
+    """
+    count = len(triangle.span["statements"])
+    errors = triangle.fit(["statements"], np.concatenate([unknowns, np.zeros(count)]), RANK)
+    return np.asarray(stated.build_columns(compliance) @ errors)
+
+
+def _compress_deflections(robot: Robot, loaded: Measurements, compliance: FloatArray) -> FloatArray:
+    """Compress the rows (n + 1, n + 1) of deflections under known loads, in units of their sigma.
+
+    What is stated of loads and places is fitted together with the compliances.
+
+    Args:
+        robot: n joints.
+        loaded: deflections under known loads.
+        compliance: (n,) compliances at which the loads are in balance [rad/(N·m)].
+    """
+    common, sigma = loaded.common_uncertainty, loaded.sigma or 1.0
+    terms = list_stated_terms(loaded)
+    if any(FORCE_SCALE.prior(common)):  # next to the weight of the robot, the size of a force shows
+        terms = (*terms, FORCE_SCALE)
+    statements = Statements(terms, common, np.maximum(compliance, 0.0), max(sigma, LEAST_STATED_SIGMA))
+    blocks = list(statements.generate(Rows(robot, loaded, compliance), [JOINTS]))
+    count = blocks[0].targets.shape[-1] - 1 - robot.n
+    triangle = Triangle(joints=robot.n, statements=count)
+    for of_block in blocks:
+        triangle.add(of_block.flat)
+    if count:
+        triangle = triangle.given("statements", np.ones(count), statements.sigma)
+    return triangle.R / sigma
 
 
 def reduce_problem(
@@ -680,6 +736,7 @@ def identify_weight(
     free_gravity: bool = False,
     free_base: bool = False,
     loaded: Measurements | None = None,
+    stated: StatedLoads | None = None,
 ) -> WeightEstimate:
     """Identify joint compliances from the sag of an arm under its own weight.
 
@@ -690,6 +747,7 @@ def identify_weight(
         free_gravity: True to estimate the direction of gravity; False to use the stated direction.
         free_base: True to estimate the tilt of the base in any case; False only if the readings prove a tilt.
         loaded: deflections under known loads (loaded − unloaded), fitted together with the positions.
+        stated: what is stated of the loads of positions under load; None for exact loads.
 
     Returns:
         The compliances with intervals, the fit, and the findings.
@@ -705,6 +763,8 @@ def identify_weight(
     whitened, unit_of_fit = poses.whitened, poses.sigma or 1.0
     rigid = calibrate(robot.chain, poses, start=pin.SE3.Identity(), hold_out=False)
     readings_with_stated_bounds = readings
+    # Where sigma is not stated, a fit with exact loads gives the sigma by which statements are weighted.
+    used_statements, statement_sigma = (stated if poses.sigma is not None else None), 1.0
 
     def fit_with_bodies(bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
         """Fit the readings for bodies whose mass bounds may differ from the stated bounds."""
@@ -719,9 +779,14 @@ def identify_weight(
             free_gravity=free_gravity,
             free_base=free_base,
             loaded=loaded,
+            stated=used_statements,
+            statement_sigma=statement_sigma,
         )
 
     least_square = 1.0 if poses.sigma is not None else _LEAST_NOISE**2
+    if stated is not None and used_statements is None:
+        noise = fit_with_bodies(readings.burden.bodies).estimate_noise(load_coordinates, least_square)
+        used_statements, statement_sigma = stated, float(np.sqrt(noise))
     fit, bodies, findings = fit_with_proved_corrections(
         fit_with_bodies, readings.burden, load_coordinates, least_square, free_base=free_base
     )
@@ -749,6 +814,7 @@ def identify_weight(
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
     predicted = fit.state.motion(sagging).points
     predicted = predicted + differentiate_by_base_compliance(fit.rows.torques, predicted) @ fit.base
+    predicted = predicted + fit.motion_by_loads
 
     def compute_sag_at(turn: FloatArray) -> FloatArray:
         """Return the sag (N, n) [rad], torque times compliance, after a turn (n,) [rad] of the joints."""

@@ -27,7 +27,9 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.fit.cone import Block
 from jointstiff.solver.fit.conic import MassCones
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
+from jointstiff.solver.fit.statements import Statements, list_stated_terms
 from jointstiff.solver.geometry.poses import (
     Motion,
     PoseReadings,
@@ -37,10 +39,11 @@ from jointstiff.solver.geometry.poses import (
     list_chain_axes,
     transform_points,
 )
-from jointstiff.solver.mechanics.block import STANDARD_GRAVITY
-from jointstiff.solver.mechanics.measurements import check_array
+from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, Term
+from jointstiff.solver.mechanics.measurements import Measurements, check_array
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, Robot
+from jointstiff.solver.mechanics.terms import AXES, FORCE_SCALE, TARGET_PLACES
 
 _GEOMETRY: Final = 0.01
 """Prior standard uncertainty of axes and targets [m and rad]: that of a nominal arm."""
@@ -187,7 +190,8 @@ class WeightRows:
     The columns of the stack are derivatives of the positions with respect to the unknowns of five terms:
     `geometry` φ; `base`, the compliances C_xx, C_yy, C_xy of a base that tilts about R0's origin [rad/(N·m)];
     `gravity`, two angles [rad] of its direction; `joints`, the compliances c_j; and `products`, the η_jk of
-    compliances and deviations of the masses, joint by joint.
+    compliances and deviations of the masses, joint by joint. Columns of `statements` on the loads, if there
+    are any, come last.
     """
 
     stack: Stack  #: rows of the observations, weighted with 1/sigma
@@ -208,6 +212,7 @@ def linearise_readings(
     state: PoseState,
     sag: FloatArray,
     compliance: FloatArray,
+    stated: StatedLoads | None = None,
 ) -> WeightRows:
     """Linearise readings of positions about a geometry and a sag: rows of a least-squares problem.
 
@@ -218,6 +223,7 @@ def linearise_readings(
         state: geometry to linearise about.
         sag: (N, n) sag θ of the joints to linearise about [rad].
         compliance: (n,) compliances [rad/(N·m)], for the effect of the direction of gravity on the sag.
+        stated: what is stated of the loads; None for exact loads.
     """
     motion = state.motion(replace(whitened, angles=whitened.angles + sag))
     torques = compute_torques(robot, readings, motion)
@@ -247,6 +253,9 @@ def linearise_readings(
             *whitened_derivative.shape[:2], -1
         ),
     }
+    if stated is not None:
+        columns = whitened.weight @ stated.build_columns(compliance)
+        terms["statements"] = columns.reshape(*whitened_derivative.shape[:2], -1)
     readings_column = (whitened.weight @ differences[..., None]).reshape(observation_count, -1, 1)
     # A coordinate that was not read has weight zero, so that its columns of the geometry are zero.
     coordinates_read = terms["geometry"].any(axis=2).sum(axis=1)
@@ -259,6 +268,37 @@ def linearise_readings(
             gravity_size * np.linalg.norm(torques.gravity_derivative, axis=2).max(axis=0),
         ),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class StatedLoads:
+    """What is stated of the loads under which the last of the positions were read."""
+
+    rows: Rows  #: the observations under load, in the order of these positions
+    terms: tuple[Term, ...]  #: errors of the loads, each zero within its standard uncertainty
+    unloaded: int  #: number of observations of positions without load, which come first
+
+    def build_columns(self, compliance: FloatArray) -> FloatArray:
+        """Return the motion (N, T, 3, K) of all positions by one standard uncertainty of each error [m].
+
+        Positions without load do not move. `compliance` (n,) are those of the joints [rad/(N·m)].
+        """
+        statements = Statements(self.terms, self.rows.measurements.common_uncertainty, compliance, sigma=1.0)
+        moved = [each.targets[..., :-1] for each in statements.generate(self.rows, whitened=False)]
+        under_load = np.concatenate(moved)
+        unmoved = np.zeros((self.unloaded, *under_load.shape[1:]))
+        return np.concatenate([unmoved, under_load])
+
+
+def list_errors_of_loads(measurements: Measurements) -> tuple[Term, ...]:
+    """Return the errors of loads with a stated uncertainty that positions under load can show.
+
+    Next to the weight of the robot the size of a force shows, too. Places and axes are fitted in any case.
+    """
+    common = measurements.common_uncertainty
+    fitted = {TARGET_PLACES.name, AXES.name}
+    errors = [term for term in list_stated_terms(measurements) if term.name not in fitted]
+    return (*errors, FORCE_SCALE) if any(FORCE_SCALE.prior(common)) else tuple(errors)
 
 
 def differentiate_by_base_compliance(torques: Torques, places: FloatArray) -> FloatArray:
@@ -406,12 +446,13 @@ class ReducedProblem:
             yield j, unit, slice(start, start + 1 + len(unknown_indices)), unknown_indices
 
     def expand_solution(self, rows: WeightRows, solution: FloatArray) -> FloatArray:
-        """Return the unknowns (P,) of all columns of the rows, in SI units, for a solution x of this problem.
+        """Return the unknowns (P,) of all columns but statements, in SI units, for a solution x.
 
         Each block of x has the compliance of a joint first, then the products of this compliance with the
         deviations of masses and moments. Unknowns outside this problem, such as the geometry, are zero.
         """
-        unknowns = np.zeros(sum(rows.stack.widths.values()))
+        widths = rows.stack.widths
+        unknowns = np.zeros(sum(widths.values()) - widths.get("statements", 0))
         # (n, K) position among all unknowns of the product of each joint's compliance with each deviation
         product_positions = rows.stack.span["products"].reshape(rows.torques.of_unknowns.shape[1:])
         for j, unit, span, unknown_indices in self.blocks:

@@ -16,6 +16,7 @@ from jointstiff.schemas.run import Identifiability, RunResult, WeightResult, Wei
 from jointstiff.solver.arrays import BoolArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import greatest_violations
 from jointstiff.solver.fit.stages import Likelihood, sigma_test
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -33,7 +34,7 @@ from jointstiff.solver.rules import (
 if TYPE_CHECKING:
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.own_weight.identification import WeightEstimate
-    from jointstiff.solver.own_weight.rows import Balancer, WeightReadings
+    from jointstiff.solver.own_weight.rows import Balancer, StatedLoads, WeightReadings
 
 _NO_MODEL_ERROR: Final = RequestError(
     "the stiffnesses come from the robot's own weight, not from postures under load",
@@ -79,6 +80,7 @@ def run_by_weight(
 
     weight_options = options.weight or OwnWeight()
     readings, observation = _collect_positions(robot, measurements, weight_options)
+    stated = _collect_stated_loads(robot, measurements, len(observation))
     # Deflections of targets in the flange frame have no absolute position; they are fitted as deflections.
     in_flange = measurements.present & measurements.in_flange
     deflections = replace(
@@ -93,6 +95,7 @@ def run_by_weight(
         free_gravity=weight_options.estimate_gravity,
         free_base=not weight_options.rigid_base,
         loaded=deflections if in_flange.any() else None,
+        stated=stated,
     )
     joints = estimate.joints
     findings = [
@@ -202,6 +205,24 @@ def _collect_positions(
         ),
         observation,
     )
+
+
+def _collect_stated_loads(robot: Robot, measurements: Measurements, count: int) -> StatedLoads | None:
+    """Return what is stated of the loads of positions under load; None if nothing is.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        count: number of observations of positions, without and under load.
+    """
+    from jointstiff.solver.own_weight.rows import StatedLoads, list_errors_of_loads
+
+    terms = list_errors_of_loads(measurements)
+    under_load = np.flatnonzero((measurements.present & ~measurements.in_flange).any(axis=1))
+    if not (terms and len(under_load)):
+        return None
+    rows = Rows(robot, measurements[under_load])
+    return StatedLoads(rows, terms, unloaded=count - len(under_load))
 
 
 def _build_poses(robot: Robot, measurements: Measurements, unloaded: BoolArray, loaded: BoolArray) -> Poses:
