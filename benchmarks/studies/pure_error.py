@@ -24,7 +24,7 @@ from jointstiff.solver.fit.estimate import predict
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
-from jointstiff.solver.rules import measure_pure_error
+from jointstiff.solver.outcome.rules import measure_pure_error
 from tests.support.springs import robot_of
 
 __all__ = ["run"]

@@ -49,6 +49,7 @@ from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Body, Robot
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE
+from jointstiff.solver.outcome.rules import report_no_identified_joint
 from jointstiff.solver.own_weight.masses import (
     find_contradicted_mass,
     fit_freed_masses,
@@ -68,7 +69,6 @@ from jointstiff.solver.own_weight.rows import (
     linearise_readings,
 )
 from jointstiff.solver.predict.models import IdentifiedWeight
-from jointstiff.solver.rules import report_no_identified_joint
 from jointstiff.solver.text import figure, length_text
 
 _NEGLIGIBLE_TORQUE: Final = 1e-3
@@ -176,7 +176,7 @@ def fit_own_weight(
     free_base: bool = False,
     loaded: Measurements | None = None,
     stated: StatedLoads | None = None,
-    statement_sigma: float = 1.0,
+    stated_at: FloatArray | None = None,
 ) -> WeightFit:
     """Fit geometry, compliances and weights by Gauss-Newton steps, each with a convex program.
 
@@ -190,8 +190,8 @@ def fit_own_weight(
         loaded: deflections under known loads, fitted together with the positions, and weighted with the sigma
             of the deflections; None if no deflections were read.
         stated: what is stated of the loads of positions under load; None for exact loads.
-        statement_sigma: standard uncertainty of a coordinate of a position, in the unit of the fit, by which
-            these statements are weighted.
+        stated_at: (n,) compliances at which columns of statements on the loads of deflections are computed
+            [rad/(N·m)]; None for exact loads.
 
     Returns:
         The fitted geometry, gravity, sag, tilt of the base and compliances, with the last convex problem.
@@ -212,12 +212,12 @@ def fit_own_weight(
         whole_triangle = triangle = rows.stack.triangle()
         if stated is not None:
             unit_uncertainties = np.ones(rows.stack.widths["statements"])
-            whole_triangle = triangle.state("statements", unit_uncertainties, statement_sigma)
+            whole_triangle = triangle.state("statements", unit_uncertainties, stated.sigma)
             triangle = whole_triangle.project_out(["statements"], RANK)
         nuisance = ["geometry", *(["base"] if free_base else []), *(["gravity"] if free_gravity else [])]
         deflection_rows = np.zeros((0, robot.n + 1))
         if loaded is not None:
-            deflection_rows = _compress_deflections(robot, loaded, compliance)
+            deflection_rows = _compress_deflections(robot, loaded, compliance, stated_at)
         reduced = reduce_problem(rows, triangle, nuisance, burden, deflection_rows)
         optimum = solve_mass_cones(reduced.A, reduced.b, reduced.cones)
         # Change of the nuisance unknowns: geometry, then three of the base, then two of gravity.
@@ -244,7 +244,7 @@ def fit_own_weight(
         prediction_change = nuisance_effect + weight_norm * np.abs(sag - previous_sag).max()
         residual_norm = np.sqrt(optimum.loss + reduced.residual_squares)
         if prediction_change <= _CONVERGED * residual_norm + _EXACT * np.linalg.norm(reduced.b):
-            motion = 0.0 if stated is None else _move_by_loads(stated, whole_triangle, unknowns, compliance)
+            motion = 0.0 if stated is None else _move_by_loads(stated, whole_triangle, unknowns)
             return WeightFit(state, gravity, sag, base, compliance, rows, reduced, optimum, step, motion)
     raise MeasurementError(
         f"the fit of geometry and own weight did not converge in {MOST_STEPS} steps",
@@ -253,23 +253,22 @@ def fit_own_weight(
     )
 
 
-def _move_by_loads(
-    stated: StatedLoads, triangle: Triangle, unknowns: FloatArray, compliance: FloatArray
-) -> FloatArray:
+def _move_by_loads(stated: StatedLoads, triangle: Triangle, unknowns: FloatArray) -> FloatArray:
     """Return the motion (N, T, 3) of the targets by the errors of the loads that fit best [m].
 
     Args:
         stated: what is stated of the loads.
         triangle: compressed rows of the positions and of the statements, whose columns come last.
         unknowns: (P,) all other unknowns.
-        compliance: (n,) compliances of the joints [rad/(N·m)].
     """
     count = len(triangle.span["statements"])
     errors = triangle.fit(["statements"], np.concatenate([unknowns, np.zeros(count)]), RANK)
-    return np.asarray(stated.build_columns(compliance) @ errors)
+    return np.asarray(stated.columns @ errors)
 
 
-def _compress_deflections(robot: Robot, loaded: Measurements, compliance: FloatArray) -> FloatArray:
+def _compress_deflections(
+    robot: Robot, loaded: Measurements, compliance: FloatArray, stated_at: FloatArray | None
+) -> FloatArray:
     """Compress the rows (n + 1, n + 1) of deflections under known loads, in units of their sigma.
 
     What is stated of loads and places is fitted together with the compliances.
@@ -278,12 +277,16 @@ def _compress_deflections(robot: Robot, loaded: Measurements, compliance: FloatA
         robot: n joints.
         loaded: deflections under known loads.
         compliance: (n,) compliances at which the loads are in balance [rad/(N·m)].
+        stated_at: (n,) compliances at which the columns of statements are computed; None for exact loads.
     """
     common, sigma = loaded.common_uncertainty, loaded.sigma or 1.0
-    terms = list_stated_terms(loaded)
-    if any(FORCE_SCALE.prior(common)):  # next to the weight of the robot, the size of a force shows
-        terms = (*terms, FORCE_SCALE)
-    statements = Statements(terms, common, np.maximum(compliance, 0.0), max(sigma, LEAST_STATED_SIGMA))
+    statements = Statements.none(robot.n)
+    if stated_at is not None:
+        terms = list_stated_terms(loaded)
+        if any(FORCE_SCALE.prior(common)):  # next to the weight of the robot, the size of a force shows
+            terms = (*terms, FORCE_SCALE)
+        stated_sigma = max(sigma, LEAST_STATED_SIGMA)
+        statements = Statements(terms, common, np.maximum(stated_at, 0.0), stated_sigma)
     blocks = list(statements.generate(Rows(robot, loaded, compliance), [JOINTS]))
     count = blocks[0].targets.shape[-1] - 1 - robot.n
     triangle = Triangle(joints=robot.n, statements=count)
@@ -763,8 +766,7 @@ def identify_weight(
     whitened, unit_of_fit = poses.whitened, poses.sigma or 1.0
     rigid = calibrate(robot.chain, poses, start=pin.SE3.Identity(), hold_out=False)
     readings_with_stated_bounds = readings
-    # Where sigma is not stated, a fit with exact loads gives the sigma by which statements are weighted.
-    used_statements, statement_sigma = (stated if poses.sigma is not None else None), 1.0
+    stated_at: FloatArray | None = None  # compliances at which the columns of statements are computed
 
     def fit_with_bodies(bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
         """Fit the readings for bodies whose mass bounds may differ from the stated bounds."""
@@ -779,14 +781,18 @@ def identify_weight(
             free_gravity=free_gravity,
             free_base=free_base,
             loaded=loaded,
-            stated=used_statements,
-            statement_sigma=statement_sigma,
+            stated=None if stated_at is None else stated,
+            stated_at=stated_at,
         )
 
     least_square = 1.0 if poses.sigma is not None else _LEAST_NOISE**2
-    if stated is not None and used_statements is None:
-        noise = fit_with_bodies(readings.burden.bodies).estimate_noise(load_coordinates, least_square)
-        used_statements, statement_sigma = stated, float(np.sqrt(noise))
+    if stated is not None or loaded is not None:
+        # A fit with exact loads gives the compliances for the columns of statements, and a missing sigma.
+        exact = fit_with_bodies(readings.burden.bodies)
+        stated_at = exact.compliance
+        if stated is not None:
+            noise = exact.estimate_noise(load_coordinates, least_square) if poses.sigma is None else 1.0
+            stated = replace(stated, compliance=stated_at, sigma=float(np.sqrt(noise)))
     fit, bodies, findings = fit_with_proved_corrections(
         fit_with_bodies, readings.burden, load_coordinates, least_square, free_base=free_base
     )

@@ -254,7 +254,7 @@ def linearise_readings(
         ),
     }
     if stated is not None:
-        columns = whitened.weight @ stated.build_columns(compliance)
+        columns = whitened.weight @ stated.columns
         terms["statements"] = columns.reshape(*whitened_derivative.shape[:2], -1)
     readings_column = (whitened.weight @ differences[..., None]).reshape(observation_count, -1, 1)
     # A coordinate that was not read has weight zero, so that its columns of the geometry are zero.
@@ -272,18 +272,22 @@ def linearise_readings(
 
 @dataclass(frozen=True, eq=False)
 class StatedLoads:
-    """What is stated of the loads under which the last of the positions were read."""
+    """Statements on the loads under which the last of the positions were read."""
 
     rows: Rows  #: the observations under load, in the order of these positions
     terms: tuple[Term, ...]  #: errors of the loads, each zero within its standard uncertainty
     unloaded: int  #: number of observations of positions without load, which come first
+    compliance: FloatArray  #: (n,) compliances of the joints at which columns are computed [rad/(N·m)]
+    sigma: float = 1.0  #: standard uncertainty of a coordinate of a position, in the unit of the fit
 
-    def build_columns(self, compliance: FloatArray) -> FloatArray:
-        """Return the motion (N, T, 3, K) of all positions by one standard uncertainty of each error [m].
+    @cached_property
+    def columns(self) -> FloatArray:
+        """Motion (N, T, 3, K) of all positions by one standard uncertainty of each error [m].
 
-        Positions without load do not move. `compliance` (n,) are those of the joints [rad/(N·m)].
+        Positions without load do not move.
         """
-        statements = Statements(self.terms, self.rows.measurements.common_uncertainty, compliance, sigma=1.0)
+        common = self.rows.measurements.common_uncertainty
+        statements = Statements(self.terms, common, np.maximum(self.compliance, 0.0), sigma=1.0)
         moved = [each.targets[..., :-1] for each in statements.generate(self.rows, whitened=False)]
         under_load = np.concatenate(moved)
         unmoved = np.zeros((self.unloaded, *under_load.shape[1:]))

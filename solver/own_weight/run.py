@@ -22,14 +22,14 @@ from jointstiff.solver.fit.stages import Likelihood, sigma_test
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import build_messages, point
-from jointstiff.solver.predict.answers import build_stored_model
-from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.result import build_assessment_message, build_joint_results
-from jointstiff.solver.rules import (
+from jointstiff.solver.outcome.result import Numbers, build_run_result
+from jointstiff.solver.outcome.rules import (
     derive_assessment,
     report_implausible_joints,
     report_refuted_noise,
 )
+from jointstiff.solver.predict.answers import build_stored_model
+from jointstiff.solver.predict.models import JointModel
 
 if TYPE_CHECKING:
     from jointstiff.solver.geometry.poses import Poses
@@ -61,8 +61,8 @@ def choose_own_weight_if_unloaded(
         return options
 
 
-def run_by_weight(
-    robot: Robot, measurements: Measurements, options: RunOptions, findings_of_checks: Sequence[Finding] = ()
+def identify_by_weight(
+    robot: Robot, measurements: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
 ) -> RunResult:
     """Identify joint stiffnesses from positions of a robot that sags under its own weight.
 
@@ -70,7 +70,7 @@ def run_by_weight(
         robot: n joints, with bodies.
         measurements: N observations.
         options: options of the run; default options of own weight are used if none are stated.
-        findings_of_checks: findings of the integrity checks of these measurements.
+        noticed: findings of the integrity checks of these measurements.
 
     Raises:
         RequestError: the robot has no bodies, or the set has no positions.
@@ -80,22 +80,14 @@ def run_by_weight(
 
     weight_options = options.weight or OwnWeight()
     readings, observation = _collect_positions(robot, measurements, weight_options)
-    stated = _collect_stated_loads(robot, measurements, len(observation))
-    # Deflections of targets in the flange frame have no absolute position; they are fitted as deflections.
-    in_flange = measurements.present & measurements.in_flange
-    deflections = replace(
-        measurements,
-        present=in_flange,
-        deflection=np.where(in_flange[..., None], measurements.deflection, 0.0),
-    )
     estimate = identify_weight(
         robot,
         readings,
         confidence=options.confidence,
         free_gravity=weight_options.estimate_gravity,
         free_base=not weight_options.rigid_base,
-        loaded=deflections if in_flange.any() else None,
-        stated=stated,
+        loaded=_collect_deflections(measurements),
+        stated=_collect_stated_loads(robot, measurements, len(observation)),
     )
     joints = estimate.joints
     findings = [
@@ -105,6 +97,36 @@ def run_by_weight(
         *report_refuted_noise(measurements, estimate.sigma),
     ]
     assessment = derive_assessment(joints, findings)
+    numbers = _list_numbers(robot, measurements, readings, observation, estimate)
+    warnings = (*noticed, *assessment.remarks)
+    return build_run_result(numbers, assessment, warnings, {"weight": _build_weight_result(estimate)})
+
+
+def _collect_deflections(measurements: Measurements) -> Measurements | None:
+    """Return deflections of targets in the flange frame, which have no absolute position, or None."""
+    in_flange = measurements.present & measurements.in_flange
+    if not in_flange.any():
+        return None
+    deflection = np.where(in_flange[..., None], measurements.deflection, 0.0)
+    return replace(measurements, present=in_flange, deflection=deflection)
+
+
+def _list_numbers(
+    robot: Robot,
+    measurements: Measurements,
+    readings: WeightReadings,
+    observation: IndexArray,
+    estimate: WeightEstimate,
+) -> Numbers:
+    """Return the numbers of a fit by own weight.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        readings: positions that were fitted.
+        observation: (rows,) index of the observation from which each row of the readings comes.
+        estimate: the fit.
+    """
     row, target = np.nonzero(readings.poses.present)
     displacement = estimate.displacement[row, target]
     residual = estimate.residual[row, target]
@@ -112,24 +134,22 @@ def run_by_weight(
         np.linalg.norm(vectors, axis=1) for vectors in (residual, displacement + residual)
     )
     model = None
-    if any(joint.compliance is not None for joint in joints):
+    if any(joint.compliance is not None for joint in estimate.joints):
         model = build_stored_model(_build_model(robot, estimate), _NO_MODEL_ERROR)
-    return RunResult(
-        assessment=build_assessment_message(assessment, joints),
-        joints=list(build_joint_results(assessment, joints)),
+    return Numbers(
+        joints=estimate.joints,
         compensation=float(1.0 - residual_length.mean() / measured_length.mean()),
         rms_residual=float(np.sqrt(np.square(residual_length).mean())),
         sigma=estimate.sigma,
         goodness=_build_goodness(estimate, sigma_is_stated=readings.poses.sigma is not None),
         identifiability=Identifiability(
-            parameters=len(joints),
+            parameters=len(estimate.joints),
             rank=len(estimate.fit.reduced.observed_joints),
             condition_number=None,
             combinations=[],
             stages=[],
         ),
         certificate=greatest_violations([estimate.certificate]),
-        characteristic_length=None,
         complementary_stiffness=runs.ComplementaryStiffness(
             included=True,
             iterations=estimate.fit.steps,
@@ -145,8 +165,6 @@ def run_by_weight(
             residual=residual,
         ),
         model=model,
-        weight=_build_weight_result(estimate),
-        warnings=[*findings_of_checks, *assessment.remarks],
     )
 
 
@@ -222,7 +240,8 @@ def _collect_stated_loads(robot: Robot, measurements: Measurements, count: int) 
     if not (terms and len(under_load)):
         return None
     rows = Rows(robot, measurements[under_load])
-    return StatedLoads(rows, terms, unloaded=count - len(under_load))
+    unloaded = count - len(under_load)
+    return StatedLoads(rows, terms, unloaded, compliance=np.zeros(robot.n))
 
 
 def _build_poses(robot: Robot, measurements: Measurements, unloaded: BoolArray, loaded: BoolArray) -> Poses:

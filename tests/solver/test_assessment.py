@@ -27,7 +27,7 @@ from jointstiff.solver.mechanics.measurements import (
     Instrument,
 )
 from jointstiff.solver.mechanics.robot import JointMap, Robot
-from jointstiff.solver.rules import assess, report_implausible_joints
+from jointstiff.solver.outcome.rules import assess, report_implausible_joints
 from jointstiff.solver.text import stiffness_text, unknowns_text
 
 TRUTH = default_arm().compliances

@@ -39,10 +39,10 @@ from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import build_messages
+from jointstiff.solver.outcome.result import build_assessment_message
+from jointstiff.solver.outcome.rules import assess
 from jointstiff.solver.own_weight.rows import Burden, make_planned_rows_function
-from jointstiff.solver.own_weight.run import run_by_weight
-from jointstiff.solver.result import build_assessment_message
-from jointstiff.solver.rules import assess
+from jointstiff.solver.own_weight.run import identify_by_weight
 
 _LARGEST_RELATIVE_UNCERTAINTY: Final = 0.5
 """Relative uncertainty of a compliance above which the compliance is not used as a nominal value."""
@@ -138,7 +138,7 @@ def _evaluate_campaign_by_weight(
     Raises:
         RequestError: the verdict on the campaign is "do not use".
     """
-    result = run_by_weight(robot, prepared.measurements, RunOptions(weight=weight), prepared.warnings)
+    result = identify_by_weight(robot, prepared.measurements, RunOptions(weight=weight), prepared.warnings)
     _refuse_unaccepted_campaign(result.assessment, request, _TOO_FEW_READINGS)
     return _CampaignSoFar(
         nominal=np.array([joint.compliance or np.nan for joint in result.joints]),

@@ -26,7 +26,7 @@ from jointstiff.solver.geometry.poses import refuse_wrong_units
 from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics.chain import chain_dh_rows
 from jointstiff.solver.mechanics.measurements import EncoderReadings, Instrument
-from jointstiff.solver.rules import report_implausible_joints
+from jointstiff.solver.outcome.rules import report_implausible_joints
 
 DOCUMENT = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
 ROBOT, SET = prepare(DOCUMENT)

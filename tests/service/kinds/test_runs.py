@@ -40,9 +40,9 @@ from jointstiff.solver.choice.held_out import LIMITS, LINKS_ALONE, WEIGHTS, Held
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.fit.effective import EffectiveCompliances
 from jointstiff.solver.fit.estimate import Prediction
+from jointstiff.solver.outcome.found import describe_choice_by_comparison
+from jointstiff.solver.outcome.rules import _report_links
 from jointstiff.solver.predict.answers import build_forward_model
-from jointstiff.solver.result import describe_choice_by_comparison
-from jointstiff.solver.rules import _report_links
 
 VIEW = View(True, UNITS["MNm/rad"])
 OPTIONS = {"elasticity": "joints_and_links", "link_penalty": 1e-3, "cross_validation": {"folds": 3}}

@@ -20,7 +20,7 @@ from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics.block import Motion, Term, fitted_errors, get_whole_block
 from jointstiff.solver.mechanics.terms import PLAY, SHIFT, TERMS
-from jointstiff.solver.rules import report_causes
+from jointstiff.solver.outcome.rules import report_causes
 from jointstiff.solver.run import run
 
 ARM = default_arm()

@@ -56,8 +56,8 @@ from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.stages import sigma_test
 from jointstiff.solver.mechanics.block import regressor_blocks
-from jointstiff.solver.result import build_joint_results
-from jointstiff.solver.rules import Assessment, report_implausible_results
+from jointstiff.solver.outcome.result import build_joint_results
+from jointstiff.solver.outcome.rules import Assessment, report_implausible_results
 
 POSITIVE, FREE = Bounds.positive(6), Bounds.unconstrained(6)
 BOXED = Bounds(np.full(6, 3e-7), np.array([np.inf, 6e-7, 1e-6, 5e-6, 5e-6, 2e-5]))

@@ -17,7 +17,7 @@ from jointstiff.solver.mechanics.block import Term, move_by_torque
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.terms import TERMS
-from jointstiff.solver.result import build_budget_message
+from jointstiff.solver.outcome.result import build_budget_message
 
 ARM, ZERO, UNCERTAINTY = default_arm(), np.array([150.0, -100.0, 80.0]), 20.0
 

@@ -40,7 +40,7 @@ def hung(seed=0, off=(0.0, 0.0, 0.0), **stated):
         angles, force, LOAD_POINT + off, before, after - before, sigma=3e-5, common_uncertainty=common
     )
     terms = list_errors_of_loads(under_load)
-    return readings, StatedLoads(Rows(ROBOT, under_load), terms, POSTURES) if terms else None
+    return readings, StatedLoads(Rows(ROBOT, under_load), terms, POSTURES, np.zeros(6)) if terms else None
 
 
 def pushed(**stated):

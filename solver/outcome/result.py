@@ -1,0 +1,355 @@
+"""Messages of a run's result, filled field by field from what a run found and from its assessment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from jointstiff.schemas import run as runs
+from jointstiff.schemas.finding import Assessment as StatedAssessment
+from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.model import IdentifiedModel
+from jointstiff.schemas.run import RunResult
+from jointstiff.solver.evidence.reliability import LeastMistake
+from jointstiff.solver.evidence.scatter import Repeatability
+from jointstiff.solver.fit.estimate import (
+    ComplementaryStiffness,
+    Estimate,
+    JointCompliance,
+    Prediction,
+    UncertaintyBudget,
+)
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.messages import build_messages, finite_or_none, list_joint_kinds
+from jointstiff.solver.outcome.found import Found
+from jointstiff.solver.outcome.rules import Assessment
+from jointstiff.solver.predict.answers import build_stored_model
+
+MAX_SUSPICIOUS: Final = 100
+"""Greatest number of suspicious readings that a result lists; it counts all of them."""
+_OUTLYING: Final = frozenset({"residual_outlier", "deflection_unexplained"})
+"""Codes of reasons which show that elastic links leave readings unexplained, too."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Numbers:
+    """Numbers that a result of every model shows."""
+
+    joints: tuple[JointCompliance, ...]
+    compensation: float | None
+    rms_residual: float  #: [m]
+    sigma: float | None  #: [m]
+    goodness: runs.Goodness
+    identifiability: runs.Identifiability
+    certificate: runs.Certificate
+    complementary_stiffness: runs.ComplementaryStiffness | None
+    residuals: list[runs.Residual]
+    model: IdentifiedModel | None
+
+
+def build_run_result(
+    numbers: Numbers, assessment: Assessment, warnings: Sequence[Finding], details: Mapping[str, Any]
+) -> RunResult:
+    """Build the message of a run's result.
+
+    Args:
+        numbers: numbers of the fit.
+        assessment: verdict on these numbers, with its reasons.
+        warnings: warnings about the set, then about the fit.
+        details: further fields of the message, which only some models have.
+    """
+    return RunResult(
+        assessment=build_assessment_message(assessment, numbers.joints),
+        joints=list(build_joint_results(assessment, numbers.joints)),
+        compensation=numbers.compensation,
+        rms_residual=numbers.rms_residual,
+        sigma=numbers.sigma,
+        goodness=numbers.goodness,
+        identifiability=numbers.identifiability,
+        certificate=numbers.certificate,
+        complementary_stiffness=numbers.complementary_stiffness,
+        residuals=numbers.residuals,
+        model=numbers.model,
+        warnings=list(warnings),
+        **({"characteristic_length": None} | dict(details)),
+    )
+
+
+def describe_found(
+    found: Found,
+    assessment: Assessment,
+    noticed: Sequence[Finding],
+    advice: Sequence[runs.Advice] = (),
+    resampling: runs.ResamplingResult | None = None,
+) -> RunResult:
+    """Build the message of the result of a run with loads.
+
+    Args:
+        found: fitted model with its evidence.
+        assessment: verdict on the model, with its reasons.
+        noticed: findings of the integrity checks of the measurements.
+        advice: further readings that would reduce the uncertainties most.
+        resampling: statistics of resampled fits; None without resampling.
+    """
+    estimate, measurements = found.estimate, found.rows.measurements
+    prediction = assessment.drop_meaningless_numbers(found.prediction)
+    names = [joint.name for joint in estimate.joints]
+    numbers = Numbers(
+        joints=estimate.joints,
+        compensation=prediction.compensation,
+        rms_residual=prediction.rms_residual,
+        sigma=estimate.sigma,
+        goodness=_build_goodness(estimate, Repeatability.from_rows(found.rows, estimate.sigma)),
+        identifiability=_build_identifiability(estimate, advice),
+        certificate=estimate.certificate,
+        complementary_stiffness=_build_complementary_stiffness(estimate.complementary_stiffness),
+        residuals=_build_residuals(prediction, measurements),
+        model=build_stored_model(found.predictor, found.model_error),
+    )
+    contributions: list[runs.Contribution] = []
+    if prediction.contributions is not None:
+        contributions = build_messages(runs.Contribution, joint=names, **vars(prediction.contributions))
+    robust = estimate.robust
+    details = {
+        "joint_kinds": list_joint_kinds(names, [joint.kind for joint in estimate.joints]),
+        "characteristic_length": estimate.characteristic_length,
+        "huber_threshold": None if robust is None else robust.threshold,
+        "suspicious": list_suspicious_readings(estimate, measurements),
+        "suspicious_count": 0 if robust is None else len(robust.suspicious),
+        "resampling": resampling,
+        "links": found.links,
+        "choice": found.choice,
+        "causes": list(_add_least_mistakes(found.screening.tests, found.unseen)),
+        "contributions": contributions,
+        "encoder_residuals": _build_encoder_residuals(prediction, measurements, names),
+        "budget": build_budget_message(found.budget, names, assessment.reasons),
+    }
+    warnings = (*_list_warnings(found, assessment, noticed), *assessment.remarks, *found.remarks)
+    return build_run_result(numbers, assessment, warnings, details)
+
+
+def _list_warnings(found: Found, assessment: Assessment, noticed: Sequence[Finding]) -> list[Finding]:
+    """Return the findings of the integrity checks that the fitted model leaves.
+
+    Outliers of joints alone are kept only if links leave these readings unexplained, too.
+    """
+    if found.links is None or any(reason.code in _OUTLYING for reason in assessment.reasons):
+        return list(noticed)
+    return [each for each in noticed if each.code != "residual_outlier"]
+
+
+def _add_least_mistakes(
+    tests: Iterable[runs.CauseTest], mistakes: Sequence[LeastMistake]
+) -> Iterator[runs.CauseTest]:
+    """Yield the tests of causes with the least mistakes that they find."""
+    by_name = {each.name: each for each in mistakes}
+    for test in tests:
+        least = by_name.get(test.name) if test.first is None else None
+        if least is None:
+            yield test
+        else:
+            found = {"least_found": least.size, "unit": least.unit, "joint": least.joint}
+            yield test.model_copy(update=found | {"moves": least.moves})
+
+
+def build_joint_results(
+    assessment: Assessment, joints: Sequence[JointCompliance]
+) -> Iterator[runs.JointResult]:
+    """Yield the message of each joint's result.
+
+    If the assessment says not to use the result, the reason does not state the lower limit of the stiffness.
+    """
+    for joint, verdict in zip(joints, assessment.joints, strict=True):
+        reason = joint.reason
+        if reason is not None and assessment.verdict == "do_not_use":
+            reason = reason.removeprefix(joint.limit)  # the reason begins with the limit in words
+        yield runs.JointResult(
+            name=joint.name,
+            kind=joint.kind,
+            status=joint.status,
+            verdict=verdict,
+            compliance=joint.compliance,
+            stiffness=joint.stiffness,
+            standard_uncertainty=joint.standard_uncertainty,
+            compliance_interval=joint.compliance_interval,
+            stiffness_interval=joint.stiffness_interval,
+            stiffness_at_least=joint.stiffness_at_least,
+            prior_to_data=finite_or_none(joint.prior_to_data),
+            reason=reason,
+        )
+
+
+def build_assessment_message(assessment: Assessment, joints: Sequence[JointCompliance]) -> StatedAssessment:
+    """Convert an assessment to a message: verdict, reasons, notes, and the number of identified joints."""
+    return StatedAssessment(
+        verdict=assessment.verdict,
+        reasons=list(assessment.reasons),
+        joints_identified=runs.count_identified_joints(joints),
+        joint_count=len(joints),
+        notes=list(assessment.notes),
+    )
+
+
+def _build_goodness(estimate: Estimate, repeatability: Repeatability | None) -> runs.Goodness:
+    """Build the message of the goodness of fit: χ², its degrees of freedom, test of sigma, repeatability."""
+    test = estimate.sigma_test
+    return runs.Goodness(
+        chi_square=estimate.chi_square,
+        degrees_of_freedom=estimate.degrees_of_freedom,
+        sigma_source=estimate.sigma_source,
+        p_value=None if test is None else test.p_value,
+        test=None if test is None else test.result,
+        repeatability=None if repeatability is None else repeatability.joint,
+        repeatability_at_targets=None if repeatability is None else repeatability.targets,
+        repeatability_source=None if repeatability is None else repeatability.source,
+    )
+
+
+def _build_identifiability(estimate: Estimate, advice: Sequence[runs.Advice]) -> runs.Identifiability:
+    """Build the message that states how well the readings determine the parameters, with advice."""
+    return runs.Identifiability(
+        parameters=estimate.parameters,
+        rank=estimate.rank,
+        condition_number=finite_or_none(estimate.condition_number),
+        combinations=estimate.combinations,
+        observability=estimate.observability_indices,
+        advice=list(advice),
+        weakest=estimate.weakest,
+        stages=[
+            runs.StageIdentifiability(
+                rank=stage.rank,
+                condition_number=finite_or_none(stage.condition_number),
+                singular_values=stage.singular_values.tolist(),
+            )
+            for stage in estimate.identifiability
+        ],
+    )
+
+
+def _build_complementary_stiffness(size: ComplementaryStiffness | None) -> runs.ComplementaryStiffness | None:
+    """Build the message of the size of the complementary stiffness K_c; None if the size is unknown."""
+    if size is None:
+        return None
+    return runs.ComplementaryStiffness(
+        included=size.included,
+        iterations=size.iterations,
+        largest_ratio=size.largest_ratio,
+        largest_shift=finite_or_none(size.largest_shift),
+    )
+
+
+def _build_residuals(prediction: Prediction, measurements: Measurements) -> list[runs.Residual]:
+    """Build one message for each reading: measured and predicted deflection, and their difference."""
+    i, t = np.nonzero(measurements.present)
+    return build_messages(
+        runs.Residual,
+        observation=np.array(measurements.labels)[i],
+        target=np.array(measurements.targets)[t],
+        deflection=measurements.deflection[i, t],
+        predicted=prediction.predicted[i, t],
+        residual=prediction.residual[i, t],
+    )
+
+
+def _build_encoder_residuals(
+    prediction: Prediction, measurements: Measurements, names: Sequence[str]
+) -> list[runs.EncoderResidual]:
+    """Build one message for each encoder reading: measured and predicted deflection of the joint.
+
+    The list is empty if no encoder was read.
+    """
+    encoders = measurements.encoders
+    if encoders is None or prediction.encoders is None:
+        return []
+    i, j = np.nonzero(encoders.present)
+    measured, predicted = encoders.deflection[i, j], prediction.encoders[i, j]
+    return build_messages(
+        runs.EncoderResidual,
+        observation=np.array(measurements.labels)[i],
+        joint=np.array(names)[j],
+        deflection=measured,
+        predicted=predicted,
+        residual=measured - predicted,
+    )
+
+
+def list_suspicious_readings(estimate: Estimate, measurements: Measurements) -> list[runs.SuspiciousReading]:
+    """Build messages of readings with low weight in the Huber loss: at most `MAX_SUSPICIOUS`, worst first.
+
+    The list is empty for a fit with the squared loss.
+    """
+    robust = estimate.robust
+    if robust is None:
+        return []
+    i, t = robust.suspicious[:MAX_SUSPICIOUS].T
+    return build_messages(
+        runs.SuspiciousReading,
+        observation=np.array(measurements.labels)[i],
+        target=np.array(measurements.targets)[t],
+        weight=robust.weight[i, t],
+        residual_norm=robust.residual_norm[i, t],
+    )
+
+
+_LACK_OF_FIT: Final = {
+    "lack_of_fit",
+    "links_bend_with_joints",
+    "base_bends",
+    "links_or_base",
+    "residuals_exceed_sigma",
+    "deflection_unexplained",
+    "alternative_explains_better",
+}
+"""Codes of reasons which show that more than the joints bends, or that the model does not fit."""
+
+
+def build_budget_message(
+    budget: UncertaintyBudget | None, names: Sequence[str], reasons: Iterable[Finding]
+) -> runs.Budget | None:
+    """Build the message of the uncertainty budget of all joints that have an estimate.
+
+    Args:
+        budget: contributions to the uncertainties; None gives None.
+        names: names of all joints.
+        reasons: reasons of the assessment; some of them show a lack of fit, which is not in the budget.
+    """
+    if budget is None:
+        return None
+    estimated, factor = budget.joints, budget.coverage_factor
+    # The rows of the spread are the components, the sum of the included components, and the sum of all.
+    spread = budget.spread
+    lack_of_fit = any(each.code in _LACK_OF_FIT or each.weight == "do_not_use" for each in reasons)
+    uncertainty = spread.uncertainty[:, estimated]
+    correlation = spread.correlation[:, estimated][..., estimated]
+    missing: list[runs.BudgetGap] = []  # contributions that the budget does not include
+    if all(part.source != "model_error" for part in budget.components):
+        missing.append("model_error")
+    if lack_of_fit:
+        missing.append("lack_of_fit")
+    return runs.Budget(
+        joints=[names[j] for j in estimated],
+        components=[
+            runs.BudgetComponent(
+                source=part.source,
+                evaluation=part.evaluation,
+                included=part.included,
+                degrees_of_freedom=finite_or_none(part.degrees_of_freedom),
+                contributions=contributions.tolist(),
+                correlation=correlations.tolist(),
+                responses=None if part.responses is None else part.responses[estimated].tolist(),
+            )
+            for part, contributions, correlations in zip(
+                budget.components, uncertainty[:-2], correlation[:-2], strict=True
+            )
+        ],
+        standard_uncertainty=uncertainty[-2].tolist(),
+        correlation=correlation[-2].tolist(),
+        probability=budget.probability,
+        coverage_factor=factor,
+        expanded_uncertainty=(factor * uncertainty[-2]).tolist(),
+        missing=missing,
+        expanded_with_model_error=(factor * uncertainty[-1]).tolist(),
+    )
