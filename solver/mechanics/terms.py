@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
@@ -316,11 +316,20 @@ def _shift_and_turn_readings(pivot: FloatArray, block: RegressorBlock, complianc
 
 
 def build_turn_term(pivot: FloatArray) -> Term:
-    """Return the term of a shift of all readings under load, and a turn about a pivot (3,) in R0 [m]."""
+    """Return the term of a shift of all readings under load, and a turn about a pivot (3,) in R0 [m].
+
+    The same pivot gives the same term, so that kept columns are found again.
+    """
+    return _build_turn_term(tuple(pivot.tolist()))
+
+
+@lru_cache(maxsize=32)
+def _build_turn_term(pivot: tuple[float, ...]) -> Term:
+    """Return the term of a shift and a turn about a pivot in R0 [m]; terms of the last pivots are kept."""
     return Term(
         "turn",
         "m, rad",
-        partial(_shift_and_turn_readings, pivot),
+        partial(_shift_and_turn_readings, np.array(pivot)),
         suspected=True,
         words="a shift and turn of all readings under load by {}",
         remedy=_READ_AGAIN,
