@@ -8,7 +8,7 @@ uncertainties, intervals and verdicts.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -76,37 +76,93 @@ def identify(rows: Rows, settings: Settings) -> Estimate:
         SolverError: optimality could not be certified, or the load has no balance with K_c.
     """
     refuse_unsupported(rows, settings)
-    rows = rows.at(None)
-    observability = _require_observable(Excitation.of(rows))
-    length = _find_length(rows, settings, observability)
-    method = Method(rows.robot, settings, length)
-    stated_terms = _list_fitted_statements(rows.measurements, settings, method)
-    problem = _Problem(rows, settings, method, observability, stated_terms)
+    problem = _state_problem(rows.at(None), settings)
     first = problem.fit_once()
-    last, iterations, statements_dropped = first, 0, None
-    if stated_terms:
+    settled = _settle(problem, first)
+    estimate = _build_estimate(settled.problem, settled.problem.certify(settled.last))
+    effect = _describe_complementary_stiffness(settled, first, estimate)
+    return replace(
+        estimate,
+        characteristic_length=problem.method.characteristic_length,
+        complementary_stiffness=effect,
+        statements_dropped=settled.statements_dropped,
+    )
+
+
+def _state_problem(rows: Rows, settings: Settings) -> _Problem:
+    """Return the problem of a fit: method, observability, and the statements to be fitted with the joints.
+
+    Raises:
+        NotObservableError: the readings determine no joint.
+    """
+    observability = _require_observable(Excitation.of(rows))
+    method = Method(rows.robot, settings, _find_length(rows, settings, observability))
+    stated_terms = _list_fitted_statements(rows.measurements, settings, method)
+    return _Problem(rows, settings, method, observability, stated_terms)
+
+
+class _Settled(NamedTuple):
+    """Last of several fits, at which the rows belong to the fitted compliances."""
+
+    problem: _Problem  #: problem of the last fit: without statements if the readings contradict them
+    last: _Pass
+    iterations: int  #: number of fits after the first
+    statements_dropped: str | None = None  #: why statements were dropped; None if they were not
+
+
+def _settle(problem: _Problem, first: _Pass) -> _Settled:
+    """Repeat the fit until the rows belong to the fitted compliances.
+
+    Rows depend on the compliances by the complementary stiffness K_c, which bends the robot, and by columns
+    of statements. If the readings contradict the statements, these are dropped: their errors are propagated
+    after the fit instead.
+
+    Args:
+        problem: observations, settings and statements.
+        first: fit without K_c and statements.
+
+    Raises:
+        SolverError: the load has no balance with K_c, or the compliances do not come to rest.
+    """
+    statements_dropped = None
+    if problem.stated_terms:
         try:
             last, iterations = _iterate_to_rest(problem, first)
             _refuse_contradicted(last)
-        except SolverError as error:  # the readings contradict a statement: its error is propagated instead
-            problem, last, statements_dropped = replace(problem, stated_terms=()), first, error.reason
-    if settings.complementary_stiffness and not problem.stated_terms:
+            return _Settled(problem, last, iterations)
+        except SolverError as error:
+            problem, statements_dropped = replace(problem, stated_terms=()), error.reason
+    last, iterations = first, 0
+    if problem.settings.complementary_stiffness:
         last, iterations = _iterate_to_rest(problem, first)
-    estimate = replace(_build_estimate(problem, problem.certify(last)), characteristic_length=length)
-    if settings.complementary_stiffness and not problem.stated_terms:
-        shift: FloatArray | None = last.fit.compliance - first.fit.compliance
+    return _Settled(problem, last, iterations, statements_dropped)
+
+
+def _describe_complementary_stiffness(
+    settled: _Settled, first: _Pass, estimate: Estimate
+) -> ComplementaryStiffness:
+    """Return the effect of the complementary stiffness K_c on a fit.
+
+    Args:
+        settled: last fit.
+        first: fit without K_c and statements.
+        estimate: estimate from the last fit.
+    """
+    problem = settled.problem
+    is_included = problem.settings.complementary_stiffness
+    if is_included and not problem.stated_terms:
+        shift = settled.last.fit.compliance - first.fit.compliance
     else:
         shift = _estimate_neglected_shift(problem, first, estimate.sigma)
     estimated = estimate.estimated
-    stiffness_ratios = np.abs(estimate.compliance)[:, None] * _find_largest_stiffness(rows)
-    effect = ComplementaryStiffness(
-        included=settings.complementary_stiffness,
-        iterations=iterations if settings.complementary_stiffness else 0,
+    stiffness_ratios = np.abs(estimate.compliance)[:, None] * _find_largest_stiffness(problem.rows)
+    return ComplementaryStiffness(
+        included=is_included,
+        iterations=settled.iterations if is_included else 0,
         largest_ratio=float(stiffness_ratios[np.ix_(estimated, estimated)].max(initial=0.0)),
         largest_shift=_find_largest_standardised_shift(shift, estimate),
         shift=shift,
     )
-    return replace(estimate, complementary_stiffness=effect, statements_dropped=statements_dropped)
 
 
 def _find_length(rows: Rows, settings: Settings, observability: Observability) -> float | None:

@@ -184,6 +184,7 @@ class Method:
         joints = np.arange(robot.n)
         self.joint_names, self.joint_kinds = robot.joint_names, robot.joint_kinds
         self.name, self.weighting = settings.method, settings.weighting
+        self.characteristic_length = length
         self.length = 1.0 if settings.weighting == "uniform" else length
         self.stages: tuple[Stage, ...] = (Stage(joints, joints[:0]),)
         if settings.method == "decoupled_partial_pose":

@@ -170,21 +170,23 @@ class _PartBuilder:
         self._keeps_targets = int(self._measurements.present.sum()) <= MOST_TARGETS
 
     def add(self, whitened: BlockRows, start: int, stop: int) -> None:
-        """Add the rows of those observations from `start` to `stop` that belong to the part."""
+        """Add the whitened rows of those observations from `start` to `stop` that belong to the part."""
         in_part = select_rows_of_part(self._part, start, stop)
-        targets, measurements = whitened.targets[in_part], whitened.block.measurements
-        width = targets.shape[-1]
-        self._factors.append(compute_triangular_factor(whitened.flat[in_part].reshape(-1, width)))
+        targets, block = whitened.targets[in_part], whitened.block
+        all_rows = whitened.flat[in_part].reshape(-1, targets.shape[-1])
+        self._factors.append(compute_triangular_factor(all_rows))
         self._readings += int(whitened.read[in_part].sum())
-        self._lever += np.square(whitened.block.frames[2]).sum(axis=2)[in_part].sum(axis=0)
-        kept = targets[measurements.present[in_part]]
-        self._targets.append(kept if self._keeps_targets else kept[:0])
+        if self._keeps_targets:
+            self._targets.append(targets[block.measurements.present[in_part]])
+        _, _, to_load_point = block.frames  # (B, n + 1, 3) from the origin of each frame [m]
+        self._lever += np.square(to_load_point[in_part]).sum(axis=(0, 2))
 
     def build(self, statements: Statements, columns: Columns) -> Part:
         """Return the part."""
-        measurements, width = self._measurements, self._targets[0].shape[-1]
+        measurements, factors = self._measurements, np.concatenate(self._factors)
+        width = factors.shape[1]
         triangle = Triangle(unknowns=width - 1)
-        triangle.add(np.concatenate(self._factors))
+        triangle.add(factors)
         size = Size(
             configurations=len(measurements),
             readings=self._readings,
@@ -194,7 +196,8 @@ class _PartBuilder:
             lever=self._lever,
             deflection=float(np.square(measurements.deflection).sum()),
         )
-        return Part(triangle.R, size, np.concatenate(self._targets), statements, columns.width)
+        targets = np.concatenate([np.zeros((0, 3, width)), *self._targets])
+        return Part(triangle.R, size, targets, statements, columns.width)
 
 
 def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:

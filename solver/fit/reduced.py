@@ -117,10 +117,18 @@ class Reduced:
 
     @cached_property
     def norms(self) -> NormSum:
-        """Sum of the norms of the targets' residuals, as all robust losses and penalties use it."""
-        targets, total, P = self.part.targets, self.total, self.part.compliances
-        A, B = targets[..., self.columns] * (self.unit / total), targets[..., P:-1] / total
-        return NormSum(A, targets[..., -1] / total, self.cone, B, self.part.statements.sigma / total)
+        """Sum ``Σ ρ(‖A_i x + B_i v − d_i‖)`` over the targets i, which fits with any penalty share.
+
+        x are the parameters, v the stated errors; all lengths are in units of `total`.
+        """
+        rows = self.part.targets / self.total
+        return NormSum(
+            A=rows[..., self.columns] * self.unit,
+            d=rows[..., -1],
+            cone=self.cone,
+            B=rows[..., self.part.compliances : -1],
+            statement=self.part.statements.sigma / self.total,
+        )
 
     def state(self, weight: float) -> SemidefiniteProgram:
         """Return the program of squared residuals for a weight λ of the penalty."""
