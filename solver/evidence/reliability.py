@@ -85,16 +85,27 @@ class _Ellipsoid:
     rows: FloatArray  # (r, k) root of M: eᵀ M e = ‖rows e‖²
     positive: bool  # whether all unknowns are positive or zero
 
-    def find_worst(self, response: FloatArray) -> FloatArray:
-        """Return the mistake (k,) within the ellipsoid that moves the compliance of a joint most.
+    def list_worst(self, responses: FloatArray) -> FloatArray:
+        """Return for each joint the mistake (q, k) within the ellipsoid that moves its compliance most.
 
-        `response` (k,) is the change of the joint's compliance per unit of each unknown of the mistake.
+        `responses` (q, k) are the changes of q joints' compliances per unit of each unknown of the mistake.
         """
-        axes, length = self._axes, self._axes.length
-        target = axes.U @ ((axes.Vt @ (response / length)) / axes.singular_values)
-        if not self.positive:
-            worst = axes.Vt.T @ ((axes.U.T @ target) / axes.singular_values) / length
-            return np.asarray(worst / max(float(np.linalg.norm(target)), np.finfo(float).tiny))
+        axes = self._axes
+        targets = (responses / axes.length) @ axes.Vt.T / axes.singular_values @ axes.U.T
+        if self.positive:
+            pairs = zip(responses, targets, strict=True)
+            return np.array([self._find_worst_positive(response, target) for response, target in pairs])
+        worst = targets @ axes.U / axes.singular_values @ axes.Vt / axes.length
+        sizes = np.linalg.norm(targets, axis=1, keepdims=True)
+        return np.asarray(worst / np.maximum(sizes, np.finfo(float).tiny))
+
+    def _find_worst_positive(self, response: FloatArray, target: FloatArray) -> FloatArray:
+        """Return the mistake (k,) of positive unknowns that moves the compliance of a joint most.
+
+        Args:
+            response: (k,) change of the joint's compliance per unit of each unknown.
+            target: (r,) `response` in coordinates in which the ellipsoid is a ball.
+        """
         mistakes = [solve_nonnegative(self.rows, sign * target)[0] for sign in (1.0, -1.0)]
         sizes = [float(np.linalg.norm(self.rows @ each)) for each in mistakes]
         mistakes = [each / size if size > 0.0 else each for each, size in zip(mistakes, sizes, strict=True)]
@@ -142,17 +153,17 @@ class _Remaining:
         )
         return cls(remaining_columns.reshape(*stack.rows.shape[:2], -1), largest_mistake)
 
-    def enlarge(self, mistake: FloatArray) -> FloatArray:
-        """Return a mistake (k,) enlarged so that it shows even without the observation that it moves most.
+    def enlarge(self, mistakes: FloatArray) -> FloatArray:
+        """Return mistakes (q, k) enlarged so that each shows even without the observation that it moves most.
 
-        The mistake stays below the largest plausible size.
+        A mistake stays below the largest plausible size.
         """
-        squares = np.square(self.columns @ mistake).sum(axis=1)
-        remaining_share = 1.0 - squares.max() / max(float(squares.sum()), np.finfo(float).tiny)
-        length = float(np.linalg.norm(mistake))
-        limit = self.largest / length if length > 0.0 else 1.0
-        factor = min(1.0 / np.sqrt(max(remaining_share, np.finfo(float).eps)), limit)
-        return np.asarray(factor * mistake)
+        squares = np.square(self.columns @ mistakes.T).sum(axis=1)  # (N, q)
+        remaining_share = 1.0 - squares.max(axis=0) / np.maximum(squares.sum(axis=0), np.finfo(float).tiny)
+        length = np.linalg.norm(mistakes, axis=1)
+        limit = np.where(length > 0.0, self.largest / np.where(length > 0.0, length, 1.0), 1.0)
+        factor = np.minimum(1.0 / np.sqrt(np.maximum(remaining_share, np.finfo(float).eps)), limit)
+        return np.asarray(factor[:, None] * mistakes)
 
 
 def find_least_mistakes(
@@ -195,7 +206,7 @@ def find_least_mistakes(
     fitted_columns = np.concatenate([visible, *(stack.span[name] for name in fitted_term_names)])
     fitted_basis = orthonormal_basis(unit_columns(stack.flat[:, fitted_columns])[0])
     force = float(np.linalg.norm(tested.measurements.force, axis=1).max())
-    uncertainty = [joint.standard_uncertainty or np.inf for joint in estimate.joints]
+    uncertainty = np.array([joint.standard_uncertainty or np.inf for joint in estimate.joints])
     # A mistake moves a large set as it moves the part, whose tests are the tests of the set.
     common_uncertainty = measurements.common_uncertainty
     level = MISTAKE_LEVEL / suspects
@@ -213,13 +224,14 @@ def find_least_mistakes(
         )
         # Of all mistakes that the tests do not find, the mistake that moves a joint by most uncertainties
         uncertainties_moved, moved_joint, mistake = 0.0, 0, np.zeros(0)
-        for joint in determined_joints:
-            response = responses[name][joint]
-            for ellipsoid in ellipsoids:
-                candidate = remaining.enlarge(ellipsoid.find_worst(response))
-                moved = abs(float(response @ candidate)) / uncertainty[joint]
-                if moved > uncertainties_moved:
-                    uncertainties_moved, moved_joint, mistake = moved, joint, candidate
+        response = responses[name][determined_joints]
+        for ellipsoid in ellipsoids:
+            candidates = remaining.enlarge(ellipsoid.list_worst(response))
+            moved = np.abs((response * candidates).sum(axis=1)) / uncertainty[determined_joints]
+            most = int(moved.argmax())
+            if moved[most] > uncertainties_moved:
+                uncertainties_moved, moved_joint = float(moved[most]), determined_joints[most]
+                mistake = candidates[most]
         if uncertainties_moved > 0.0:
             is_turn = term.unit == "m, rad"
             mistakes.append(

@@ -17,6 +17,7 @@ from jointstiff.solver.fit.triangle import (
     INDEPENDENT,
     orthonormal_basis,
     stack_padded,
+    unit_columns,
 )
 from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -100,13 +101,13 @@ def list_suspects(
             for first in known_firsts
         ]
     else:  # fit each term with each observation as the onset, to find the best onset
-        names = list_shown_terms(tested, compliance, always_fitted, terms_of_set)
-        suspects = [each for each in suspects if each.name in names]
+        fitted_names = [term.name for term in (JOINTS, *always_fitted)]
+        others = [term for term in (*terms_of_set, FORCE_SCALE) if term.name not in fitted_names]
+        stack = tested.stack([JOINTS, *always_fitted, *others], compliance)
+        shown = list_shown_terms(stack, fitted_names, [term.name for term in terms_of_set])
+        suspects = [each for each in suspects if each.name in shown]
         terms = [*(each.term for each in suspects), FORCE_SCALE]
-        stack = tested.stack([JOINTS, *always_fitted, *terms], compliance)
-        fits = _OnsetFits(
-            stack, [term.name for term in terms], [term.name for term in (JOINTS, *always_fitted)]
-        )
+        fits = _OnsetFits(stack, [term.name for term in terms], fitted_names)
         least_p_values = fits.compute_p_values_without_best_observation(np.zeros(len(terms), np.intp))
         suspects = [
             replace(each, least_p=p) for each, p in zip(suspects, least_p_values.tolist(), strict=False)
@@ -127,32 +128,28 @@ def list_suspects(
     return [suspect for suspect in suspects if suspect.term.name not in {term.name for term in always_fitted}]
 
 
-def list_shown_terms(
-    tested: Rows, compliance: FloatArray, fitted_terms: Sequence[Term], terms: Sequence[Term]
-) -> list[str]:
+def list_shown_terms(stack: Stack, fitted: Sequence[str], names: Sequence[str]) -> list[str]:
     """Return the names of the terms that the readings of a set can show.
 
     The readings show a term if its motion differs from that of the joints and of the other fitted terms.
     A term that no reading shows is not tested: its test would cost the level of all others.
 
     Args:
-        tested: the observations.
-        compliance: (n,) compliances of the joints [rad/(N·m)].
-        fitted_terms: terms that are fitted in any case; none of these is returned.
-        terms: terms of interest.
+        stack: rows of the observations.
+        fitted: names of the joints and of terms that are fitted in any case; none of these is returned.
+        names: names of the terms of interest.
     """
-    fitted = [JOINTS, *fitted_terms]
-    names = []
-    for term in terms:
-        if any(term.name == each.name for each in fitted_terms):
+    fitted_columns = np.concatenate([stack.span[name] for name in fitted])
+    basis = orthonormal_basis(unit_columns(stack.flat[:, fitted_columns])[0])
+    shown = []
+    for name in names:
+        if name in fitted:
             continue
-        stack = tested.stack([*fitted, term], compliance)
-        length = np.linalg.norm(stack.flat[:, stack.span[term.name]], axis=0)
-        stack = stack.project_out([t.name for t in fitted])
-        remaining_columns = stack.flat[:, :-1] / np.where(length > 0.0, length, 1.0)
+        columns = unit_columns(stack.flat[:, stack.span[name]])[0]
+        remaining_columns = columns - basis @ (basis.T @ columns)
         if np.linalg.norm(remaining_columns, ord=2) > DISTINCT:
-            names.append(term.name)
-    return names
+            shown.append(name)
+    return shown
 
 
 def group_distinct_loads(measurements: Measurements) -> tuple[tuple[str, ...], ...]:
