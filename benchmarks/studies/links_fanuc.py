@@ -127,7 +127,7 @@ def _best_loss(folds: Folds, name: ModelName, losses: Sequence[Loss]) -> tuple[F
     _, path, model = min(chosen, key=lambda each: each[0])
     if name == "joints":
         form = folds.reduce_training_rows(model)
-        return form.to_compliances(form.fit_joints_only()), None
+        return form.fit_joints_only(), None
     path = refine_path(folds, model, path)
     elastic = fit_first_certified(folds, model, path.weights[choose_weight_index(path.errors, "best") :])
     return elastic.entries, elastic
