@@ -118,14 +118,28 @@ def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
     if len(allowed) > 1:
         parts.append(
             Line(
-                f"{len(allowed)} of {len(result.fixed_turns)} fixed turns are within limits and step: "
+                f"{len(allowed)} of {len(result.fixed_turns)} fixed turns are within the limits: "
                 f"{_format_micrometres(min(allowed))} to {_format_micrometres(max(allowed))} µm"
             )
         )
+    if result.needed_speeds:
+        parts.append(Line(_describe_speeds(result)))
     if result.places:
         parts += _place_parts(result)
     parts += [Line(f"set in the controller: {_frame_text(each, result.format)}") for each in result.frames]
     return Report([*parts, *map(Line, result.remarks)])
+
+
+def _describe_speeds(result: ProcessResult) -> str:
+    """Return what the joints need along the path, and along the program as sent."""
+    feed = 0.05 if result.feed is None else result.feed
+    needed = ", ".join(figure(degrees(each), ".3g") for each in result.needed_speeds)
+    text = f"at {figure(1e3 * feed, '.3g')} mm/s the joints need {needed} °/s"
+    for name, shares in (("", result.speed_shares), ("; as sent ", result.sent_speed_shares)):
+        known = [each for each in shares if each is not None]
+        if known:
+            text += f"{name or ', at most '}{figure(100 * max(known), '.3g')} % of their greatest speeds"
+    return text
 
 
 _FRAME_UNITS: Final = {
@@ -298,10 +312,10 @@ PROCESS: Final = Kind[Process, ProcessRequest](
     files=(
         *list_table_files("points", "all points", make_points_sheet),
         *list_table_files(
-            "turns", "turn, deflection before and after, and joints of each point", _choice_sheet("turns")
+            "turns", "turn, deflection before and after, joints and their speeds at each point", _choice_sheet("turns")
         ),
         *list_table_files(
-            "places", "all places that were tried, with their deflection", _choice_sheet("places")
+            "places", "all places that were tried, with their deflection, and why some are not legal", _choice_sheet("places")
         ),
     ),
     examples=_EXAMPLES,

@@ -36,7 +36,7 @@ FORCE = [300.0, 400.0, -1400.0]
 def work(kind, text, **changes):
     robot, run = exact_run()
     files = [compress_file(PROGRAM_FILES[kind], text.encode("latin-1"))]
-    stated = options(kind, spindle=ACROSS, step=60.0) | changes
+    stated = options(kind, spindle=ACROSS, feed=50.0) | changes
     request = ProcessRequest.model_validate({"run_id": "r", "files": files, **stated})
     return ProcessWork(robot, "robot", run, request)
 
@@ -225,7 +225,7 @@ def other_side(monkeypatch):
 @pytest.mark.usefixtures("other_side")
 def test_words_of_a_free_branch_are_those_of_the_joints_that_are_meant():
     text = with_words(program("krl"), path(8))
-    result = processed("krl", text, branches="free", turn=[-20.0, 20.0], step=90.0)
+    result = processed("krl", text, branches="free", turn=[-20.0, 20.0])
     joints = commanded(result)
     assert (np.sign(joints[:, 4]) != np.sign(path(8)[:, 4])).all(), "a wrist is on its other side"
     content = decompress_file(result.files[0]).decode()
@@ -245,7 +245,7 @@ def test_branches_that_the_words_cannot_state_are_not_written(monkeypatch):
     elbow = iter([np.zeros(8, dtype=np.intp), np.full(8, 2, dtype=np.intp)])
     monkeypatch.setattr("jointstiff.service.kinds.process.work.find_branches", lambda *_: next(elbow))
     text = with_words(program("krl"), path(8))
-    other_elbow = processed("krl", text, branches="free", turn=[-20.0, 20.0], step=90.0)
+    other_elbow = processed("krl", text, branches="free", turn=[-20.0, 20.0])
     assert other_elbow.files == []
     assert "cannot be rewritten for the chosen side of shoulder, elbow or wrist" in other_elbow.remarks[0]
 
