@@ -39,6 +39,8 @@ _FARTHEST: Final = 1.2
 _SETTLED: Final = float(np.radians(0.1))
 """Greatest change of a turn after which no further round is needed [rad]."""
 _LEAST_CURVATURE: Final = 0.05
+_AT_END: Final = 1e-6
+"""Distance of a turn from the end of its range that is the tolerance of a program [rad]."""
 _CLEARANCE_ROOM: Final = 1.05
 """Least singular value in a program, relative to the clearance."""
 _NEAR: Final = 4.0
@@ -99,7 +101,6 @@ class TurnSmoother:
         from jointstiff.solver.estimation.convex import solve_turns
 
         places = self._places
-        start = turn.copy()
         here = self._interpolate(turn)
         q, reached = self.inverse.refine(places.turn(np.arange(len(places)), here), self._between(angles))
         if not reached.all():
@@ -128,7 +129,13 @@ class TurnSmoother:
         if not found:
             return None
         shift = self._at_points(q - self._between(angles))
-        return SmoothTurn(turn, angles + shift) if np.isfinite(turn).all() else SmoothTurn(start, angles)
+        return SmoothTurn(self._snap(turn), angles + shift)
+
+    def _snap(self, turn: FloatArray) -> FloatArray:
+        """Return turns (m,) whose ends of the range are exact: a program's tolerance misses them."""
+        for end in self.range or ():
+            turn = np.where(np.abs(turn - end) < _AT_END, end, turn)
+        return turn
 
     @cached_property
     def _lines(self) -> tuple[IndexArray, FloatArray]:

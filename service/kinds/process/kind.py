@@ -268,6 +268,8 @@ def make_charts(result: ProcessResult) -> list[Chart]:
     return [Chart("Deflection at fixed turns", names, series, 1e6, "µm", "turns", quantity="deflection")]
 
 
+OF_GRID: Final = "of grid"
+"""Column of the table of places: whether the place is one of the grid."""
 _AREA: Final = ("x [m]", "y [m]", "deflection [m]")
 
 
@@ -277,7 +279,11 @@ def make_area_map(sheet: Sheet) -> Area | None:
     None is returned if no places were searched.
     """
     least: dict[tuple[float, float], float] = {}
-    for x, y, value in zip(*(sheet.columns[name] for name in _AREA), strict=True):
+    columns = [sheet.columns[name] for name in _AREA]
+    of_grid = sheet.columns.get(OF_GRID, [True] * len(columns[0]))
+    for x, y, value, is_of_grid in zip(*columns, of_grid, strict=True):
+        if not is_of_grid:
+            continue
         known = value is not None and isfinite(value)
         place = 1e3 * float(x), 1e3 * float(y)
         least[place] = min(least.get(place, inf), float(value) if known else inf)

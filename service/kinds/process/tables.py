@@ -8,11 +8,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from jointstiff.service.kinds.process.kind import OF_GRID
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
 
 WAYS: Final = ("before", "turned", "remaining")
 """Columns of deflections in the table of turns."""
+_LEGAL: Final = "legal, or why not"
 _JOINT_UNIT: Final = 1e-6
 """Unit in which joints are stored [deg]: at a reach of 3 m it moves the tool by 0.05 µm."""
 _LENGTH_DECIMALS: Final = 7
@@ -25,6 +27,7 @@ def pack_choice(
     joints: Mapping[str, FloatArray],
     places: FloatArray,
     remarks: Sequence[str],
+    of_grid: int,
     speeds: FloatArray,
 ) -> bytes:
     """Return the tables of turns and places as bytes that `turns_sheet` and `places_sheet` read.
@@ -36,6 +39,7 @@ def pack_choice(
         joints: joints of the arm (m, 6) [rad] by the end of their headers.
         places: (P, 5) places that were tried: position [m], turn [rad], deflection [m].
         remarks: P remarks on these places.
+        of_grid: number of the places that are those of the grid, in its order; the others come behind.
         speeds: parts (m, 6) of the greatest speeds of the arm's joints; NaN if unknown.
     """
     unknown = np.full(len(turn), np.nan), *np.full((2, len(turn), 2), np.nan)
@@ -56,6 +60,7 @@ def pack_choice(
         joint_headers=np.array("|".join(f"J{j}{suffix} [deg]" for suffix in joints for j in range(1, 7))),
         places=places.astype(np.float32),
         remarks=np.array("|".join(remarks)),
+        of_grid=np.array(of_grid),
         speeds=speeds.astype(np.float32),
     )
     return content.getvalue()
@@ -87,5 +92,7 @@ def places_sheet(content: bytes) -> Sheet:
         "deflection [m]": places[:, 4],
     }
     if "remarks" in stored:  # older results have none
-        columns["legal, or why not"] = str(stored["remarks"]).split("|") if len(places) else []
-    return Sheet(columns, digits=".7g")
+        is_of_grid = np.arange(len(places)) < int(stored["of_grid"])
+        columns[OF_GRID] = is_of_grid.astype(np.float64)
+        columns[_LEGAL] = str(stored["remarks"]).split("|") if len(places) else []
+    return Sheet(columns, texts=frozenset({_LEGAL}), digits=".7g")

@@ -648,8 +648,8 @@ class ProcessWork(ProgramWork):
             "fixed_deflections": [None if np.isnan(each) else each for each in fixed.tolist()],
             **self._describe_speeds(),
             "places": self._make_place_messages(placed),
-            "places_tried": len(tried.sizes),
-            "places_reached": int(np.isfinite(tried.sizes).sum()),
+            "places_tried": len(self._sizes),
+            "places_reached": int(np.isfinite(self._sizes).sum()),
             "flat_low": None if flat is None else point(flat.low[:3]),
             "flat_high": None if flat is None else point(flat.high[:3]),
             "flat_places": 0 if flat is None else flat.count,
@@ -765,7 +765,7 @@ class ProcessWork(ProgramWork):
         np.fmax.at(shares, self._visits.number, self._shares)
         shares = np.where(np.isinf(shares), np.nan, shares)
         speeds = self._arm(shares)
-        return pack_choice(self._placed.choice.turn[first], ways, joints, places, tried.remarks, speeds)
+        return pack_choice(self._placed.choice.turn[first], ways, joints, places, tried.remarks, len(self._sizes), speeds)
 
     def _arm(self, joints: FloatArray) -> FloatArray:
         """Return the arm's joints (m, 6) [rad] of all joints (m, n)."""
