@@ -137,7 +137,9 @@ def _make_path(
     count = round(float(lengths[-1]) / spacing) + 1
     wanted = np.linspace(0.0, lengths[-1], count)
     if shape in {"zigzag", "trim"}:  # corners are points of each sampling
-        number = np.flatnonzero(np.append(False, np.abs(np.diff(np.diff(fine, axis=0), axis=0)).sum(axis=1) > 1e-6))
+        number = np.flatnonzero(
+            np.append(False, np.abs(np.diff(np.diff(fine, axis=0), axis=0)).sum(axis=1) > 1e-6)
+        )
         wanted = np.union1d(np.round(wanted, 9), np.round(lengths[number], 9))
     places = np.column_stack([np.interp(wanted, lengths, fine[:, i]) for i in range(3)])
     count = len(places)
@@ -326,7 +328,7 @@ def run(*, quick: bool) -> list[Section]:
     return [
         _report_turned(cases, (50.0,) if quick else FEEDS),
         _report_samplings(cases[:1] if quick else cases[::3]),
-        _report_placed(cases[:1] if quick else cases[:: 2], full=not quick),
+        _report_placed(cases[:1] if quick else cases[::2], full=not quick),
     ]
 
 
@@ -367,7 +369,11 @@ def _report_turned(cases: list[Case], feeds: tuple[float, ...]) -> Section:
 
 def _name_of(case: Case) -> str:
     """Return the name of a case's arm in the catalogue."""
-    return next(each.name for each in build_nominal_robots() if each.robot is case.robot or each.robot.model.name == case.robot.model.name)
+    return next(
+        each.name
+        for each in build_nominal_robots()
+        if each.robot is case.robot or each.robot.model.name == case.robot.model.name
+    )
 
 
 def _report_samplings(cases: list[Case]) -> Section:
@@ -389,7 +395,13 @@ def _report_samplings(cases: list[Case]) -> Section:
 
 def _report_placed(cases: list[Case], *, full: bool) -> Section:
     """Report paths that are placed and turned at 50 mm/s, relative to the path as programmed."""
-    rows, ratios, refused, illegal, seconds = [], {angle: list[float]() for angle in ANGLES}, 0, 0, list[float]()
+    rows, ratios, refused, illegal, seconds = (
+        [],
+        {angle: list[float]() for angle in ANGLES},
+        0,
+        0,
+        list[float](),
+    )
     for case in cases:
         path = case.path()
         task = case.task(len(path), 50.0)

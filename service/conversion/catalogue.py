@@ -32,9 +32,7 @@ def catalogue() -> Catalogue:
     arms = [
         Arm(
             **_drop_keys(each, "rows", "speeds", "convention", "joint_map", "reach"),
-            model=DhModel(
-                format="dh", convention=each["convention"], rows=_build_dh_rows(each)
-            ),
+            model=DhModel(format="dh", convention=each["convention"], rows=_build_dh_rows(each)),
             joint_map=None if each["joint_map"] is None else maps[each["joint_map"]],
             joint_map_preset=each["joint_map"],
             reach=each["reach"] / 1e3,

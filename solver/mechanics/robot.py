@@ -14,7 +14,13 @@ import pinocchio as pin
 from jointstiff.schemas.joints import JointKind
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.mechanics.chain import FASTEST, MAX_MOVING_JOINTS, UNLIMITED, ChainJoint, KinematicChain
+from jointstiff.solver.mechanics.chain import (
+    FASTEST,
+    MAX_MOVING_JOINTS,
+    UNLIMITED,
+    ChainJoint,
+    KinematicChain,
+)
 
 _ROUNDING: Final = 1e-9
 """Part of a position [rad or m] by which it may pass a limit: rounding of documents."""
@@ -152,7 +158,9 @@ class Robot:
     prismatic: BoolArray  #: (n,) which joints slide along their axes; the others turn about them
     axes: FloatArray  #: (n, 3) unit vectors, each in the frame that moves with its joint
     limits: FloatArray  #: (n, 2) least and greatest positions of the model [rad or m]; ∓inf for no limit
-    speeds: FloatArray  #: (n,) greatest speeds of the model's joints by the maker [rad/s or m/s]; NaN if unknown
+    speeds: (
+        FloatArray  #: (n,) greatest speeds of the model's joints by the maker [rad/s or m/s]; NaN if unknown
+    )
 
     def __init__(
         self,
@@ -249,7 +257,9 @@ class Robot:
             limits = None if unlimited else (max(lower, -UNLIMITED), min(upper, UNLIMITED))
             link = links.get(i + 1, f"{name}_link")
             speed = None if np.isnan(self.speeds[i]) else float(self.speeds[i])
-            joints.append(ChainJoint(name, kind, place.rotation, place.translation, axis, limits, link, speed))
+            joints.append(
+                ChainJoint(name, kind, place.rotation, place.translation, axis, limits, link, speed)
+            )
         if joints[-1].child != self.flange:
             place, fixed = self.flange_placement, frames[self._flange_frame.parentFrame]
             name = fixed.name if fixed.type == pin.FrameType.FIXED_JOINT else "to_flange"

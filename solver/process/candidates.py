@@ -109,7 +109,9 @@ def list_candidates(
     return found
 
 
-def keep_room(model: ForwardModel, path: ProcessPath, candidates: Candidates, *, corrects: bool) -> Candidates:
+def keep_room(
+    model: ForwardModel, path: ProcessPath, candidates: Candidates, *, corrects: bool
+) -> Candidates:
     """Return the candidates that keep `ROOM` to the limits of the joints, also once they are corrected.
 
     Room for links that bend is within `ROOM`.

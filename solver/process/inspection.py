@@ -22,6 +22,8 @@ _MOST_PARTS: Final = 64
 """Greatest number of parts of a line."""
 _FOLLOWED: Final = 0.3
 """Difference of a joint [rad] from the straight line between two postures that is still the same motion."""
+_RESTS: Final = 1e-4
+"""Motion of a joint [rad] while the tool rests that is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +32,9 @@ class Inspection:
 
     motion: FloatArray  #: (m, n) greatest motion of each of the model's joints for a length [rad/m or m/m]
     turn: FloatArray  #: (m,) turn about the spindle for a length [rad/m]
-    beyond: BoolArray  #: (m,) mask: a joint is beyond its limits, the arm near a singularity, or a line is left
+    beyond: (
+        BoolArray  #: (m,) mask: a joint is beyond its limits, the arm near a singularity, or a line is left
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +63,16 @@ class Inspector:
         free = np.isnan(path.given[:, 0])
         beyond = ~self._are_within(angles) | (np.abs(regularity) < self.clearance)
         beyond &= free
+        rests = np.flatnonzero(path.continuous[1:] & (path.steps[1:] == 0.0)) + 1
+        beyond[rests] |= np.abs(angles[rests] - angles[rests - 1]).max(axis=1, initial=0.0) > _RESTS
         motion = np.zeros((len(path), self.model.robot.n))
         turned = np.zeros(len(path))
         lines = np.flatnonzero(path.steps > 0.0)
         if len(lines):
             change = turn[lines] - turn[lines - 1]
-            turned[lines] = np.abs(change - 2.0 * np.pi * np.round(change / (2.0 * np.pi))) / path.steps[lines]
+            turned[lines] = (
+                np.abs(change - 2.0 * np.pi * np.round(change / (2.0 * np.pi))) / path.steps[lines]
+            )
             needed, is_left = self._follow(lines, arm)
             motion[np.ix_(lines, self.inverse.revolute)] = needed
             crossed = np.sign(regularity[lines]) != np.sign(regularity[lines - 1])

@@ -40,7 +40,9 @@ def find_knots(path: ProcessPath, spacing: float, first: IndexArray) -> IndexArr
         first: (m,) index of the first point that is the same target, for each point.
     """
     fixed = find_corners(path) | ~np.isnan(path.given[:, 0])
-    fixed[1:] |= path.loaded[1:] != path.loaded[:-1]
+    changes = path.loaded[1:] != path.loaded[:-1]
+    fixed[1:] |= changes
+    fixed[:-1] |= changes
     fixed |= np.bincount(first, minlength=len(path))[first] > 1
     knots = set[int]()
     for part in path.stretches:

@@ -372,9 +372,7 @@ def _find_best_links(
     return before, source
 
 
-def _refuse_gap(
-    candidates: Candidates, before: slice, here: slice, sources: IndexArray, point: int
-) -> None:
+def _refuse_gap(candidates: Candidates, before: slice, here: slice, sources: IndexArray, point: int) -> None:
     """Raise a `RequestError` that names the motion that would be needed between two points."""
     distance, _ = KDTree(candidates.angles[before][sources]).query(candidates.angles[here], p=np.inf)
     least = float(np.degrees(np.min(distance)))

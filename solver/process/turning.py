@@ -56,9 +56,11 @@ class TurnTask:
     closed: bool = True  #: whether the turns are a full turn, so that the last is next to the first
 
     @classmethod
-    def free(cls, turns: int, clearance: float, pace: Pace, *, greatest: bool = False) -> TurnTask:
+    def free(
+        cls, turns: int, clearance: float, pace: Pace, *, greatest: bool = False, corrects: bool = True
+    ) -> TurnTask:
         """Return the task of a free turn, with turns evenly spread over a full turn."""
-        return cls(2.0 * np.pi * np.arange(turns) / turns, clearance, pace, greatest)
+        return cls(2.0 * np.pi * np.arange(turns) / turns, clearance, pace, greatest, corrects)
 
     @classmethod
     def within(
@@ -332,9 +334,11 @@ class _Choice:
         is_equal = unturned is not None and unturned.size <= (1.0 + _EQUAL) * chosen.size
         if unturned is not None and is_equal and unturned.excess <= least:
             chosen = unturned  # a tool that gains nothing is not turned
+        # Sizes at the knots are to first order: those of the turns that are followed show by how much they err.
+        ratio = float(np.median([each.size / sizes[k] for k, each in followed.items() if sizes[k]] or [1.0]))
         fixed = np.full(len(self.task.angles), np.inf)
         for k, size in sizes.items():
-            fixed[k] = followed[k].size if k in followed else size
+            fixed[k] = followed[k].size if k in followed else ratio * size
         legal = [each for each in followed.values() if each.excess <= least]
         best_fixed = min(legal, key=lambda each: each.size, default=None)
         given = ~np.isnan(self.path.given[:, 0])

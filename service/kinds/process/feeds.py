@@ -51,9 +51,7 @@ def find_feeds(program: Program, request: ProcessRequest, visits: Visits) -> Flo
     return np.where(program.moves.is_visit_of_joint_move, np.nan, feed)
 
 
-def unload_approaches(
-    program: Program, request: ProcessRequest, visits: Visits
-) -> tuple[Visits, BoolArray]:
+def unload_approaches(program: Program, request: ProcessRequest, visits: Visits) -> tuple[Visits, BoolArray]:
     """Return the visits with approaches and retracts unloaded, and a mask (v,) of these visits.
 
     Only a load of all moves concerns them: loads by lines, by label, point or length are as stated. An

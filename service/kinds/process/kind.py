@@ -318,10 +318,14 @@ PROCESS: Final = Kind[Process, ProcessRequest](
     files=(
         *list_table_files("points", "all points", make_points_sheet),
         *list_table_files(
-            "turns", "turn, deflection before and after, joints and their speeds at each point", _choice_sheet("turns")
+            "turns",
+            "turn, deflection before and after, joints and their speeds at each point",
+            _choice_sheet("turns"),
         ),
         *list_table_files(
-            "places", "all places that were tried, with their deflection, and why some are not legal", _choice_sheet("places")
+            "places",
+            "all places that were tried, with their deflection, and why some are not legal",
+            _choice_sheet("places"),
         ),
     ),
     examples=_EXAMPLES,

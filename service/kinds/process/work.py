@@ -765,7 +765,9 @@ class ProcessWork(ProgramWork):
         np.fmax.at(shares, self._visits.number, self._shares)
         shares = np.where(np.isinf(shares), np.nan, shares)
         speeds = self._arm(shares)
-        return pack_choice(self._placed.choice.turn[first], ways, joints, places, tried.remarks, len(self._sizes), speeds)
+        return pack_choice(
+            self._placed.choice.turn[first], ways, joints, places, tried.remarks, len(self._sizes), speeds
+        )
 
     def _arm(self, joints: FloatArray) -> FloatArray:
         """Return the arm's joints (m, 6) [rad] of all joints (m, n)."""
