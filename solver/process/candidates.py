@@ -40,6 +40,7 @@ class Candidates:
     turn: IndexArray  #: (K,) index of the turn about the spindle axis; −1 for a given posture
     joints: FloatArray  #: (K, n) controller's joints [rad or m]
     angles: FloatArray  #: (K, n) the model's joints [rad or m]
+    shift: FloatArray  #: (K, n) motion of the joints by the correction [rad or m]; zero for models with links
     size: FloatArray  #: (K,) length of the deflection, to first order in the load [m]; zero without a load
     #: (K,) least singular value of the flange's Jacobian, in m and rad, with the sign of its determinant:
     #: the arm crosses a singularity between two postures of different signs
@@ -89,7 +90,7 @@ def list_candidates(
     turn = np.concatenate([turn, np.full(len(given), -1, dtype=np.intp)])
     model_angles = np.concatenate([model_angles, robot.joint_map.model_angles(path.given[given])])
     postures = Postures(robot, model_angles)
-    size = _compute_sizes(model, path, point, postures)
+    size, shift = _compute_sizes(model, path, point, postures)
     regularity = compute_regularity(inverse, postures)
     usable = np.abs(regularity) >= clearance
     if path.near is not None:
@@ -104,14 +105,12 @@ def list_candidates(
         index, joints, angles = index[kept], joints[kept], angles[kept]
     order = np.argsort(point[index], kind="stable")
     index, joints = index[order], joints[order]
-    found = Candidates(point[index], turn[index], joints, angles[order], size[index], regularity[index])
+    found = Candidates(point[index], turn[index], joints, angles[order], shift[index], size[index], regularity[index])
     _refuse_unreached(found, path, solved, point)
     return found
 
 
-def keep_room(
-    model: ForwardModel, path: ProcessPath, candidates: Candidates, *, corrects: bool
-) -> Candidates:
+def keep_room(robot: Robot, path: ProcessPath, candidates: Candidates, *, corrects: bool) -> Candidates:
     """Return the candidates that keep `ROOM` to the limits of the joints, also once they are corrected.
 
     Room for links that bend is within `ROOM`.
@@ -119,12 +118,8 @@ def keep_room(
     Raises:
         RequestError: all postures at a point are too near the limits.
     """
-    low, high = model.robot.limits.T
-    commanded = candidates.angles
-    if corrects and isinstance(model, JointModel):
-        cases = path.cases(candidates.point, candidates.joints)
-        goal = Postures(model.robot, candidates.angles)
-        commanded = model.compute_commands(cases, goal, np.ones(len(candidates.angles)))
+    low, high = robot.limits.T
+    commanded = candidates.angles + (candidates.shift if corrects else 0.0)
     least = np.minimum(candidates.angles, commanded)
     greatest = np.maximum(candidates.angles, commanded)
     has_room = ((least >= low + ROOM) & (greatest <= high - ROOM)).all(axis=1)
@@ -151,14 +146,19 @@ def _find_within_limits(inverse: InverseKinematics, angles: FloatArray) -> BoolA
 
 def _compute_sizes(
     model: ForwardModel, path: ProcessPath, point: IndexArray, postures: Postures
-) -> FloatArray:
-    """Return the lengths (K,) of the deflections of postures at points, to first order in the load [m]."""
-    size = np.zeros(len(point))
+) -> tuple[FloatArray, FloatArray]:
+    """Return the lengths (K,) of the deflections of postures at points, and their corrections (K, n).
+
+    Deflections are to first order in the load [m]; corrections are motions of the joints [rad or m].
+    """
+    size, shift = np.zeros(len(point)), np.zeros_like(postures.q)
     if len(point):
         joints = model.robot.joint_map.controller_angles(postures.q)
         cases = path.cases(point, joints)
         size = np.linalg.norm(model.linear_displacement(cases, postures), axis=1)
-    return size
+        if isinstance(model, JointModel):
+            shift = model.compute_commands(cases, postures, np.ones(len(point))) - postures.q
+    return size, shift
 
 
 def compute_regularity(inverse: InverseKinematics, postures: Postures) -> FloatArray:

@@ -98,18 +98,20 @@ class Trellis:
                 links.append(None)
                 reached = np.ones(here.stop - here.start, dtype=np.bool_)
                 continue
-            sources = np.flatnonzero(reached)
+            pairs = _pair_by_turn(
+                candidates, angles, before, here, float(limits.turn[i]), closed=limits.closed
+            )
+            pairs = pairs.select(reached[pairs.first])
+            moved = np.abs(candidates.angles[here][pairs.last] - candidates.angles[before][pairs.first])
             for factor in _RAISED:
                 most = np.minimum(factor * np.maximum(limits.joints[i], _ROUNDING), _LARGEST)
-                first, last = _find_near(candidates, before, here, sources, most)
-                change = _find_changes(candidates, angles, before, here, first, last, closed=limits.closed)
-                near = np.abs(change) <= limits.turn[i] + _ROUNDING
-                first, last, change = first[near], last[near], change[near]
+                kept = pairs.select((moved <= most * (1.0 - _ROUNDING)).all(axis=1))
                 raised[i] = factor
-                if len(first):
+                if len(kept.first):
                     break
+            first, last, change = kept.first, kept.last, kept.change
             if not len(first):
-                _refuse_gap(candidates, before, here, sources, i)
+                _refuse_gap(candidates, before, here, np.flatnonzero(reached), i)
             count += len(first)
             if count > MOST_LINKS:
                 raise RequestError(
@@ -144,15 +146,16 @@ class Trellis:
         return Trellis(self.candidates.select(kept), rows, links, self.angles, self.raised)
 
     def keep_turns(self) -> Trellis:
-        """Return a trellis without the motions that turn the tool on a line."""
+        """Return a trellis in which each sequence has one turn: without given postures."""
         links: list[Links | None] = []
         for each, (before, here) in zip(self.links, pairwise(self.rows), strict=True):
+            first, last = _turns(self.candidates, before, here)
             if each is None:
-                links.append(None)
+                pairs = np.argwhere(last[:, None] == first)
+                source, goal = pairs[:, 1].astype(np.int32), pairs[:, 0].astype(np.int32)
+                links.append(Links(source, goal, np.zeros(len(pairs))))
                 continue
-            turn = self.candidates.turn
-            first, last = turn[before][each.first], turn[here][each.last]
-            same = (first == last) | (first < 0) | (last < 0)
+            same = first[each.first] == last[each.last]
             links.append(Links(each.first[same], each.last[same], each.cost[same]))
         return replace(self, links=links)
 
@@ -168,6 +171,25 @@ class Trellis:
         """
         if any(each.start == each.stop for each in self.rows):
             return None
+        total, back = self._sum(value, greatest=greatest)
+        state = int(np.argmin(total))
+        if not np.isfinite(total[state]):
+            return None
+        return self._trace(np.array([state]), back)[0]
+
+    def find_best_of_turns(self, value: FloatArray, *, greatest: bool = False) -> dict[int, IndexArray]:
+        """Find what `find_best` does for the last candidates of each turn, by the index of the turn."""
+        if any(each.start == each.stop for each in self.rows):
+            return {}
+        total, back = self._sum(value, greatest=greatest)
+        turns = self.candidates.turn[self.rows[-1]]
+        order = np.argsort(total, kind="stable")
+        order = order[np.isfinite(total[order])]
+        found, first = np.unique(turns[order], return_index=True)
+        return dict(zip(found.tolist(), self._trace(order[first], back), strict=True))
+
+    def _sum(self, value: FloatArray, *, greatest: bool) -> tuple[FloatArray, list[IndexArray]]:
+        """Return the least total with which each last candidate is reached, and the candidates before."""
         total, back = value[self.rows[0]], list[IndexArray]()
         for links, here in zip(self.links, self.rows[1:], strict=True):
             own = value[here]
@@ -178,13 +200,16 @@ class Trellis:
                 before, source = _find_best_links(links, total, len(own), greatest=greatest)
             total = np.maximum(before, own) if greatest else before + own
             back.append(source)
-        state = int(np.argmin(total))
-        if not np.isfinite(total[state]):
-            return None
-        sequence = [state]
-        for source in reversed(back):
-            sequence.append(int(source[sequence[-1]]))
-        return np.array([self.rows[i].start + s for i, s in enumerate(reversed(sequence))], dtype=np.intp)
+        return total, back
+
+    def _trace(self, states: IndexArray, back: list[IndexArray]) -> IndexArray:
+        """Return the sequences (s, m) that end in s candidates of the last point."""
+        sequences = np.empty((len(states), len(self.rows)), dtype=np.intp)
+        for i in range(len(self.rows) - 1, -1, -1):
+            sequences[:, i] = self.rows[i].start + states
+            if i:
+                states = back[i - 1][states]
+        return sequences
 
     def find_consistent(
         self, value: FloatArray, first: IndexArray, *, greatest: bool = False
@@ -310,49 +335,55 @@ def _relax(
     return reached
 
 
-def _find_changes(
-    candidates: Candidates,
-    angles: FloatArray,
-    before: slice,
-    here: slice,
-    first: IndexArray,
-    last: IndexArray,
-    *,
-    closed: bool,
-) -> FloatArray:
-    """Return the turns (E,) of motions between candidates [rad]; a given posture has the turn zero."""
-    turns = candidates.turn[before][first], candidates.turn[here][last]
-    start, end = (np.where(each < 0, 0.0, angles[each]) for each in turns)
-    change = end - start
-    if closed:
-        change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
-    return np.asarray(change)
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Pairs of a candidate of the point before and one of the point, counted from the first ones."""
+
+    first: IndexArray  # (E,)
+    last: IndexArray  # (E,)
+    change: FloatArray  # (E,) turn from one to the other [rad]
+
+    def select(self, kept: BoolArray) -> _Pairs:
+        """Return those pairs only that a mask (E,) keeps."""
+        return _Pairs(self.first[kept], self.last[kept], self.change[kept])
 
 
-def _find_near(
-    candidates: Candidates, before: slice, here: slice, sources: IndexArray, most: FloatArray
-) -> tuple[IndexArray, IndexArray]:
-    """Return all pairs of postures between which no joint moves too far, and no singularity lies.
+def _pair_by_turn(
+    candidates: Candidates, angles: FloatArray, before: slice, here: slice, most: float, *, closed: bool
+) -> _Pairs:
+    """Return all pairs whose turns differ by at most `most` [rad], and between which no singularity lies.
 
-    Args:
-        candidates: candidates of the path.
-        before: rows of the point before.
-        here: rows of the point.
-        sources: (s,) candidates of the point before to be tried, counted from its first one.
-        most: (n,) greatest motion of each joint [rad or m].
-
-    Returns:
-        (E,) candidates of the point before, and (E,) candidates of the point, counted from its first one.
+    A given posture has the turn zero.
     """
-    joints, regularity = candidates.angles, candidates.regularity
-    near = KDTree(joints[before][sources] / most).sparse_distance_matrix(
-        KDTree(joints[here] / most), 1.0 - _ROUNDING, p=np.inf, output_type="ndarray"
-    )
-    first, last = sources[near["i"]], near["j"].astype(np.intp)
-    signs = np.sign(regularity[before][first]), np.sign(regularity[here][last])
-    given = (candidates.turn[before][first] < 0) | (candidates.turn[here][last] < 0)
-    same_side = (signs[0] == signs[1]) | given
-    return first[same_side], last[same_side]
+    starts, ends = (np.where(each < 0, 0.0, angles[each]) for each in _turns(candidates, before, here))
+    order = np.argsort(ends, kind="stable")
+    shifts = (0.0, 2.0 * np.pi, -2.0 * np.pi) if closed and most < np.pi else (0.0,)
+    firsts, lasts, changes = [], [], []
+    for shift in shifts:
+        wanted = starts + shift
+        low = np.searchsorted(ends[order], wanted - most - _ROUNDING)
+        high = np.searchsorted(ends[order], wanted + most + _ROUNDING, side="right")
+        count = high - low
+        first = np.repeat(np.arange(len(starts)), count)
+        place = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count) + low[first]
+        last = order[place]
+        firsts.append(first)
+        lasts.append(last)
+        changes.append(ends[last] - wanted[first])
+    pairs = _Pairs(np.concatenate(firsts), np.concatenate(lasts), np.concatenate(changes))
+    if closed and len(shifts) == 1:
+        wrapped = pairs.change - 2.0 * np.pi * np.round(pairs.change / (2.0 * np.pi))
+        pairs = replace(pairs, change=wrapped)
+    sides = (np.sign(candidates.regularity[part]) for part in (before, here))
+    start_side, end_side = next(sides)[pairs.first], next(sides)[pairs.last]
+    turns = _turns(candidates, before, here)
+    given = (turns[0][pairs.first] < 0) | (turns[1][pairs.last] < 0)
+    return pairs.select((start_side == end_side) | given)
+
+
+def _turns(candidates: Candidates, before: slice, here: slice) -> tuple[IndexArray, IndexArray]:
+    """Return the indices of the turns of the candidates of two points."""
+    return candidates.turn[before], candidates.turn[here]
 
 
 def _find_best_links(

@@ -208,7 +208,7 @@ class Lattice:
             )
         part, pace = path.select(knots), task.pace.select(knots)
         candidates = list_candidates(model, inverse, part, task.angles, task.clearance)
-        candidates = keep_room(model, part, candidates, corrects=task.corrects)
+        candidates = keep_room(model.robot, part, candidates, corrects=task.corrects)
         steps = part.steps
         limits = LineLimits(pace.limits() * steps[:, None], pace.rate * steps, steps, task.closed)
         trellis = Trellis.link(candidates, task.angles, part.continuous, limits)
@@ -224,12 +224,14 @@ class Lattice:
     def find_fixed(self) -> dict[int, IndexArray]:
         """Return the candidates (k,) of the best sequence of each fixed turn, by the turn's index."""
         candidates, found = self.trellis.candidates, dict[int, IndexArray]()
-        still = self.trellis.keep_turns()
+        is_simple = (candidates.turn >= 0).all() and (self.first == np.arange(len(self.first))).all()
+        if is_simple and not self.task.greatest:
+            return self.trellis.keep_turns().find_best_of_turns(self.value)
         for k in range(len(self.task.angles)):
             kept = (candidates.turn == k) | (candidates.turn < 0)
             if not np.bincount(candidates.point[kept], minlength=len(self.knots)).all():
                 continue
-            sequence = self._find(still.restrict(kept), self.value[kept])
+            sequence = self._find(self.trellis.restrict(kept), self.value[kept])
             if sequence is not None:
                 found[k] = np.flatnonzero(kept)[sequence]
         return found
@@ -416,6 +418,7 @@ class _Choice:
             found = self._smoother.smooth(turn, angles, roughness)
             if found is None:
                 continue
+            turn, angles = found.turn, found.angles  # what is nearly legal is a good start
             for motion in self._follow(found.turn, found.angles):
                 if motion.excess <= _KEPT:
                     return [motion]
