@@ -1,8 +1,9 @@
-"""Turned and placed paths by length and feed: limits at every 0.1 mm, what is left of the deflection, the time.
+"""Turned and placed paths by length and feed: limits at every 0.1 mm, what is left of the deflection, time.
 
-Arms are those of five makers in the catalogue, with the speeds of their joints. Their stiffnesses by the prior of
-payload and reach are drawn within a factor of two; the choice knows them with errors of 5 %, and is judged by
-the true ones. Paths have eight shapes, at random places, with points 1 mm apart (0.5 and 5 mm in *sampling*).
+Arms are those of five makers in the catalogue, with the speeds of their joints. Their stiffnesses by the
+prior of payload and reach are drawn within a factor of two; the choice knows them with errors of 5 %, and is
+judged by the true ones. Paths have eight shapes, at random places, with points 1 mm apart; 0.5 and 5 mm in
+the table of samplings.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ ARMS = (
 ANGLES = (45, 90)
 FEEDS = (20.0, 50.0, 100.0, 200.0)
 REQUIRED = {45: (0.82, 0.62), 90: (0.78, 0.50)}
-"""Angle between spindle and last axis [°] → required at 50 mm/s: turned to the median fixed turn, and placed."""
+"""Angle between spindle and last axis [°] → required at 50 mm/s: turned, relative to the median fixed
+turn, and placed, relative to the path as programmed."""
 CLEARANCE = 0.04
 FORCE = np.array([-150.0, 350.0, -120.0])
 """Along feed, normal and spindle axis [N]."""
@@ -176,6 +178,7 @@ def _make_path(
 class Case:
     """An arm, its stiffnesses, and a path that it follows as programmed."""
 
+    arm: str
     robot: Robot
     truth: JointModel
     known: JointModel
@@ -208,7 +211,7 @@ def _draw_case(arm: int, shape: str, angle: int) -> Case:
     for _ in range(200):
         centre = reach_centre(robot, draw.uniform(0.5, 0.75), draw.uniform(0.1, 0.4), draw.uniform(-0.3, 0.3))
         case = Case(
-            robot, truth, known, inverse, shape, angle, centre,
+            ARMS[arm], robot, truth, known, inverse, shape, angle, centre,
             draw.uniform(0.0, 2.0 * np.pi), draw.uniform(0.0, 2.0 * np.pi),
         )  # fmt: skip
         path = case.path(5e-3)
@@ -351,7 +354,7 @@ def _report_turned(cases: list[Case], feeds: tuple[float, ...]) -> Section:
                 )
             )  # fmt: skip
     notes = [
-        f"{ARMS.index(_name_of(each.case))} {each.case.shape} {each.case.angle}° {each.feed:.0f} mm/s: {each.judged}"
+        f"{each.case.arm} {each.case.shape} {each.case.angle}° {each.feed:.0f} mm/s: {each.judged}"
         for each in outcomes
         if _is_illegal(each.judged)
     ]
@@ -365,15 +368,6 @@ def _report_turned(cases: list[Case], feeds: tuple[float, ...]) -> Section:
     figures.append(Figure("processor, turned", max(each.seconds for each in outcomes), "at most", 2.0, "s"))
     columns = ("spindle", "mm/s", "paths", "turned", "speed", "°/mm", "illegal", "turning", "s")
     return Section("Turned by length and feed", columns, tuple(rows), tuple(figures), tuple(notes[:40]))
-
-
-def _name_of(case: Case) -> str:
-    """Return the name of a case's arm in the catalogue."""
-    return next(
-        each.name
-        for each in build_nominal_robots()
-        if each.robot is case.robot or each.robot.model.name == case.robot.model.name
-    )
 
 
 def _report_samplings(cases: list[Case]) -> Section:

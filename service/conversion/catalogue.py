@@ -138,19 +138,13 @@ def _drop_keys(table: dict[str, Any], *names: str) -> dict[str, Any]:
 def _build_dh_rows(arm: dict[str, Any]) -> list[DhRow]:
     """Return the DH rows of an arm of `arms.json`, with the speeds of its joints if they are known."""
     speeds = arm.get("speeds") or [None] * len(arm["rows"])
-    return [_build_dh_row(*row, speed) for row, speed in zip(arm["rows"], speeds, strict=True)]
+    return [_build_dh_row([*row, speed]) for row, speed in zip(arm["rows"], speeds, strict=True)]
 
 
-def _build_dh_row(
-    a: float,
-    alpha: float,
-    d: float,
-    theta: float,
-    lower: float | None,
-    upper: float | None,
-    speed: float | None,
-) -> DhRow:
-    """Return a DH row, in m and rad, from its numbers in mm and degrees."""
+def _build_dh_row(numbers: list[float | None]) -> DhRow:
+    """Return a DH row, in m and rad, from a, alpha, d, theta, limits and speed in mm and degrees."""
+    a, alpha, d, theta = (each or 0.0 for each in numbers[:4])
+    lower, upper, speed = numbers[4:]
     return DhRow(
         a=a / 1e3,
         alpha=radians(alpha),

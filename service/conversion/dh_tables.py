@@ -77,8 +77,8 @@ def convert_dh_rows(
     Args:
         rows: a data frame, an array with names, or mappings, whose columns are named a, alpha, d, theta, and
             lower, upper, speed and kind if they are known, in any order, with or without units; or rows of
-            cells, which need `columns`. A speed is per second. Cells are numbers, or texts such as `-90°`, `pi/2` or `θ2 - 90`. `DhRow`s
-            are in m and rad.
+            cells, which need `columns`. A speed is per second. Cells are numbers, or texts such as `-90°`,
+            `pi/2` or `θ2 - 90`. `DhRow`s are in m and rad.
         convention: `standard` or `modified`. With the latter, columns d and r without a are Khalil's: r is
             the length along z.
         columns: names of the columns of rows without names, such as "theta d a alpha".
@@ -154,8 +154,8 @@ def _read_plain_rows(
         raise RobotError(
             f"the table has the shape {shape}, but `columns` has {len(names)} names",
             where="robot",
-            remedy="give rows with one cell for each of a, alpha, d, theta, and of lower, upper, speed and kind "
-            "if they are known",
+            remedy="give rows with one cell for each of a, alpha, d, theta, and of lower, upper, speed and "
+            "kind if they are known",
         )
     return [_name_cells(list(zip(names, row, strict=True)), convention) for row in cells]
 

@@ -105,7 +105,9 @@ def list_candidates(
         index, joints, angles = index[kept], joints[kept], angles[kept]
     order = np.argsort(point[index], kind="stable")
     index, joints = index[order], joints[order]
-    found = Candidates(point[index], turn[index], joints, angles[order], shift[index], size[index], regularity[index])
+    found = Candidates(
+        point[index], turn[index], joints, angles[order], shift[index], size[index], regularity[index]
+    )
     _refuse_unreached(found, path, solved, point)
     return found
 

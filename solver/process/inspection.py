@@ -28,7 +28,7 @@ _RESTS: Final = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """What a motion along a path of m points needs, on the line to each point."""
+    """Needs of a motion along a path of m points, on the line to each point."""
 
     motion: FloatArray  #: (m, n) greatest motion of each of the model's joints for a length [rad/m or m/m]
     turn: FloatArray  #: (m,) turn about the spindle for a length [rad/m]

@@ -1,4 +1,4 @@
-"""Knots of a path: the points at which turns are chosen, by length and corners and not by number of points."""
+"""Knots of a path: the points at which turns are chosen, by length and corners, not by number of points."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.process.pace import REFERENCE_FEED, Pace
 from jointstiff.solver.process.path import ProcessPath
 
@@ -66,7 +66,7 @@ def _divide(lengths: FloatArray, begin: int, end: int, spacing: float) -> list[i
     return found
 
 
-def find_corners(path: ProcessPath) -> np.ndarray:
+def find_corners(path: ProcessPath) -> BoolArray:
     """Return a mask (m,) of the points at which the direction of the path changes by more than 20°."""
     steps = np.diff(path.centres, axis=0)
     size = np.linalg.norm(steps, axis=1, keepdims=True)

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 
 RATE: Final = float(np.radians(1.0) * 1e3)
 """Greatest turn of the tool for a length of the path, unless the request states another [rad/m]."""
@@ -23,7 +23,7 @@ REFERENCE_FEED: Final = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Pace:
-    """How fast the tool moves along a path of m points, and how fast the arm may turn there."""
+    """Feed of the tool along a path of m points, and limits of the speeds there."""
 
     feed: FloatArray  #: (m,) speed of the tool's centre on the line to each point [m/s]; NaN if unknown
     speeds: FloatArray  #: (n,) greatest speeds of the model's joints [rad/s or m/s]; NaN if unknown
@@ -43,8 +43,8 @@ class Pace:
         feed = np.where(np.isnan(self.feed), REFERENCE_FEED, self.feed)
         return np.asarray(np.abs(motion) * feed[:, None] / self.speeds)
 
-    def select(self, points: np.ndarray) -> Pace:
-        """Return the pace of some points (k,) of a path, whose lines may be longer: the fastest feed of each."""
+    def select(self, points: IndexArray) -> Pace:
+        """Return the pace of some points (k,) of a path: longer lines, each with its greatest feed."""
         feed = np.where(np.isnan(self.feed), -1.0, self.feed)
         starts = np.append(0, points[:-1] + 1) if len(points) else points
         greatest = np.maximum.reduceat(feed, np.minimum(starts, points))

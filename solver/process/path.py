@@ -113,8 +113,8 @@ class ProcessPath:
         """
         broken = np.cumsum(~self.continuous)
         lines = np.append(False, broken[points[1:]] == broken[points[:-1]])
-        names = ("poses", "spindle", "place", "load_point", "force", "moment", "given")
-        names += () if self.near is None else ("near",)
+        names = ["poses", "spindle", "place", "load_point", "force", "moment", "given"]
+        names += [] if self.near is None else ["near"]
         return replace(self, continuous=lines, **{name: getattr(self, name)[points] for name in names})
 
     def interpolate(self, last: IndexArray, fraction: FloatArray) -> ProcessPath:

@@ -67,7 +67,7 @@ def build_prior_model(robot: Robot) -> JointModel:
 def assume_unseen_joints(model: JointModel) -> tuple[JointModel, tuple[str, ...]]:
     """Return the model with the prior of the joints that its readings do not determine, and their names.
 
-    The prior is independent of the readings: its variance is a block beside their covariance.
+    The prior is independent of the readings: its variance is a block of its own.
 
     Raises:
         RobotError: the arm has no prior.

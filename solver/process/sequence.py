@@ -175,7 +175,7 @@ class Trellis:
         state = int(np.argmin(total))
         if not np.isfinite(total[state]):
             return None
-        return self._trace(np.array([state]), back)[0]
+        return np.asarray(self._trace(np.array([state]), back)[0])
 
     def find_best_of_turns(self, value: FloatArray, *, greatest: bool = False) -> dict[int, IndexArray]:
         """Find what `find_best` does for the last candidates of each turn, by the index of the turn."""

@@ -1,27 +1,30 @@
 """Turns along a path as a smooth function of its length: cubic splines, by a sequence of convex programs.
 
-Each program states the squared deflection at places along the path as parabolas of the turn, and the limits of
-speeds, positions and singularity as linear functions of turn and rate (method.md §16). On a line between two
-points the controller turns the tool evenly, so that the turn there is the straight line between those of the
-points.
+Each program states the squared deflection at places along the path as parabolas of the turn, and the limits
+of speeds, positions and singularity as linear functions of turn and rate (method.md §16). On a line between
+two points the controller turns the tool evenly, so that the turn there is the straight line between those of
+the points.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.sparse import block_diag, csr_array, diags_array, vstack
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.process.candidates import ROOM
 from jointstiff.solver.process.path import ProcessPath
+
+if TYPE_CHECKING:
+    from jointstiff.solver.estimation.convex import TurnProgram
 
 _PLACES: Final = 0.01
 """Greatest distance of the places at which a program holds the limits [m]."""
@@ -170,7 +173,7 @@ class TurnSmoother:
         return np.array(last, dtype=np.intp), np.array(fraction)
 
     @cached_property
-    def _is_line(self) -> np.ndarray:
+    def _is_line(self) -> BoolArray:
         """(k,) mask of the places that are on a line."""
         return np.asarray(self.path.steps[self._lines[0]] > 0.0)
 
@@ -260,7 +263,7 @@ class TurnSmoother:
 
     def _state(
         self, turn: FloatArray, here: FloatArray, q: FloatArray, roughness: Roughness, trust: float
-    ) -> object | None:
+    ) -> TurnProgram | None:
         """Return the convex program about a turn; None where the arm is singular or does not follow."""
         from jointstiff.solver.estimation.convex import TurnProgram
 
@@ -322,7 +325,7 @@ class TurnSmoother:
         rotation = path.poses[:, :3, :3]
         motion[:, 3:, 1] = rotation_vectors(rotation[last], rotation[before]) / step
         solved = np.linalg.solve(jacobian, motion)
-        return solved[..., 0], solved[..., 1]
+        return np.asarray(solved[..., 0], np.float64), np.asarray(solved[..., 1], np.float64)
 
     def _sizes(self, q: FloatArray) -> FloatArray:
         """Return the lengths (k,) of the deflections at the places, to first order in the load [m]."""

@@ -1,8 +1,8 @@
 """Free turn about the spindle: the turns and postures along a path with the least deflection.
 
-Turns and branches are chosen at knots by length, by dynamic programming with limits for each line; then the turn
-becomes a smooth function of the path's length. Each motion is inspected at all points and between them. The best
-turn that is the same along the whole path is the last resort (method.md §16).
+Turns and branches are chosen at knots by length, by dynamic programming with limits for each line; then the
+turn becomes a smooth function of the path's length. Each motion is inspected at all points and between them.
+The best turn that is the same along the whole path is the last resort (method.md §16).
 """
 
 from __future__ import annotations
@@ -336,7 +336,7 @@ class _Choice:
         is_equal = unturned is not None and unturned.size <= (1.0 + _EQUAL) * chosen.size
         if unturned is not None and is_equal and unturned.excess <= least:
             chosen = unturned  # a tool that gains nothing is not turned
-        # Sizes at the knots are to first order: those of the turns that are followed show by how much they err.
+        # Sizes at the knots are to first order: the turns that are followed show by how much they err.
         ratio = float(np.median([each.size / sizes[k] for k, each in followed.items() if sizes[k]] or [1.0]))
         fixed = np.full(len(self.task.angles), np.inf)
         for k, size in sizes.items():

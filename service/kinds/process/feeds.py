@@ -100,7 +100,7 @@ def _read_krl(lines: list[str]) -> Iterator[tuple[int, float]]:
 
 
 def _read_rapid(lines: list[str]) -> Iterator[tuple[int, float]]:
-    """Yield the feed of each line that names a speed [m/s]: `v50`, data of the file, or `\\V`."""
+    """Yield the feed of each line that names a speed [m/s]: `v50`, data of the file, or the argument V."""
     data = {name.lower(): float(value) for line in lines for name, value in _SPEED_DATA.findall(line)}
     for number, line in enumerate(lines, 1):
         for name, value in _RAPID_MOVE.findall(line.partition("!")[0]):

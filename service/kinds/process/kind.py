@@ -134,7 +134,8 @@ def _describe_speeds(result: ProcessResult) -> str:
     """Return what the joints need along the path, and along the program as sent."""
     feed = 0.05 if result.feed is None else result.feed
     needed = ", ".join(figure(degrees(each), ".3g") for each in result.needed_speeds)
-    text = f"at {figure(1e3 * feed, '.3g')} mm/s the joints need {needed} °/s"
+    stated = "feed" if result.feed is not None else "feed unknown, assumed"
+    text = f"{stated} {figure(1e3 * feed, '.3g')} mm/s: the joints need {needed} °/s"
     for name, shares in (("", result.speed_shares), ("; as sent ", result.sent_speed_shares)):
         known = [each for each in shares if each is not None]
         if known:

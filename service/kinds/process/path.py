@@ -85,7 +85,8 @@ class ProgramToTurn:
 
     def sum_weights(self) -> FloatArray:
         """Return the weights (m,) of the targets along the path: the sum of those of their visits."""
-        return np.bincount(self.visits.number, weights=self.path.weights, minlength=len(self.visits.order))
+        count = len(self.visits.order)
+        return np.asarray(np.bincount(self.visits.number, self.path.weights, count), dtype=np.float64)
 
     def move(self, shift: FloatArray, angle: float) -> ProgramToTurn:
         """Return the program of the workpiece in another place, with the base frames that move with it.

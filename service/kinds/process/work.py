@@ -18,12 +18,12 @@ from jointstiff.schemas.process import (
 )
 from jointstiff.schemas.program import ProgramFrame
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.conversion.readings import hash_texts
+from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.process.feeds import find_feeds, unload_approaches
 from jointstiff.service.kinds.process.path import ProgramToTurn, make_turn_task
-from jointstiff.service.kinds.process.unseen import advise_load, assume_unseen
 from jointstiff.service.kinds.process.tables import pack_choice
+from jointstiff.service.kinds.process.unseen import advise_load, assume_unseen
 from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.path import ProgramPath, find_wanted_postures
 from jointstiff.service.kinds.program.text import FaultsError, read_program
@@ -635,7 +635,7 @@ class ProcessWork(ProgramWork):
         """Return the fields of the result that a compensated program does not have."""
         request, choice, placed = self._request, self._placed.choice, self._placed
         confidence = request.confidence
-        tried, flat = placed.tried, placed.flat
+        flat = placed.flat
         fixed = np.where(np.isfinite(choice.fixed), choice.fixed, np.nan)
         return {
             "objective": request.objective,
