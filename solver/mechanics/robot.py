@@ -224,6 +224,13 @@ class Robot:
         robot.payload = payload
         return robot
 
+    def with_speeds(self, speeds: FloatArray) -> Robot:
+        """Return a copy with other greatest speeds (n,) of the joints [rad/s or m/s]; NaN if unknown."""
+        robot = copy(self)
+        robot.speeds = speeds.copy()
+        robot.speeds.setflags(write=False)
+        return robot
+
     def joint_index(self, name: str, where: str) -> int:
         """Return the index of the joint with this name; `where` is the request's field, for the error.
 

@@ -342,7 +342,7 @@ def test_a_run_places_and_turns_an_array_of_poses(run):
         assert other.is_worse == (interval[0] > 0.0)
     assert "Best places" in str(placed)
     area = make_area_map(sheet)
-    least = np.nanmin(np.reshape(sheet.columns["deflection [m]"], (9, 4)), axis=1)
+    least = np.nanmin(np.reshape(sheet.columns["deflection [m]"][:36], (9, 4)), axis=1)
     np.testing.assert_allclose(area.values, least)
     assert make_area_map(places_sheet(decompress_file(turned_only.result.choice))) is None
 
