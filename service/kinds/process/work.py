@@ -28,7 +28,7 @@ from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.path import ProgramPath, find_wanted_postures
 from jointstiff.service.kinds.program.text import FaultsError, read_program
 from jointstiff.service.kinds.program.work import ProgramWork, WrittenPoints, refuse_corrected_files
-from jointstiff.service.kinds.work import Arrays, Span, as_request_errors, cut_into_spans
+from jointstiff.service.kinds.work import Arrays, Span, as_request_errors, begin_part, cut_into_spans
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import find_accepted_run, make_reason
 from jointstiff.solver.arrays import FloatArray, IndexArray
@@ -285,12 +285,14 @@ class ProcessWork(ProgramWork):
 
         order = np.argsort(self._sizes, kind="stable")
         for i in order[np.isfinite(self._sizes[order])][:_REFINED].tolist():
+            begin_part("searching around the best places")
             search_around(box, grid[i], float(self._sizes[i]), evaluate)
         places, sizes = (np.concatenate(each) for each in zip(*tried, strict=True))
         remarks = [""] * len(places)
         found = []
         for i in _sort_places(places, sizes):
             place = places[i]
+            begin_part(f"turning at place {1 + len(found)} of {_LEGAL}")
             program = self._as_sent.move(place[:3] - self._as_sent.path.middle, float(place[3]))
             try:
                 choice = self._choose(program)

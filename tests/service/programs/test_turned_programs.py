@@ -544,3 +544,29 @@ def test_if_no_place_can_be_followed_the_workpiece_stays_and_the_table_says_why(
     assert result.assessment.reasons[0].code == "place_kept"
     assert len(places_sheet(decompress_file(result.choice)).columns["x [m]"]) == 8
     assert result.turned.value <= result.before.value
+
+
+def test_the_evaluation_of_places_in_full_has_progress_and_can_be_cancelled(run):
+    p = process_path("trim", np.array([1.7, 0.0, 0.8]), count=12)
+    box = {
+        "place": [(p.middle - 0.1).tolist(), (p.middle + 0.1).tolist()],
+        "grid": (2, 2, 2),
+        "place_turns": 2,
+        "forces": [-150.0, -300.0, -120.0],
+    }
+    seen = []
+    done = run.process(
+        tools_of(p), on_progress=lambda each: seen.append(each.activity), **box, **array_options(p)
+    )
+    assert done.state == "succeeded"
+    assert [each for each in seen if each.startswith("turning at place")] == [
+        f"turning at place {k} of 3" for k in (1, 2, 3)
+    ]
+    stopped = run.process(
+        tools_of(p),
+        on_progress=lambda each: seen.append(each.activity),
+        cancel=lambda: seen.count("turning at place 1 of 3") == 2,
+        **box,
+        **array_options(p),
+    )
+    assert stopped.state == "cancelled"
