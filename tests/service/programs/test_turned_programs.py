@@ -359,7 +359,7 @@ def test_places_are_steps_of_workers_with_progress_and_cancel(run):
         found.append(
             run.process(tools_of(p), **stated, executor=pool, on_progress=progress["elsewhere"].append)
         )
-    assert [each.done for each in progress["here"]] == [8, 16, 24]
+    assert sorted({each.done for each in progress["here"]}) == [8, 16, 24]
     assert progress["here"] == progress["elsewhere"]
     assert found[0].result.model_dump_json() == found[1].result.model_dump_json()
     seen = []
