@@ -24,7 +24,7 @@ from jointstiff.solver.process.candidates import ROOM
 from jointstiff.solver.process.path import ProcessPath
 
 if TYPE_CHECKING:
-    from jointstiff.solver.estimation.convex import TurnProgram
+    from jointstiff.solver.fit.programs import TurnProgram
 
 _PLACES: Final = 0.01
 """Greatest distance of the places at which a program holds the limits [m]."""
@@ -101,7 +101,7 @@ class TurnSmoother:
             angles: (m, 6) the arm's joints there [rad].
             roughness: cost of a rough turn.
         """
-        from jointstiff.solver.estimation.convex import solve_turns
+        from jointstiff.solver.fit.programs import solve_turns
 
         places = self._places
         here = self._interpolate(turn)
@@ -265,7 +265,7 @@ class TurnSmoother:
         self, turn: FloatArray, here: FloatArray, q: FloatArray, roughness: Roughness, trust: float
     ) -> TurnProgram | None:
         """Return the convex program about a turn; None where the arm is singular or does not follow."""
-        from jointstiff.solver.estimation.convex import TurnProgram
+        from jointstiff.solver.fit.programs import TurnProgram
 
         places, arm = self._places, self.inverse.arm
         numbers = np.arange(len(places))

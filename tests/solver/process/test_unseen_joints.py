@@ -6,8 +6,8 @@ from support.catalogue_arms import build_nominal_robots
 from support.process_paths import process_path, reach_centre
 
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.fit import Likelihood
-from jointstiff.solver.estimation.problem import Bounds, Constraints
+from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.process.deflection import PathDeflection
