@@ -346,7 +346,8 @@ class Jobs:
         def compute() -> Message:
             """Compute the result."""
             with watching(watch):
-                return work.conclude([unpack_arrays(content) for content in computed])
+                concluded: Message = work.conclude([unpack_arrays(content) for content in computed])
+            return concluded
 
         try:
             passed = (RequestError, MemoryError, StoreUnavailableError)

@@ -289,7 +289,7 @@ class ProcessWork(ProgramWork):
             search_around(box, grid[i], float(self._sizes[i]), evaluate)
         places, sizes = (np.concatenate(each) for each in zip(*tried, strict=True))
         remarks = [""] * len(places)
-        found = []
+        found = list[tuple[PathDeflection, FloatArray, ProgramToTurn, TurnChoice]]()
         for i in _sort_places(places, sizes):
             place = places[i]
             begin_part(f"turning at place {1 + len(found)} of {_LEGAL}")
