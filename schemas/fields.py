@@ -117,6 +117,15 @@ _ANGLES, _LENGTHS = JOINT_UNITS["revolute"], JOINT_UNITS["prismatic"]
 Positions = Annotated[
     Value, Field(json_schema_extra={"unit": _ANGLES.position, "unit_of_prismatic": _LENGTHS.position})
 ]
+JointSpeeds = Annotated[
+    Value,
+    Field(
+        json_schema_extra={
+            "unit": f"{_ANGLES.position}/s",
+            "unit_of_prismatic": f"{_LENGTHS.position}/s",
+        }
+    ),
+]
 Effort = Annotated[
     Value, Field(json_schema_extra={"unit": _ANGLES.effort, "unit_of_prismatic": _LENGTHS.effort})
 ]

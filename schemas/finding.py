@@ -238,6 +238,9 @@ FindingCode = Literal[
     # in a process
     "no_order",
     "prior_stiffness",
+    "prior_joint",
+    "too_fast",
+    "place_kept",
     # in what is made of a run
     "prediction_implausible",
     "point_implausible",

@@ -55,6 +55,14 @@ def parse_counts(text: str) -> list[int]:
         raise ValueError(f"'{text}' must be whole numbers, such as 4,4,3") from None
 
 
+def parse_feed(text: str) -> float:
+    """Parse a feed in mm/s; return it in m/s."""
+    try:
+        return 1e-3 * float(text)
+    except ValueError:
+        raise ValueError(f"'{text}' must be a feed in mm/s, such as 50") from None
+
+
 class ProcessOptions(ProgramOptions):
     """Options of a process: those of a compensated program, and permitted turns and places."""
 
@@ -67,25 +75,28 @@ class ProcessOptions(ProgramOptions):
         "greatest turn from the program's, in units.angle.",
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=MAX_TURNS)] = Field(
-        default=36, description="Number of turns that are tried in a full turn."
+        default=72, description="Number of turns that are tried in a full turn."
+    )
+    feed: Annotated[
+        Annotated[Quantity, Field(gt=0.0)] | None, Terminal("--feed", "SPEED[mm/s]", parse_feed, unit="m")
+    ] = Field(
+        default=None,
+        description="Feed of the cut, in units.length per s; default: that of the table of loads, of the "
+        "program, or of the cut. Moves that a program states faster carry no force.",
+    )
+    rate: Annotated[Quantity, Field(gt=0.0, le=1_000.0, json_schema_extra={"unit": "deg/mm"})] = Field(
+        default=1.0,
+        description="Greatest turn of the tool along the path; without a feed no joint moves faster, either. "
+        "0.3 keeps nine tenths of the gain.",
     )
     branches: Literal["keep", "free"] = Field(
         default="keep",
         description="Branch of the inverse kinematics: the program's, or `free`: a program is written only "
         "if it can state the branches; else see turns.csv.",
     )
-    step: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="deg")] = Field(
-        default=None,
-        description="Greatest allowed motion of a joint between two points of a line, in units.angle; "
-        "default: 30°.",
-    )
     clearance: Annotated[Quantity, Field(ge=0.0)] = Field(
         default=0.04,
         description="Least allowed singular value of the flange's Jacobian, in m, rad.",
-    )
-    smoothness: Dimensionless[Annotated[Quantity, Field(ge=0.0)]] = Field(
-        default=0.05,
-        description="Cost of a change of the turn by 1 rad, relative to the mean square deflection.",
     )
     objective: Literal["rms", "greatest"] = Field(
         default="rms",
@@ -189,7 +200,20 @@ class ProcessResult(ProgramResult):
         description="Constant turns that were tried along the whole path."
     )
     fixed_deflections: Metres[list[float | None]] = Field(
-        description="Deflection with each constant turn; null if limits or step exclude the turn."
+        description="Deflection with each constant turn, at the knots; null if limits exclude the turn."
+    )
+    feed: Annotated[float | None, Field(json_schema_extra={"unit": "m/s"})] = Field(
+        default=None, description="Greatest feed under load; null if unknown: speeds are those at 0.05 m/s."
+    )
+    needed_speeds: Annotated[list[float], Field(json_schema_extra={"unit": "rad/s"})] = Field(
+        default_factory=list, description="Greatest speed that each joint needs along the lines."
+    )
+    speed_shares: Dimensionless[list[float | None]] = Field(
+        default_factory=list,
+        description="Greatest part of each joint's speed by the maker; null if that is unknown.",
+    )
+    sent_speed_shares: Dimensionless[list[float | None]] = Field(
+        default_factory=list, description="`speed_shares` of the program as sent; empty if unknown."
     )
     places: Annotated[list[ProcessPlace], Field(max_length=MAX_BEST_PLACES)] = Field(
         description="Best places of the workpiece, best first."

@@ -9,6 +9,7 @@ from pydantic import Field, StrictBool, model_validator
 from jointstiff.schemas.fields import (
     Dimensionless,
     Identifier,
+    JointSpeeds,
     Kilograms,
     Message,
     Metres,
@@ -40,6 +41,7 @@ class DhRow(Message):
     theta: Radians[Quantity] = Field(description="Constant added to the joint's angle.")
     lower: Positions[Quantity | None] = Field(default=None, description="Lower joint limit, if known.")
     upper: Positions[Quantity | None] = Field(default=None, description="Upper joint limit, if known.")
+    speed: JointSpeeds[Quantity | None] = Field(default=None, description="Greatest speed, if known.")
     kind: StatedKind = "revolute"
 
 
@@ -160,6 +162,7 @@ class Joint(Message):
     kind: StatedKind = "revolute"
     lower: Positions[float | None] = Field(description="Lower limit of the model's joint; null if unlimited.")
     upper: Positions[float | None] = Field(description="Upper limit of the model's joint; null if unlimited.")
+    speed: JointSpeeds[float | None] = Field(default=None, description="Greatest speed; null if unknown.")
 
 
 class Estimate(Message):

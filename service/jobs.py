@@ -23,6 +23,7 @@ from jointstiff.schemas.run import Run
 from jointstiff.schemas.trend import Trend, TrendQuery
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.width import CancelledWorkError
 from jointstiff.service.kinds.work import (
     Work,
     carry_out,
@@ -32,6 +33,7 @@ from jointstiff.service.kinds.work import (
     pack_arrays,
     unexpected_failure,
     unpack_arrays,
+    watching,
 )
 from jointstiff.service.live.bridges import TrackerBridges
 from jointstiff.service.live.stored import OpenSets
@@ -301,6 +303,15 @@ class Jobs:
         changed = job.model_copy(update={"progress": progress})
         self.records.note(job_id, self._changing_columns(changed, record.robot_id))
 
+    def _note_activity(self, job_id: str, activity: str) -> None:
+        """Let the progress of a job say what is done."""
+        record = self.records.get(job_id)
+        job = self._read_job(record)
+        if job.progress is not None:
+            progress = job.progress.model_copy(update={"activity": activity})
+            changed = job.model_copy(update={"progress": progress})
+            self.records.note(job_id, self._changing_columns(changed, record.robot_id))
+
     def _leave_to_one_version(self, part: Part, queue: PartQueue) -> None:
         """Offer a part again whose step was not stored; do nothing if the job has ended."""
         if self.records.is_active(part.job_id):  # another version has stored steps meanwhile
@@ -325,10 +336,24 @@ class Jobs:
             MemoryError: this process has too little memory; another worker may have enough.
         """
         work = self.work(job_id)
-        result, error = compute_outcome(
-            lambda: work.conclude([unpack_arrays(content) for content in computed]),
-            (RequestError, MemoryError, StoreUnavailableError),
-        )
+
+        def watch(activity: str) -> None:
+            """Note the part of the conclusion that begins, unless the job has ended."""
+            if not self.records.is_active(job_id):
+                raise CancelledWorkError
+            self._note_activity(job_id, activity)
+
+        def compute() -> Message:
+            """Compute the result."""
+            with watching(watch):
+                concluded: Message = work.conclude([unpack_arrays(content) for content in computed])
+            return concluded
+
+        try:
+            passed = (RequestError, MemoryError, StoreUnavailableError)
+            result, error = compute_outcome(compute, passed)
+        except CancelledWorkError:
+            return  # the job has ended as cancelled
         provenance = {"versions": dict(versions())}
         self._end_job(job_id, final_state(error), {"result": result, "error": error}, provenance)
 

@@ -30,8 +30,8 @@ from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.models import JointModel, ModelError, estimate_error_by_leaving_postures_out
 from jointstiff.solver.process.deflection import PathDeflection
+from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import ProcessPath
-from jointstiff.solver.process.sequence import Motion
 from jointstiff.solver.process.turning import TurnTask, choose_turns
 from tests.support.catalogue_arms import build_nominal_robots, spring_arm
 from tests.support.process_paths import SHAPES, process_path, reach_centre
@@ -44,7 +44,9 @@ FORCES = (360.0, 1440.0)
 """Pulls of campaigns [N]; the force of the process has 356 N."""
 PATHS = 6
 POINTS = 12
-TASK = TurnTask.free(18, 0.04, Motion(np.radians(40.0), 0.05))
+TURNS = 18
+FEED = 0.05
+"""Feed along the paths [m/s]."""
 CONFIDENCE = 0.95
 
 
@@ -174,7 +176,8 @@ def _list_ways(
     for i, (shift, angle) in enumerate(moves):
         moved = path.move(shift, angle)
         try:
-            choice = choose_turns(model, inverse, moved, TASK)
+            pace = Pace(np.full(len(moved), FEED), model.robot.speeds)
+            choice = choose_turns(model, inverse, moved, TurnTask.free(TURNS, 0.04, pace))
         except RequestError:
             continue  # the arm does not follow the path there
         yield moved, choice.joints

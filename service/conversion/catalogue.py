@@ -31,10 +31,8 @@ def catalogue() -> Catalogue:
     maps = {preset.id: preset.joint_map for preset in presets}
     arms = [
         Arm(
-            **_drop_keys(each, "rows", "convention", "joint_map", "reach"),
-            model=DhModel(
-                format="dh", convention=each["convention"], rows=[_build_dh_row(*row) for row in each["rows"]]
-            ),
+            **_drop_keys(each, "rows", "speeds", "convention", "joint_map", "reach"),
+            model=DhModel(format="dh", convention=each["convention"], rows=_build_dh_rows(each)),
             joint_map=None if each["joint_map"] is None else maps[each["joint_map"]],
             joint_map_preset=each["joint_map"],
             reach=each["reach"] / 1e3,
@@ -137,10 +135,16 @@ def _drop_keys(table: dict[str, Any], *names: str) -> dict[str, Any]:
     return {name: value for name, value in table.items() if name not in names}
 
 
-def _build_dh_row(
-    a: float, alpha: float, d: float, theta: float, lower: float | None, upper: float | None
-) -> DhRow:
-    """Return a DH row, in m and rad, from its numbers in mm and degrees."""
+def _build_dh_rows(arm: dict[str, Any]) -> list[DhRow]:
+    """Return the DH rows of an arm of `arms.json`, with the speeds of its joints if they are known."""
+    speeds = arm.get("speeds") or [None] * len(arm["rows"])
+    return [_build_dh_row([*row, speed]) for row, speed in zip(arm["rows"], speeds, strict=True)]
+
+
+def _build_dh_row(numbers: list[float | None]) -> DhRow:
+    """Return a DH row, in m and rad, from a, alpha, d, theta, limits and speed in mm and degrees."""
+    a, alpha, d, theta = (each or 0.0 for each in numbers[:4])
+    lower, upper, speed = numbers[4:]
     return DhRow(
         a=a / 1e3,
         alpha=radians(alpha),
@@ -148,4 +152,5 @@ def _build_dh_row(
         theta=radians(theta),
         lower=None if lower is None else radians(lower),
         upper=None if upper is None else radians(upper),
+        speed=None if speed is None else radians(speed),
     )

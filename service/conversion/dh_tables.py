@@ -14,7 +14,7 @@ from jointstiff.schemas.fields import Message
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.errors import RobotError
 
-_COLUMNS: Final = ("a", "alpha", "d", "theta", "lower", "upper")
+_COLUMNS: Final = ("a", "alpha", "d", "theta", "lower", "upper", "speed")
 _LENGTHS: Final = frozenset("ad")
 _NAMES: Final = {
     "a": "a",
@@ -29,6 +29,8 @@ _NAMES: Final = {
     "upper": "upper",
     "min": "lower",
     "max": "upper",
+    "speed": "speed",
+    "velocity": "speed",
     "kind": "kind",
     "type": "kind",
 }
@@ -74,9 +76,9 @@ def convert_dh_rows(
 
     Args:
         rows: a data frame, an array with names, or mappings, whose columns are named a, alpha, d, theta, and
-            lower, upper and kind if they are known, in any order, with or without units; or rows of cells,
-            which need `columns`. Cells are numbers, or texts such as `-90°`, `pi/2` or `θ2 - 90`. `DhRow`s
-            are in m and rad.
+            lower, upper, speed and kind if they are known, in any order, with or without units; or rows of
+            cells, which need `columns`. A speed is per second. Cells are numbers, or texts such as `-90°`,
+            `pi/2` or `θ2 - 90`. `DhRow`s are in m and rad.
         convention: `standard` or `modified`. With the latter, columns d and r without a are Khalil's: r is
             the length along z.
         columns: names of the columns of rows without names, such as "theta d a alpha".
@@ -152,8 +154,8 @@ def _read_plain_rows(
         raise RobotError(
             f"the table has the shape {shape}, but `columns` has {len(names)} names",
             where="robot",
-            remedy="give rows with one cell for each of a, alpha, d, theta, and of lower, upper and kind if "
-            "they are known",
+            remedy="give rows with one cell for each of a, alpha, d, theta, and of lower, upper, speed and "
+            "kind if they are known",
         )
     return [_name_cells(list(zip(names, row, strict=True)), convention) for row in cells]
 
@@ -209,12 +211,13 @@ def _name_cells(row: Sequence[tuple[Any, Any]], convention: str) -> _Row:
             raise RobotError(
                 f"the column '{header}' of the table {fault}",
                 where="robot",
-                remedy="name the columns a, alpha, d, theta, and lower, upper, kind if they are known",
+                remedy="name the columns a, alpha, d, theta, and lower, upper, speed, kind if they are known",
             )
         cells[name] = cell
         names_joint_before |= bool(match[2])
         if match[3]:
-            units[name] = "deg" if match[3].strip() in {"°", "degrees", "degree"} else match[3].strip()
+            unit = match[3].strip().removesuffix("/s") if name == "speed" else match[3].strip()
+            units[name] = "deg" if unit in {"°", "degrees", "degree"} else unit
     _translate_length_along_z(cells, units, convention)
     if missing := {"a", "alpha", "d", "theta"} - cells.keys():
         raise RobotError(
@@ -259,7 +262,7 @@ def _convert_row(row: _Row, units: Mapping[str, str], number: int) -> dict[str, 
     converted: dict[str, Any] = {"kind": kind} if "kind" in row.cells else {}
     for name in _COLUMNS:
         cell = row.cells.get(name)
-        is_limit = name in {"lower", "upper"}
+        is_limit = name in {"lower", "upper", "speed"}
         if cell is None or (
             isinstance(cell, float) and (math.isnan(cell) or (is_limit and math.isinf(cell)))
         ):

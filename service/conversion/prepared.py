@@ -267,10 +267,14 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
         document = document.model_copy(update={"model": model, "bodies": bodies})
     robot = build_robot(document)
     # Robots were hashed before joints had kinds: without prismatic joints, the hash has to stay what it was.
-    # The units of a table are m and rad here.
-    omitted: dict[str, Any] = {"length_unit": True, "angle_unit": True}
-    omitted |= {} if robot.prismatic.any() else {"rows": {"__all__": {"kind"}}}
-    content = document.model_dump_json(
+    # The units of a table are m and rad here. Speeds of joints change no identification: the hash has none.
+    of_rows = {"speed"} if robot.prismatic.any() else {"kind", "speed"}
+    omitted: dict[str, Any] = {"length_unit": True, "angle_unit": True, "rows": {"__all__": of_rows}}
+    hashed = document
+    if isinstance(model, UrdfModel):
+        without_speeds = model.model_copy(update={"urdf": write_urdf(chain.without_speeds())})
+        hashed = document.model_copy(update={"model": without_speeds})
+    content = hashed.model_dump_json(
         exclude={"name": True, "bodies": True, "payload": True, "model": omitted}
     )
     return PreparedRobot(document, robot, hash_texts(content))
@@ -291,6 +295,7 @@ def _to_si_table(model: DhModel) -> DhModel:
             "theta": angle,
             "lower": position,
             "upper": position,
+            "speed": position,
         }
         stated = {name: getattr(row, name) for name in factors if getattr(row, name) is not None}
         rows.append(row.model_copy(update={name: factors[name] * number for name, number in stated.items()}))

@@ -98,7 +98,12 @@ def describe_joints(robot: Robot) -> list[robots.Joint]:
     """Return the moving joints with their limits."""
     lower, upper = robot.limits.T
     return build_messages(
-        robots.Joint, name=robot.joint_names, kind=robot.joint_kinds, lower=lower, upper=upper
+        robots.Joint,
+        name=robot.joint_names,
+        kind=robot.joint_kinds,
+        lower=lower,
+        upper=upper,
+        speed=robot.speeds,
     )
 
 

@@ -284,7 +284,8 @@ STEPS: Final[tuple[Step, ...]] = (
     *_FROM_9,
     Step(14, 17, KINDS),
     Step(17, 18, KINDS),
-    Step(18, 19, tuple(kind for kind in KINDS if kind != "run")),
+    Step(18, 19, tuple(kind for kind in KINDS if kind not in {"run", "process"})),
+    Step(18, 19, ("process",), dropped=("request.step", "request.smoothness")),
     Step(18, 19, ("run",), _set_absolute_loss_aside, ("request.absolute_loss",)),
     Step(18, 19, ("trend",), _state_verdicts_of_campaigns),
 )

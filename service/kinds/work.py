@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from types import MappingProxyType
@@ -33,6 +34,7 @@ Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 """Result of a step: arrays by name, which a store can keep."""
 AnyJob = TypeVar("AnyJob", bound=Job)
 OnProgress = Callable[[Progress], object]
+_WATCH = ContextVar[Callable[[str], object] | None]("_WATCH", default=None)
 _logger = logging.getLogger(__name__)
 
 
@@ -97,6 +99,26 @@ class QuickWork(Work):
     def conclude(self, parts: Sequence[Arrays]) -> Message:  # noqa: ARG002 - no steps
         """Compute and return the result of the job; `parts` is empty, as this work has no steps."""
         return self.result()
+
+
+@contextmanager
+def watching(watch: Callable[[str], object]) -> Iterator[None]:
+    """Call `watch` with each part that work in the block begins to conclude, as `begin_part` names it."""
+    token = _WATCH.set(watch)
+    try:
+        yield
+    finally:
+        _WATCH.reset(token)
+
+
+def begin_part(activity: str) -> None:
+    """Notify the caller of `conclude` of the part that begins, such as "turning at place 1".
+
+    Raises:
+        CancelledWorkError: the job was cancelled.
+    """
+    if (watch := _WATCH.get()) is not None:
+        watch(activity)
 
 
 def cut_into_spans(count: int, size: int) -> tuple[Span, ...]:
@@ -191,7 +213,16 @@ def carry_out(
                 parts.append(part)
                 if on_progress is not None and job.progress is not None:
                     on_progress(job.progress.model_copy(update={"done": span[1]}))
-        return work.conclude(parts)
+        with watching(watch):
+            return work.conclude(parts)
+
+    def watch(activity: str) -> None:
+        """Notify of a part of the conclusion that begins, unless the work was cancelled."""
+        if cancelled():
+            raise CancelledWorkError
+        if on_progress is not None and job.progress is not None:
+            update = {"done": job.progress.total, "activity": activity}
+            on_progress(job.progress.model_copy(update=update))
 
     try:
         result, error = compute_outcome(compute, (RequestError, ExecutorError, StoreUnavailableError))

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import mul
 from typing import Final, Literal
@@ -39,6 +39,9 @@ MAX_NAME_LENGTH = 200
 UNLIMITED = 1e6
 """Smallest limit [rad or m] that means no limit, in documents written and read."""
 
+FASTEST: Final = 1e3
+"""Smallest speed of a joint [rad/s or m/s] that means no limit, in documents read."""
+
 Convention = Literal["standard", "modified"]
 
 LARGEST_LENGTH = 100.0
@@ -49,6 +52,9 @@ LARGEST_OFFSET = 1e4
 
 LARGEST_ANGLE = 1e3
 """Largest limit of a revolute joint of a table [rad]."""
+
+LARGEST_SPEED: Final = 100.0
+"""Largest speed of a joint of a table [rad/s or m/s]."""
 
 LARGEST_TWIST = 2 * math.pi
 """Largest alpha or theta of a table [rad]; a larger one is in degrees."""
@@ -75,6 +81,7 @@ class ChainJoint:
     axis: FloatArray  #: (3,) unit vector in the joint's frame; of no meaning for a fixed joint
     limits: tuple[float, float] | None  #: least and greatest position [rad or m], None without limits
     child: str  #: name of the link that the joint carries
+    speed: float | None = None  #: greatest speed by the maker [rad/s or m/s], None if unknown
 
     def __post_init__(self) -> None:
         check_name(self.name, "a joint")
@@ -103,6 +110,12 @@ class ChainJoint:
                 remedy="give a finite lower limit below the upper limit, or no limits; make a joint that "
                 "cannot move a fixed joint",
                 where=f"{place} limits",
+            )
+        if self.speed is not None and not 0.0 < self.speed < math.inf:
+            raise RobotError(
+                f"the greatest speed of the joint is {self.speed:g}, which is not positive and finite",
+                remedy="give the speed of the maker's data sheet, or none",
+                where=f"{place} speed",
             )
 
     @property
@@ -179,6 +192,10 @@ class KinematicChain:
         """Return the kinds of the moving joints, from the base on."""
         return tuple(joint.kind for joint in self.joints if joint.kind != "fixed")
 
+    def without_speeds(self) -> KinematicChain:
+        """Return the chain with joints of unknown speed."""
+        return replace(self, joints=tuple(replace(joint, speed=None) for joint in self.joints))
+
     def model(self) -> pin.Model:
         """Build Pinocchio's model: a joint for each moving joint, and a frame for each link.
 
@@ -211,7 +228,8 @@ def _pinocchio_joint(joint: ChainJoint, placement: pin.SE3) -> tuple[object, ...
     lower, upper = joint.limits or (-UNLIMITED, UNLIMITED)
     least = np.full(1, lower if lower > -UNLIMITED else -np.inf)
     greatest = np.full(1, upper if upper < UNLIMITED else np.inf)
-    return kind(joint.axis), placement, joint.name, _NO_BOUND, _NO_BOUND, least, greatest
+    speed = _NO_BOUND if joint.speed is None else np.full(1, joint.speed)
+    return kind(joint.axis), placement, joint.name, _NO_BOUND, speed, least, greatest
 
 
 def check_name(name: str, where: str) -> None:
@@ -276,7 +294,9 @@ def chain_dh_rows(rows: Sequence[DhRow], convention: Convention, name: str) -> K
             place = before * _about_z(row.theta, 0.0)
             before = _about_z(0.0, row.d) * about_x
         joint, link = f"joint_{index + 1}", f"link_{index + 1}"
-        joints.append(ChainJoint(joint, row.kind, place.rotation, place.translation, z, limits, link))
+        joints.append(
+            ChainJoint(joint, row.kind, place.rotation, place.translation, z, limits, link, row.speed)
+        )
     joints.append(ChainJoint("joint_flange", "fixed", before.rotation, before.translation, z, None, "flange"))
     reach = float(np.linalg.norm(reduce(mul, (joint.placement for joint in joints)).translation))
     if reach > LARGEST_LENGTH and any(abs(row.d) > LARGEST_LENGTH for row in rows):
@@ -304,6 +324,7 @@ def _read_limits(row: DhRow, where: str) -> tuple[float, float] | None:
         RobotError: a number is not finite or too large.
     """
     position = ("m", LARGEST_LENGTH) if row.kind == "prismatic" else ("rad", LARGEST_ANGLE)
+    speed = (f"{position[0]}/s", LARGEST_SPEED)
     for field, unit, largest in (
         ("a", "m", LARGEST_LENGTH),
         ("alpha", "rad", LARGEST_TWIST),
@@ -311,6 +332,7 @@ def _read_limits(row: DhRow, where: str) -> tuple[float, float] | None:
         ("theta", "rad", LARGEST_TWIST),
         ("lower", *position),
         ("upper", *position),
+        ("speed", *speed),
     ):
         value = getattr(row, field)
         if value is not None and not (math.isfinite(value) and abs(value) <= largest):

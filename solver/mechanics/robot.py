@@ -14,7 +14,13 @@ import pinocchio as pin
 from jointstiff.schemas.joints import JointKind
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.mechanics.chain import MAX_MOVING_JOINTS, UNLIMITED, ChainJoint, KinematicChain
+from jointstiff.solver.mechanics.chain import (
+    FASTEST,
+    MAX_MOVING_JOINTS,
+    UNLIMITED,
+    ChainJoint,
+    KinematicChain,
+)
 
 _ROUNDING: Final = 1e-9
 """Part of a position [rad or m] by which it may pass a limit: rounding of documents."""
@@ -152,6 +158,9 @@ class Robot:
     prismatic: BoolArray  #: (n,) which joints slide along their axes; the others turn about them
     axes: FloatArray  #: (n, 3) unit vectors, each in the frame that moves with its joint
     limits: FloatArray  #: (n, 2) least and greatest positions of the model [rad or m]; ∓inf for no limit
+    speeds: (
+        FloatArray  #: (n,) greatest speeds of the model's joints by the maker [rad/s or m/s]; NaN if unknown
+    )
 
     def __init__(
         self,
@@ -202,6 +211,8 @@ class Robot:
         self.prismatic = np.array([kind == "prismatic" for kind in self.joint_kinds])
         self.limits = np.array([_read_limits(model, i) for i in range(1, n + 1)])
         self.limits.setflags(write=False)
+        self.speeds = np.array([_read_speed(model, i) for i in range(1, n + 1)])
+        self.speeds.setflags(write=False)
         self._flange_frame = frame = _find_flange_frame(model, flange)
         self.flange, self.flange_placement = frame.name, frame.placement
 
@@ -211,6 +222,13 @@ class Robot:
             return self
         robot = copy(self)
         robot.payload = payload
+        return robot
+
+    def with_speeds(self, speeds: FloatArray) -> Robot:
+        """Return a copy with other greatest speeds (n,) of the joints [rad/s or m/s]; NaN if unknown."""
+        robot = copy(self)
+        robot.speeds = speeds.copy()
+        robot.speeds.setflags(write=False)
         return robot
 
     def joint_index(self, name: str, where: str) -> int:
@@ -245,7 +263,10 @@ class Robot:
             unlimited = lower == -np.inf and upper == np.inf
             limits = None if unlimited else (max(lower, -UNLIMITED), min(upper, UNLIMITED))
             link = links.get(i + 1, f"{name}_link")
-            joints.append(ChainJoint(name, kind, place.rotation, place.translation, axis, limits, link))
+            speed = None if np.isnan(self.speeds[i]) else float(self.speeds[i])
+            joints.append(
+                ChainJoint(name, kind, place.rotation, place.translation, axis, limits, link, speed)
+            )
         if joints[-1].child != self.flange:
             place, fixed = self.flange_placement, frames[self._flange_frame.parentFrame]
             name = fixed.name if fixed.type == pin.FrameType.FIXED_JOINT else "to_flange"
@@ -314,6 +335,12 @@ def _read_limits(model: pin.Model, index: int) -> tuple[float, float]:
     lower = float(model.lowerPositionLimit[joint.idx_q])
     upper = float(model.upperPositionLimit[joint.idx_q])
     return lower if lower > -UNLIMITED else -np.inf, upper if upper < UNLIMITED else np.inf
+
+
+def _read_speed(model: pin.Model, index: int) -> float:
+    """Return the greatest speed of a joint [rad/s or m/s]; NaN if the model states none."""
+    speed = float(model.velocityLimit[model.joints[index].idx_v])
+    return speed if 0.0 < speed < FASTEST else float("nan")
 
 
 def _find_flange_frame(model: pin.Model, flange: str | None) -> pin.Frame:

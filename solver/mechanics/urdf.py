@@ -27,7 +27,7 @@ import pinocchio as pin
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.mechanics.chain import UNLIMITED, ChainJoint, KinematicChain, check_name
+from jointstiff.solver.mechanics.chain import FASTEST, UNLIMITED, ChainJoint, KinematicChain, check_name
 from jointstiff.solver.mechanics.robot import Body
 
 MAX_BYTES: Final = 2 * 1024 * 1024
@@ -160,7 +160,7 @@ def write_urdf(chain: KinematicChain) -> str:
 
     Links come without inertia, visual or mesh. Numbers keep every digit, except that a rotation
     becomes roll, pitch and yaw (to a few units in the last place). A joint without limits gets limits of
-    ±`UNLIMITED`, so that each joint has exactly one coordinate.
+    ±`UNLIMITED`, so that each joint has exactly one coordinate. A speed that is unknown is 0.
     """
     robot = ElementTree.Element("robot", name=chain.name)
     links = (chain.base, *(joint.child for joint in chain.joints))
@@ -176,7 +176,8 @@ def write_urdf(chain: KinematicChain) -> str:
             lower, upper = joint.limits or (-UNLIMITED, UNLIMITED)
             ElementTree.SubElement(element, "axis", xyz=_format_numbers(joint.axis))
             bounds = {"lower": _format_numbers([lower]), "upper": _format_numbers([upper])}
-            ElementTree.SubElement(element, "limit", bounds, effort="0", velocity="0")
+            speed = "0" if joint.speed is None else _format_numbers([joint.speed])
+            ElementTree.SubElement(element, "limit", bounds, effort="0", velocity=speed)
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding="unicode")
 
@@ -320,7 +321,14 @@ class UrdfJoint:
             axis=axis / norm,
             limits=None if unlimited or self.kind not in JOINT_UNITS else (lower, upper),
             child=self.child,
+            speed=self._speed,
         )
+
+    @property
+    def _speed(self) -> float | None:
+        """Greatest speed [rad/s or m/s]; None if the document states none, or one that no joint reaches."""
+        speed = self.limit.get("velocity", 0.0)
+        return speed if self.kind != "fixed" and 0.0 < speed < FASTEST else None
 
 
 def check_root(robot: XmlElement) -> None:

@@ -14,12 +14,15 @@ from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures, find_wrist
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import ForwardModel
+from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.process.path import ProcessPath
 
 _FULL_TURNS: Final = 2.0 * np.pi * np.array([0, 1, -1, 2, -2])
 """Full turns that are added to a joint's angle [rad], the nearest to zero first."""
 _MOST_VARIANTS: Final = 8
 """Mean number of postures that differ by full turns; beyond it further joints keep one angle each."""
+ROOM: Final = float(np.radians(0.3))
+"""Distance that is kept from the limits of the joints [rad]."""
 _PARALLEL: Final = 1e-2
 """Sine of the angle between axes that count as parallel in all postures."""
 _MOST_TURNING: Final = (5, 3, 0, 4, 2, 1)
@@ -36,6 +39,8 @@ class Candidates:
     point: IndexArray  #: (K,) index of the point
     turn: IndexArray  #: (K,) index of the turn about the spindle axis; −1 for a given posture
     joints: FloatArray  #: (K, n) controller's joints [rad or m]
+    angles: FloatArray  #: (K, n) the model's joints [rad or m]
+    shift: FloatArray  #: (K, n) motion of the joints by the correction [rad or m]; zero for models with links
     size: FloatArray  #: (K,) length of the deflection, to first order in the load [m]; zero without a load
     #: (K,) least singular value of the flange's Jacobian, in m and rad, with the sign of its determinant:
     #: the arm crosses a singularity between two postures of different signs
@@ -85,8 +90,8 @@ def list_candidates(
     turn = np.concatenate([turn, np.full(len(given), -1, dtype=np.intp)])
     model_angles = np.concatenate([model_angles, robot.joint_map.model_angles(path.given[given])])
     postures = Postures(robot, model_angles)
-    size = _compute_sizes(model, path, point, postures)
-    regularity = _compute_regularity(inverse, postures)
+    size, shift = _compute_sizes(model, path, point, postures)
+    regularity = compute_regularity(inverse, postures)
     usable = np.abs(regularity) >= clearance
     if path.near is not None:
         near = Postures(robot, robot.joint_map.model_angles(path.near))
@@ -97,12 +102,39 @@ def list_candidates(
     if path.near is not None:
         apart = np.abs(joints - path.near[point[index]])[:, inverse.revolute].max(axis=1, initial=0.0)
         kept = path.continuous[point[index]] | (apart <= np.pi) | (turn[index] < 0)
-        index, joints = index[kept], joints[kept]
+        index, joints, angles = index[kept], joints[kept], angles[kept]
     order = np.argsort(point[index], kind="stable")
     index, joints = index[order], joints[order]
-    found = Candidates(point[index], turn[index], joints, size[index], regularity[index])
+    found = Candidates(
+        point[index], turn[index], joints, angles[order], shift[index], size[index], regularity[index]
+    )
     _refuse_unreached(found, path, solved, point)
     return found
+
+
+def keep_room(robot: Robot, path: ProcessPath, candidates: Candidates, *, corrects: bool) -> Candidates:
+    """Return the candidates that keep `ROOM` to the limits of the joints, also once they are corrected.
+
+    Room for links that bend is within `ROOM`.
+
+    Raises:
+        RequestError: all postures at a point are too near the limits.
+    """
+    low, high = robot.limits.T
+    commanded = candidates.angles + (candidates.shift if corrects else 0.0)
+    least = np.minimum(candidates.angles, commanded)
+    greatest = np.maximum(candidates.angles, commanded)
+    has_room = ((least >= low + ROOM) & (greatest <= high - ROOM)).all(axis=1)
+    kept = candidates.select(has_room | (candidates.turn < 0))
+    counts = np.bincount(kept.point, minlength=len(path))
+    if not counts.all():
+        raise RequestError(
+            f"point {int(np.argmin(counts)) + 1} of the path: all postures are within 0.3° of the joints' "
+            "limits, or beyond them once the deflection is corrected",
+            where="turn",
+            remedy="move the workpiece, or state `correct: false`",
+        )
+    return kept
 
 
 def _find_within_limits(inverse: InverseKinematics, angles: FloatArray) -> BoolArray:
@@ -116,17 +148,22 @@ def _find_within_limits(inverse: InverseKinematics, angles: FloatArray) -> BoolA
 
 def _compute_sizes(
     model: ForwardModel, path: ProcessPath, point: IndexArray, postures: Postures
-) -> FloatArray:
-    """Return the lengths (K,) of the deflections of postures at points, to first order in the load [m]."""
-    size = np.zeros(len(point))
+) -> tuple[FloatArray, FloatArray]:
+    """Return the lengths (K,) of the deflections of postures at points, and their corrections (K, n).
+
+    Deflections are to first order in the load [m]; corrections are motions of the joints [rad or m].
+    """
+    size, shift = np.zeros(len(point)), np.zeros_like(postures.q)
     if len(point):
         joints = model.robot.joint_map.controller_angles(postures.q)
         cases = path.cases(point, joints)
         size = np.linalg.norm(model.linear_displacement(cases, postures), axis=1)
-    return size
+        if isinstance(model, JointModel):
+            shift = model.compute_commands(cases, postures, np.ones(len(point))) - postures.q
+    return size, shift
 
 
-def _compute_regularity(inverse: InverseKinematics, postures: Postures) -> FloatArray:
+def compute_regularity(inverse: InverseKinematics, postures: Postures) -> FloatArray:
     """Return the signed least singular values (K,) of the flange's Jacobian of the arm's joints."""
     if not len(postures):
         return np.zeros(0)

@@ -16,7 +16,7 @@ from math import hypot
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -57,7 +57,7 @@ class PathDeflection:
 
     model: ForwardModel
     displacement: FloatArray  #: (m, 3) displacements of the tool's centre, axes of R0 [m]
-    loaded: BoolArray  #: (m,) mask of the points that count: those with a load
+    weights: FloatArray  #: (m,) weights of the points, with the sum 1; zero for points that do not count
     #: (m, 3, r) effects of r independent errors of unit variance, of readings then forces [m]; None if the
     #: uncertainty of the readings is unknown
     effects: FloatArray | None
@@ -80,6 +80,7 @@ class PathDeflection:
         force_parts: FloatArray | None = None,
         confidence: float = 0.95,
         greatest: bool = False,
+        weights: FloatArray | None = None,
     ) -> PathDeflection:
         """Predict the deflections along a path.
 
@@ -92,6 +93,7 @@ class PathDeflection:
                 are common to all points, axes of R0 [N]; None for forces without an error.
             confidence: level of the bound of the model error.
             greatest: whether the greatest deflection counts in place of the root mean square.
+            weights: (m,) weights of the points; None for equal weights of the points with a load, or of all.
 
         Raises:
             RequestError: a load has no stable equilibrium, or twists a joint of unknown compliance.
@@ -125,12 +127,14 @@ class PathDeflection:
                 axis=2,
             )
             effects = np.concatenate([effects, by_force], axis=2)
-        loaded = np.asarray(cases.force.any(axis=1) | cases.moment.any(axis=1))
-        loaded = loaded if loaded.any() else np.ones(len(cases), dtype=np.bool_)
+        if weights is None:
+            loaded = np.asarray(cases.force.any(axis=1) | cases.moment.any(axis=1))
+            counted = loaded if loaded.any() else np.ones(len(cases), dtype=np.bool_)
+            weights = counted / counted.sum()
         return cls(
             model,
             bent.displacement,
-            loaded,
+            weights,
             effects,
             radius,
             deviation,
@@ -149,10 +153,10 @@ class PathDeflection:
         """(m, 3) derivative of `size` with respect to the displacement at each point."""
         weights = np.zeros_like(self.displacement)
         if self.greatest:
-            worst = int(np.argmax(np.where(self.loaded, self.length, -1.0)))
+            worst = int(np.argmax(np.where(self.weights > 0.0, self.length, -1.0)))
             weights[worst] = unit_vectors(self.displacement[worst : worst + 1])[0]
         elif self.size > 0.0:
-            weights[self.loaded] = self.displacement[self.loaded] / (self.loaded.sum() * self.size)
+            weights = self.weights[:, None] * self.displacement / self.size
         return weights
 
     @cached_property
@@ -230,9 +234,11 @@ class PathDeflection:
         return half, share * self.radius
 
     def _mean(self, lengths: FloatArray) -> float:
-        """Return the root mean square, or the greatest, of lengths (m,) at the points under load."""
-        counted = lengths[self.loaded]
-        return float(counted.max() if self.greatest else np.sqrt(np.mean(np.square(counted))))
+        """Return the root mean square, or the greatest, of lengths (m,) at the points that count."""
+        counted = self.weights > 0.0
+        if self.greatest:
+            return float(lengths[counted].max())
+        return float(np.sqrt(self.weights[counted] @ np.square(lengths[counted])))
 
     def compare(self, other: PathDeflection, confidence: float) -> Ranking:
         """Compare this way with another: the interval of the difference of their sizes.

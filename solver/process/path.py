@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -11,7 +12,12 @@ from scipy.spatial.transform import Rotation
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
+from jointstiff.solver.mechanics.postures import rotation_vectors
 
+_REST: Final = 1e-9
+"""Distance of two centres of the tool below which the tool rests [m]."""
+_LEVER: Final = 0.1
+"""Length of the path for a turn of 1 rad of a tool that rests [m]."""
 _LEAST_SINE: Final = 1e-3
 """Sine of the angle between feed and spindle axis, below which the feed has no direction across the axis."""
 
@@ -57,6 +63,83 @@ class ProcessPath:
     def axes(self) -> FloatArray:
         """(m, 3) unit vectors from spindle to tip, axes of R0."""
         return np.asarray((self.poses[:, :3, :3] @ self.spindle[..., None])[..., 0])
+
+    @cached_property
+    def steps(self) -> FloatArray:
+        """(m,) length of the line that leads to each point [m]; zero without a line.
+
+        A tool that turns at rest gets a length of its own, so that the motion takes time.
+        """
+        distance = np.linalg.norm(np.diff(self.centres, axis=0), axis=1)
+        rotation = self.poses[:, :3, :3]
+        turn = np.linalg.norm(rotation_vectors(rotation[1:], rotation[:-1]), axis=1)
+        steps = np.append(0.0, np.where(distance > _REST, distance, _LEVER * turn))
+        steps[~self.continuous] = 0.0
+        steps[steps <= _REST] = 0.0
+        return steps
+
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """(m,) length of the lines from the first point to each point [m]."""
+        return np.cumsum(self.steps)
+
+    @cached_property
+    def stretches(self) -> list[slice]:
+        """Parts of the path that the tool follows along lines, in order."""
+        starts = np.flatnonzero(~self.continuous)
+        starts = np.union1d(0, starts)
+        ends = np.append(starts[1:], len(self))
+        return [slice(first, last) for first, last in zip(starts.tolist(), ends.tolist(), strict=True)]
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """(m,) weights of the points that count, with the sum 1: half of the lines to and from each point.
+
+        Points with a load count, or all points if no point has a load. A point without a line has the mean
+        weight of the others.
+        """
+        counted = self.loaded if self.loaded.any() else np.ones(len(self), dtype=np.bool_)
+        weights = 0.5 * (self.steps + np.append(self.steps[1:], 0.0))
+        weights = np.where(counted, weights, 0.0)
+        has_length = weights > 0.0
+        mean = weights[has_length].mean() if has_length.any() else 1.0
+        weights[counted & ~has_length] = mean
+        return np.asarray(weights / weights.sum())
+
+    def select(self, points: IndexArray) -> ProcessPath:
+        """Return the path of some points (k,) in their order.
+
+        A kept point is reached along lines if all points since the kept point before are.
+        """
+        broken = np.cumsum(~self.continuous)
+        lines = np.append(False, broken[points[1:]] == broken[points[:-1]])
+        names = ["poses", "spindle", "place", "load_point", "force", "moment", "given"]
+        names += [] if self.near is None else ["near"]
+        return replace(self, continuous=lines, **{name: getattr(self, name)[points] for name in names})
+
+    def interpolate(self, last: IndexArray, fraction: FloatArray) -> ProcessPath:
+        """Return the path of k places on the lines between points; each place is a point without a line.
+
+        Args:
+            last: (k,) points to which the lines lead.
+            fraction: (k,) part of the line before the place.
+        """
+        before, part = np.maximum(last - 1, 0), fraction[:, None]
+        start, end = self.poses[before, :3, :3], self.poses[last, :3, :3]
+        poses = np.tile(np.eye(4), (len(last), 1, 1))
+        turn = Rotation.from_rotvec(part * rotation_vectors(end, start)).as_matrix()
+        poses[:, :3, :3] = turn @ start
+        place = self.place[last]
+        centre = (1.0 - part) * self.centres[before] + part * self.centres[last]
+        poses[:, :3, 3] = centre - (poses[:, :3, :3] @ place[..., None])[..., 0]
+        loads = {
+            name: (1.0 - part) * getattr(self, name)[before] + part * getattr(self, name)[last]
+            for name in ("force", "moment")
+        }
+        tools = {name: getattr(self, name)[last] for name in ("spindle", "place", "load_point", "given")}
+        no_line = np.zeros(len(last), dtype=np.bool_)
+        near = None if self.near is None else self.near[last]
+        return replace(self, poses=poses, continuous=no_line, near=near, **loads, **tools)
 
     def turn(self, points: IndexArray, angles: FloatArray) -> FloatArray:
         """Return poses (k, 4, 4) of the flange [m] at k points, turned about the spindle axis.

@@ -12,13 +12,16 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.forward import ForwardModel
+from jointstiff.solver.process.knots import find_knots
 from jointstiff.solver.process.path import ProcessPath
 from jointstiff.solver.process.turning import TurnTask, estimate_least
 
 FLAT: Final = 0.05
 """Relative difference from the least deflection within which a place counts as nearly as good."""
 COARSE_POINTS: Final = 20
-"""Points of a path that are evaluated at each place of a search; the best places are evaluated in full."""
+"""Points by length that are evaluated at each place of a search; the best places are evaluated in full."""
+_MOST_COARSE: Final = 40
+"""Greatest number of these points with corners and ends of the load; of more, some are chosen evenly."""
 COARSE_TURNS: Final = 18
 """Turns that are tried at each place of a search."""
 _HALVINGS: Final = 3
@@ -73,7 +76,7 @@ def evaluate_places(
     """Return the smallest deflection (P,) of the path at each place, over all sequences of joint angles [m].
 
     The deflection is computed to first order in the load. It is NaN where no sequence stays within the joint
-    limits and the largest step between points.
+    limits of positions and speeds.
 
     Args:
         model: model of the loaded robot.
@@ -90,15 +93,15 @@ def evaluate_places(
             moved = path.move(place[:3] - middle, float(place[3]))
             sizes[i] = estimate_least(model, inverse, moved, task, first)
         except RequestError:
-            continue  # the robot does not reach the path there, within limits and step
+            continue  # the robot does not reach the path there, within its limits
     return sizes
 
 
 def coarsen(path: ProcessPath, task: TurnTask, first: IndexArray) -> tuple[ProcessPath, TurnTask, IndexArray]:
     """Return a path with fewer points and a task with fewer turns, for the search of places.
 
-    The step of the joints grows with the distance of the points. Of points with and without a load, both are
-    kept. Points with a given posture are left out, because they do not move with the workpiece.
+    Points are kept by length, with corners and ends of the load. Limits of speed and rate are those of the
+    whole path. Points with a given posture are left out, because they do not move with the workpiece.
     """
     free = np.flatnonzero(np.isnan(path.given[:, 0]))
     if not len(free):
@@ -107,26 +110,23 @@ def coarsen(path: ProcessPath, task: TurnTask, first: IndexArray) -> tuple[Proce
             where="place",
             remedy="send a program with targets that are poses",
         )
-    loaded = path.loaded[free]
-    number = _choose_evenly(np.arange(len(free)))
-    if loaded.any() and not loaded.all():
-        number = np.union1d(number, _choose_evenly(np.flatnonzero(loaded)))
-    if task.motion.greatest:  # the greatest deflection is likely where the force is greatest
-        number = np.union1d(number, np.argmax(np.linalg.norm(path.force[free], axis=1)))
-    kept, distance = free[number], np.diff(number)
-    # A kept point is reached along lines if all points since the kept point before are.
-    lines = np.logical_and.reduceat(path.continuous[free], np.append(0, number[:-1] + 1))
-    lines &= np.append(False, np.diff(kept) == distance)
-    names = ["poses", "spindle", "place", "load_point", "force", "moment", "given"]
-    names += [] if path.near is None else ["near"]
-    parts = {name: getattr(path, name)[kept] for name in names}
-    thinned = replace(path, continuous=lines, centre=path.middle, **parts)
+    part = path.select(free)
+    spacing = max(float(part.lengths[-1]) / COARSE_POINTS, 1e-6)
+    distinct = np.arange(len(free))
+    number = find_knots(part, spacing, distinct)
+    if len(number) > _MOST_COARSE:
+        loaded = np.flatnonzero(part.loaded[number])
+        chosen = [_choose_evenly(np.arange(len(number))), _choose_evenly(loaded)]
+        number = number[np.union1d(*chosen)]
+    if task.greatest:  # the greatest deflection is likely where the force is greatest
+        number = np.union1d(number, np.argmax(np.linalg.norm(part.force, axis=1)))
+    kept = free[number]
+    thinned = replace(part.select(number), centre=path.middle)
     # A target that occurs again is the same only if its first visit is kept, too.
     number_of = {int(target): i for i, target in reversed(list(enumerate(first[kept].tolist())))}
     same = np.array([number_of[target] for target in first[kept].tolist()], dtype=np.intp)
-    motion = replace(task.motion, step=int(distance.max(initial=1)) * task.motion.step)
     every = max(1, len(task.angles) // COARSE_TURNS)
-    return thinned, replace(task, angles=task.angles[::every], motion=motion), same
+    return thinned, replace(task, angles=task.angles[::every], pace=task.pace.select(kept)), same
 
 
 def _choose_evenly(numbers: IndexArray) -> IndexArray:

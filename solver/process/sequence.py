@@ -1,8 +1,9 @@
 """The sequence of postures along a path with the least deflection, by dynamic programming.
 
-The sequence is the best of all sequences of the candidates: the least sum of squares (or the least greatest
-value) of the deflections, plus a weight on changes of the turn, where no joint moves more than a step between
-two points of a line.
+The sequence is the best of all sequences of the candidates: the least sum of values (or the least greatest
+value), plus a weight on changes of the turn, where joints and tool keep their limits on the line between two
+points. Where no motion keeps the limits of the joints, such as on a path that is too fast, these limits are
+raised on that line.
 """
 
 from __future__ import annotations
@@ -26,17 +27,23 @@ MOST_LINKS: Final = 20_000_000
 MOST_TRIALS: Final = 40
 """Greatest number of trials, each with one posture for a target that is visited again, along a path."""
 _ROUNDING: Final = 1e-9
-"""Part of a step that is kept free, so that differences of rounded angles do not exceed the step."""
+"""Part of a limit that is kept free, so that differences of rounded angles do not exceed the limit."""
+_RAISED: Final = (1.0, 1.5, 2.5, 5.0, np.inf)
+"""Factors by which the limits of the joints are raised on a line on which no motion keeps these limits."""
+_LARGEST: Final = float(np.radians(60.0))
+"""Greatest motion of a joint on a line [rad]: a joint that moves farther is not the same motion."""
+_SMOOTHNESS: Final = 1e-4
+"""Cost of a turn by 1 rad within 1 m, in units of the candidates' mean value: of equal turns, the least."""
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Limits and costs of the motion along a sequence of postures."""
+@dataclass(frozen=True, eq=False)
+class LineLimits:
+    """Limits of the motion on the line to each of m points."""
 
-    step: float  #: greatest motion of a joint from a point to the next along a line [rad or m]
-    #: cost of a change of the turn by 1 rad, as a multiple of the mean square of the deflections
-    smoothness: float = 0.0
-    greatest: bool = False  #: whether the greatest deflection is minimised, and not the root mean square
+    joints: FloatArray  #: (m, n) greatest motion of each of the model's joints [rad or m]
+    turn: FloatArray  #: (m,) greatest turn about the spindle [rad]
+    length: FloatArray  #: (m,) length of the line [m]
+    closed: bool = True  #: whether a turn by 2π is no turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +62,18 @@ class Trellis:
     Attributes:
         rows: m slices of the candidates.
         links: m − 1 motions, from each point to the next; None if the joints move freely.
+        raised: factors (m,) by which the limits of the joints are raised on the line to each point.
     """
 
     candidates: Candidates
     rows: Sequence[slice]
     links: Sequence[Links | None]
     angles: FloatArray  # (T,) turns about the spindle axis [rad]
+    raised: FloatArray
 
     @classmethod
     def link(
-        cls, candidates: Candidates, angles: FloatArray, continuous: BoolArray, motion: Motion
+        cls, candidates: Candidates, angles: FloatArray, continuous: BoolArray, limits: LineLimits
     ) -> Trellis:
         """Find the motions between the candidates of a path.
 
@@ -72,14 +81,15 @@ class Trellis:
             candidates: candidates of the m points of the path.
             angles: (T,) turns about the spindle axis [rad].
             continuous: (m,) mask of points that are reached from the point before along a line or an arc.
-            motion: step and smoothness.
+            limits: limits of joints and tool on each line.
 
         Raises:
-            RequestError: between two points of a line each posture would move a joint by more than the step,
-                or across a singularity; or there are too many motions.
+            RequestError: between two points of a line each motion crosses a singularity, or moves a joint
+                too far; or there are too many motions.
         """
         rows = candidates.rows(len(continuous))
         links: list[Links | None] = []
+        raised = np.ones(len(continuous))
         # Only candidates that are reached from the first point are tried, so that errors name a real gap.
         reached, count = np.ones(rows[0].stop - rows[0].start, dtype=np.bool_), 0
         for i in range(1, len(continuous)):
@@ -88,29 +98,34 @@ class Trellis:
                 links.append(None)
                 reached = np.ones(here.stop - here.start, dtype=np.bool_)
                 continue
-            sources = np.flatnonzero(reached)
-            first, last = _find_near(candidates, before, here, sources, motion.step)
+            pairs = _pair_by_turn(
+                candidates, angles, before, here, float(limits.turn[i]), closed=limits.closed
+            )
+            pairs = pairs.select(reached[pairs.first])
+            moved = np.abs(candidates.angles[here][pairs.last] - candidates.angles[before][pairs.first])
+            for factor in _RAISED:
+                most = np.minimum(factor * np.maximum(limits.joints[i], _ROUNDING), _LARGEST)
+                kept = pairs.select((moved <= most * (1.0 - _ROUNDING)).all(axis=1))
+                raised[i] = factor
+                if len(kept.first):
+                    break
+            first, last, change = kept.first, kept.last, kept.change
             if not len(first):
-                _refuse_gap(candidates, before, here, sources, i, motion.step)
+                _refuse_gap(candidates, before, here, np.flatnonzero(reached), i)
             count += len(first)
             if count > MOST_LINKS:
                 raise RequestError(
                     f"the path has more than {MOST_LINKS:,} motions to choose from",
                     where="turns",
-                    remedy="lower `turns` or `step`, or split the path",
+                    remedy="lower `turns` or `rate`, or split the path",
                 )
             order = np.argsort(last, kind="stable")
-            first, last = first[order], last[order]
-            turns = candidates.turn[before][first], candidates.turn[here][last]
-            change = angles[turns[1]] - angles[turns[0]]
-            change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
-            # A given posture has no turn.
-            change = np.where((turns[0] < 0) | (turns[1] < 0), 0.0, change)
-            cost = motion.smoothness * np.square(change)
+            first, last, change = first[order], last[order], change[order]
+            cost = _SMOOTHNESS * np.square(change) / max(float(limits.length[i]), _ROUNDING)
             links.append(Links(first.astype(np.int32), last.astype(np.int32), cost))
             reached = np.zeros(here.stop - here.start, dtype=np.bool_)
             reached[last] = True
-        return cls(candidates, rows, links, angles)
+        return cls(candidates, rows, links, angles, raised)
 
     def restrict(self, kept: BoolArray) -> Trellis:
         """Return a trellis of those candidates only that a mask (K,) keeps."""
@@ -128,14 +143,20 @@ class Trellis:
             both = kept[first] & kept[last]
             first, last = numbers[first[both]] - rows[i].start, numbers[last[both]] - rows[i + 1].start
             links.append(Links(first.astype(np.int32), last.astype(np.int32), link.cost[both]))
-        return Trellis(self.candidates.select(kept), rows, links, self.angles)
+        return Trellis(self.candidates.select(kept), rows, links, self.angles, self.raised)
 
-    def leave_out(self, point: int, left: BoolArray) -> Trellis:
-        """Return a trellis without the motions to a point that a mask (E,) of its motions names."""
-        links = list(self.links)
-        here = links[point - 1]
-        if here is not None:
-            links[point - 1] = Links(here.first[~left], here.last[~left], here.cost[~left])
+    def keep_turns(self) -> Trellis:
+        """Return a trellis in which each sequence has one turn: without given postures."""
+        links: list[Links | None] = []
+        for each, (before, here) in zip(self.links, pairwise(self.rows), strict=True):
+            first, last = _turns(self.candidates, before, here)
+            if each is None:
+                pairs = np.argwhere(last[:, None] == first)
+                source, goal = pairs[:, 1].astype(np.int32), pairs[:, 0].astype(np.int32)
+                links.append(Links(source, goal, np.zeros(len(pairs))))
+                continue
+            same = first[each.first] == last[each.last]
+            links.append(Links(each.first[same], each.last[same], each.cost[same]))
         return replace(self, links=links)
 
     def find_best(self, value: FloatArray, *, greatest: bool = False) -> IndexArray | None:
@@ -150,6 +171,25 @@ class Trellis:
         """
         if any(each.start == each.stop for each in self.rows):
             return None
+        total, back = self._sum(value, greatest=greatest)
+        state = int(np.argmin(total))
+        if not np.isfinite(total[state]):
+            return None
+        return np.asarray(self._trace(np.array([state]), back)[0])
+
+    def find_best_of_turns(self, value: FloatArray, *, greatest: bool = False) -> dict[int, IndexArray]:
+        """Find what `find_best` does for the last candidates of each turn, by the index of the turn."""
+        if any(each.start == each.stop for each in self.rows):
+            return {}
+        total, back = self._sum(value, greatest=greatest)
+        turns = self.candidates.turn[self.rows[-1]]
+        order = np.argsort(total, kind="stable")
+        order = order[np.isfinite(total[order])]
+        found, first = np.unique(turns[order], return_index=True)
+        return dict(zip(found.tolist(), self._trace(order[first], back), strict=True))
+
+    def _sum(self, value: FloatArray, *, greatest: bool) -> tuple[FloatArray, list[IndexArray]]:
+        """Return the least total with which each last candidate is reached, and the candidates before."""
         total, back = value[self.rows[0]], list[IndexArray]()
         for links, here in zip(self.links, self.rows[1:], strict=True):
             own = value[here]
@@ -160,13 +200,16 @@ class Trellis:
                 before, source = _find_best_links(links, total, len(own), greatest=greatest)
             total = np.maximum(before, own) if greatest else before + own
             back.append(source)
-        state = int(np.argmin(total))
-        if not np.isfinite(total[state]):
-            return None
-        sequence = [state]
-        for source in reversed(back):
-            sequence.append(int(source[sequence[-1]]))
-        return np.array([self.rows[i].start + s for i, s in enumerate(reversed(sequence))], dtype=np.intp)
+        return total, back
+
+    def _trace(self, states: IndexArray, back: list[IndexArray]) -> IndexArray:
+        """Return the sequences (s, m) that end in s candidates of the last point."""
+        sequences = np.empty((len(states), len(self.rows)), dtype=np.intp)
+        for i in range(len(self.rows) - 1, -1, -1):
+            sequences[:, i] = self.rows[i].start + states
+            if i:
+                states = back[i - 1][states]
+        return sequences
 
     def find_consistent(
         self, value: FloatArray, first: IndexArray, *, greatest: bool = False
@@ -292,30 +335,55 @@ def _relax(
     return reached
 
 
-def _find_near(
-    candidates: Candidates, before: slice, here: slice, sources: IndexArray, step: float
-) -> tuple[IndexArray, IndexArray]:
-    """Return all pairs of postures between which no joint moves by more than a step, nor a singularity lies.
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Pairs of a candidate of the point before and one of the point, counted from the first ones."""
 
-    Args:
-        candidates: candidates of the path.
-        before: rows of the point before.
-        here: rows of the point.
-        sources: (s,) candidates of the point before to be tried, counted from its first one.
-        step: greatest motion of a joint [rad or m].
+    first: IndexArray  # (E,)
+    last: IndexArray  # (E,)
+    change: FloatArray  # (E,) turn from one to the other [rad]
 
-    Returns:
-        (E,) candidates of the point before, and (E,) candidates of the point, counted from its first one.
+    def select(self, kept: BoolArray) -> _Pairs:
+        """Return those pairs only that a mask (E,) keeps."""
+        return _Pairs(self.first[kept], self.last[kept], self.change[kept])
+
+
+def _pair_by_turn(
+    candidates: Candidates, angles: FloatArray, before: slice, here: slice, most: float, *, closed: bool
+) -> _Pairs:
+    """Return all pairs whose turns differ by at most `most` [rad], and between which no singularity lies.
+
+    A given posture has the turn zero.
     """
-    joints, regularity = candidates.joints, candidates.regularity
-    near = KDTree(joints[before][sources]).sparse_distance_matrix(
-        KDTree(joints[here]), step * (1.0 - _ROUNDING), p=np.inf, output_type="ndarray"
-    )
-    first, last = sources[near["i"]], near["j"].astype(np.intp)
-    signs = np.sign(regularity[before][first]), np.sign(regularity[here][last])
-    given = (candidates.turn[before][first] < 0) | (candidates.turn[here][last] < 0)
-    same_side = (signs[0] == signs[1]) | given
-    return first[same_side], last[same_side]
+    starts, ends = (np.where(each < 0, 0.0, angles[each]) for each in _turns(candidates, before, here))
+    order = np.argsort(ends, kind="stable")
+    shifts = (0.0, 2.0 * np.pi, -2.0 * np.pi) if closed and most < np.pi else (0.0,)
+    firsts, lasts, changes = [], [], []
+    for shift in shifts:
+        wanted = starts + shift
+        low = np.searchsorted(ends[order], wanted - most - _ROUNDING)
+        high = np.searchsorted(ends[order], wanted + most + _ROUNDING, side="right")
+        count = high - low
+        first = np.repeat(np.arange(len(starts)), count)
+        place = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count) + low[first]
+        last = order[place]
+        firsts.append(first)
+        lasts.append(last)
+        changes.append(ends[last] - wanted[first])
+    pairs = _Pairs(np.concatenate(firsts), np.concatenate(lasts), np.concatenate(changes))
+    if closed and len(shifts) == 1:
+        wrapped = pairs.change - 2.0 * np.pi * np.round(pairs.change / (2.0 * np.pi))
+        pairs = replace(pairs, change=wrapped)
+    sides = (np.sign(candidates.regularity[part]) for part in (before, here))
+    start_side, end_side = next(sides)[pairs.first], next(sides)[pairs.last]
+    turns = _turns(candidates, before, here)
+    given = (turns[0][pairs.first] < 0) | (turns[1][pairs.last] < 0)
+    return pairs.select((start_side == end_side) | given)
+
+
+def _turns(candidates: Candidates, before: slice, here: slice) -> tuple[IndexArray, IndexArray]:
+    """Return the indices of the turns of the candidates of two points."""
+    return candidates.turn[before], candidates.turn[here]
 
 
 def _find_best_links(
@@ -335,16 +403,15 @@ def _find_best_links(
     return before, source
 
 
-def _refuse_gap(
-    candidates: Candidates, before: slice, here: slice, sources: IndexArray, point: int, step: float
-) -> None:
-    """Raise a `RequestError` that names the step that would be needed between two points."""
-    distance, _ = KDTree(candidates.joints[before][sources]).query(candidates.joints[here], p=np.inf)
+def _refuse_gap(candidates: Candidates, before: slice, here: slice, sources: IndexArray, point: int) -> None:
+    """Raise a `RequestError` that names the motion that would be needed between two points."""
+    distance, _ = KDTree(candidates.angles[before][sources]).query(candidates.angles[here], p=np.inf)
     least = float(np.degrees(np.min(distance)))
-    reason = (
-        f"between the points {point} and {point + 1} of the path a joint moves by at least {least:.3g}°, "
-        f"more than the step of {np.degrees(step):.3g}°"
-        if least > np.degrees(step)
-        else f"between the points {point} and {point + 1} of the path each motion crosses a singularity"
+    reason = "each motion crosses a singularity, or turns the tool faster than `rate`"
+    if least > np.degrees(_LARGEST):
+        reason = f"a joint moves by at least {least:.3g}°"
+    raise RequestError(
+        f"between the points {point} and {point + 1} of the path {reason}",
+        where="path",
+        remedy="add points between the two, raise `rate`, or move the workpiece",
     )
-    raise RequestError(reason, where="step", remedy="raise `step`, or add points between the two")

@@ -1,56 +1,98 @@
-"""Free turn about the spindle: the turns and postures along a path with the least deflection."""
+"""Free turn about the spindle: the turns and postures along a path with the least deflection.
+
+Turns and branches are chosen at knots by length, by dynamic programming with limits for each line; then the
+turn becomes a smooth function of the path's length. Each motion is inspected at all points and between them.
+The best turn that is the same along the whole path is the last resort (method.md §16).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.forward import ForwardModel
-from jointstiff.solver.process.between import LimitsBetween
-from jointstiff.solver.process.candidates import Candidates, list_candidates
+from jointstiff.solver.process.candidates import Candidates, keep_room, list_candidates
+from jointstiff.solver.process.inspection import Inspection, Inspector
+from jointstiff.solver.process.knots import find_knots, find_spacing
+from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import ProcessPath
-from jointstiff.solver.process.sequence import Motion, Trellis
+from jointstiff.solver.process.sequence import LineLimits, Trellis
+from jointstiff.solver.process.smooth import ROUGHNESS, TurnSmoother
 
 NO_GAIN: Final = 0.02
 """Relative difference of the fixed turns' deflections up to which turning gains nothing."""
+MOST_POSES: Final = 200_000
+"""Greatest number of knots times turns."""
 _ZERO: Final = 1e-9
 """Turn that counts as zero [rad]."""
-_MOST_CHECKS: Final = 50
-"""Sequences whose motions between points are checked."""
-_MOST_LINKS_CHECKED: Final = 50_000
-"""Motions between two points that are checked at once."""
 _EQUAL: Final = 1e-12
 """Relative difference of deflections that is rounding."""
 _DIGITS: Final = 10
 """Decimal places of squares relative to their mean that are compared."""
+_KEPT: Final = 1.0 + 1e-6
+"""Part of a limit that counts as kept: rounding."""
+_DOUBT: Final = 1.01
+"""Relative error of the deflection at the knots: fixed turns within it are compared at all points."""
+_MOST_FIXED: Final = 8
+"""Fixed turns that are followed at all points."""
 
 
 @dataclass(frozen=True, eq=False)
 class TurnTask:
-    """Turns to choose from, and how the robot may move."""
+    """Turns to choose from, and how the robot may move along a path of m points."""
 
     angles: FloatArray  #: (T,) turns about the spindle axis [rad]
     clearance: float  #: least singular value of the flange's Jacobian, in m and rad
-    motion: Motion
+    pace: Pace  #: feed and limits of the speeds at the m points
+    greatest: bool = False  #: whether the greatest deflection is minimised, and not the root mean square
+    corrects: bool = True  #: whether the corrected postures have to keep the limits of the joints, too
+    closed: bool = True  #: whether the turns are a full turn, so that the last is next to the first
 
     @classmethod
-    def free(cls, turns: int, clearance: float, motion: Motion) -> TurnTask:
+    def free(
+        cls, turns: int, clearance: float, pace: Pace, *, greatest: bool = False, corrects: bool = True
+    ) -> TurnTask:
         """Return the task of a free turn, with turns evenly spread over a full turn."""
-        return cls(2.0 * np.pi * np.arange(turns) / turns, clearance, motion)
+        return cls(2.0 * np.pi * np.arange(turns) / turns, clearance, pace, greatest, corrects)
 
     @classmethod
-    def within(cls, low: float, high: float, turns: int, clearance: float, motion: Motion) -> TurnTask:
+    def within(
+        cls, low: float, high: float, turns: int, clearance: float, pace: Pace, *, greatest: bool = False
+    ) -> TurnTask:
         """Return the task of turns from `low` to `high` [rad], zero included; `turns` make a full turn."""
         count = max(2, 1 + int(np.ceil((high - low) / (2.0 * np.pi) * turns)))
         angles = np.linspace(low, high, count)
         if low < 0.0 < high:  # the turn of the path itself is one of the choices
             angles = np.union1d(angles[np.abs(angles) > 1e-6], [0.0])
-        return cls(angles, clearance, motion)
+        return cls(angles, clearance, pace, greatest, closed=False)
+
+    @property
+    def step(self) -> float:
+        """Least difference of two turns [rad]; a full turn if there is one turn."""
+        return float(np.diff(self.angles).min()) if len(self.angles) > 1 else 2.0 * np.pi
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """Least and greatest turn [rad]; None for any turn."""
+        return None if self.closed else (float(self.angles.min()), float(self.angles.max()))
+
+
+@dataclass(frozen=True, eq=False)
+class TurnedMotion:
+    """A motion along a path of m points, and what it needs."""
+
+    angles: FloatArray  #: (m, n) the model's joints [rad or m]
+    turn: FloatArray  #: (m,) turn about the spindle axis [rad]
+    size: float  #: root mean square, or greatest, of the exact deflections under load [m]
+    inspection: Inspection
+    excess: float  #: greatest need of speed or rate, relative to its limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +102,12 @@ class TurnChoice:
     joints: FloatArray  #: (m, n) controller's joints [rad or m]
     turn: FloatArray  #: (m,) turn about the spindle axis [rad]; NaN where the posture was given
     size: float  #: root mean square, or greatest, of the exact deflections under load [m]
-    #: (T,) the same for each fixed turn along the whole path, with its best branch [m]; inf where no posture
-    #: or motion is allowed
+    #: (T,) the same for each fixed turn along the whole path, with its best branch, at the knots [m]; inf
+    #: where no posture or motion is allowed
     fixed: FloatArray
     best_fixed: FloatArray | None  #: (m, n) controller's joints of the best fixed turn; None if there is none
     unturned: FloatArray | None  #: (m, n) controller's joints at turn zero; None if it is not allowed
+    motion: FloatArray  #: (m, n) motion of the model's joints for a length of the line to each point [rad/m]
 
     @property
     def median_fixed(self) -> float:
@@ -91,55 +134,24 @@ def choose_turns(
 ) -> TurnChoice:
     """Choose turns and branches along a path, so that its deflection is least.
 
-    Limits and step are kept between the points, too, where the controller interpolates a line. Candidates are
-    compared by their deflections to first order in the load. The chosen sequence and all fixed
-    turns are then compared by their exact deflections, so that the choice is never worse than a fixed turn.
+    Candidates are compared by their deflections to first order in the load, at the knots. The smooth turn and
+    the best fixed turns are then compared by their exact deflections at all points, so that the choice is
+    never worse than a fixed turn.
 
     Args:
         model: model of the loaded robot.
         inverse: inverse kinematics of the same robot.
         path: path of m points.
-        task: turns, clearance and motion.
+        task: turns, clearance and pace.
         first: (m,) index of the first point that is the same target, for each point; None if all differ.
 
     Raises:
-        RequestError: a point has no posture, or no sequence keeps step and limits.
+        RequestError: a point has no posture, or no motion keeps the limits of the joints.
     """
     first = np.arange(len(path)) if first is None else first
-    trellis, value, weight = _prepare(model, inverse, path, task)
-    candidates, limits = trellis.candidates, LimitsBetween(inverse, path, task.motion.step)
-    sequences: list[IndexArray] = []
-    if (free := _find_followed(trellis, value, first, task.motion, limits)) is not None:
-        sequences.append(free)
-    fixed_at = dict[int, int]()
-    for k in range(len(task.angles)):
-        kept = (candidates.turn == k) | (candidates.turn < 0)
-        found = _find_followed(trellis.restrict(kept), value[kept], first, task.motion, limits)
-        if found is not None:
-            fixed_at[k] = len(sequences)
-            sequences.append(np.flatnonzero(kept)[found])
-    if not sequences:
-        raise RequestError(
-            "no sequence of postures follows the path within the limits of the joints and the step",
-            where="step",
-            remedy="raise `step`, lower `clearance`, add points, or use separate targets for returns",
-        )
-    sizes = _compute_exact_sizes(model, path, candidates, sequences, weight, greatest=task.motion.greatest)
-    fixed = np.full(len(task.angles), np.inf)
-    for k, row in fixed_at.items():
-        fixed[k] = sizes[row]
-    # The free sequence is the first: it is kept unless a fixed turn is better to all digits.
-    best, zero = int(np.argmin(sizes)), int(np.argmin(np.abs(task.angles)))
-    at_zero = fixed_at.get(zero) if abs(task.angles[zero]) < _ZERO else None
-    if at_zero is not None and sizes[at_zero] <= (1.0 + _EQUAL) * sizes[best]:
-        best = at_zero  # a tool that gains nothing is not turned
-    chosen = candidates.joints[sequences[best]]
-    turn = candidates.turn[sequences[best]]
-    joints_of = {k: candidates.joints[sequences[row]] for k, row in fixed_at.items()}
-    best_fixed = joints_of[int(np.argmin(fixed))] if fixed_at else None
-    unturned = None if at_zero is None else joints_of[zero]
-    angles = np.where(turn < 0, np.nan, task.angles[turn])
-    return TurnChoice(chosen, angles, float(sizes[best]), fixed, best_fixed, unturned)
+    spacing = find_spacing(path, task.pace, task.step)
+    lattice = Lattice.build(model, inverse, path, task, first, find_knots(path, spacing, first))
+    return _Choice(model, inverse, path, task, first, spacing, lattice).find()
 
 
 def estimate_least(
@@ -149,101 +161,322 @@ def estimate_least(
     task: TurnTask,
     first: IndexArray | None = None,
 ) -> float:
-    """Return the deflection of the sequence that `choose_turns` chooses, to first order in the load [m].
-
-    Fixed turns are not evaluated, which takes half of the time.
+    """Return the deflection of the best sequence of postures at all points, to first order in the load [m].
 
     Raises:
-        RequestError: a point has no posture, or no sequence keeps step and limits.
+        RequestError: a point has no posture, or no sequence keeps the limits.
     """
-    first = np.arange(len(path)) if first is None else first
-    trellis, value, weight = _prepare(model, inverse, path, task)
-    found = _find_least(trellis, value, first, task.motion)
+    knots = np.arange(len(path))
+    lattice = Lattice.build(model, inverse, path, task, knots if first is None else first, knots)
+    found = lattice.find_free()
     if found is None:
-        raise RequestError("no sequence of postures follows the path", where="step", remedy="raise `step`")
-    sizes = trellis.candidates.size[found][weight]
-    return float(sizes.max() if task.motion.greatest else np.sqrt(np.mean(np.square(sizes))))
+        raise RequestError("no sequence of postures follows the path", where="path", remedy="add points")
+    return lattice.measure(found)
 
 
-def _prepare(
-    model: ForwardModel, inverse: InverseKinematics, path: ProcessPath, task: TurnTask
-) -> tuple[Trellis, FloatArray, BoolArray]:
-    """Return candidates with their motions, their values (K,), and a mask (m,) of points that count.
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Postures at the knots of a path, and the motions between them."""
 
-    Raises:
-        RequestError: a point has no posture, or no motion leads to it.
-    """
-    candidates = list_candidates(model, inverse, path, task.angles, task.clearance)
-    trellis = Trellis.link(candidates, task.angles, path.continuous, task.motion)
-    counted = path.loaded if path.loaded.any() else np.ones(len(path), dtype=np.bool_)
-    return trellis, _compute_values(candidates, counted[candidates.point]), counted
+    path: ProcessPath  #: path of the k knots
+    task: TurnTask
+    knots: IndexArray  #: (k,) points of the whole path
+    first: IndexArray  #: (k,) index of the first knot that is the same target, for each knot
+    trellis: Trellis
+    value: FloatArray  #: (K,) weighted squares of the deflections, relative to their mean
+
+    @classmethod
+    def build(
+        cls,
+        model: ForwardModel,
+        inverse: InverseKinematics,
+        path: ProcessPath,
+        task: TurnTask,
+        first: IndexArray,
+        knots: IndexArray,
+    ) -> Lattice:
+        """List the postures at the knots (k,) of a path, and find the motions between them.
+
+        Raises:
+            RequestError: a knot has no posture, no motion leads to a knot, or there are too many postures.
+        """
+        if len(knots) * len(task.angles) > MOST_POSES:
+            raise RequestError(
+                f"{len(knots)} knots and {len(task.angles)} turns give more than {MOST_POSES:,} poses",
+                where="turns",
+                remedy="lower `turns`, or split the path",
+            )
+        part, pace = path.select(knots), task.pace.select(knots)
+        candidates = list_candidates(model, inverse, part, task.angles, task.clearance)
+        candidates = keep_room(model.robot, part, candidates, corrects=task.corrects)
+        steps = part.steps
+        limits = LineLimits(pace.limits() * steps[:, None], pace.rate * steps, steps, task.closed)
+        trellis = Trellis.link(candidates, task.angles, part.continuous, limits)
+        number = np.full(len(path), -1, dtype=np.intp)
+        number[knots] = np.arange(len(knots))
+        value = _compute_values(candidates, part.weights)
+        return cls(part, task, knots, number[first[knots]], trellis, value)
+
+    def find_free(self) -> IndexArray | None:
+        """Return the candidates (k,) of the sequence with the least deflection; None if there is none."""
+        return self._find(self.trellis, self.value)
+
+    def find_fixed(self) -> dict[int, IndexArray]:
+        """Return the candidates (k,) of the best sequence of each fixed turn, by the turn's index."""
+        candidates, found = self.trellis.candidates, dict[int, IndexArray]()
+        is_simple = (candidates.turn >= 0).all() and (self.first == np.arange(len(self.first))).all()
+        if is_simple and not self.task.greatest:
+            return self.trellis.keep_turns().find_best_of_turns(self.value)
+        for k in range(len(self.task.angles)):
+            kept = (candidates.turn == k) | (candidates.turn < 0)
+            if not np.bincount(candidates.point[kept], minlength=len(self.knots)).all():
+                continue
+            sequence = self._find(self.trellis.restrict(kept), self.value[kept])
+            if sequence is not None:
+                found[k] = np.flatnonzero(kept)[sequence]
+        return found
+
+    def measure(self, sequence: IndexArray) -> float:
+        """Return the deflection of a sequence (k,) of candidates, to first order in the load [m]."""
+        sizes, weights = self.trellis.candidates.size[sequence], self.path.weights
+        if self.task.greatest:
+            return float(sizes[weights > 0.0].max())
+        return float(np.sqrt(weights @ np.square(sizes)))
+
+    def turns(self, sequence: IndexArray) -> FloatArray:
+        """Return the turns (k,) of a sequence of candidates, without jumps along a line [rad]."""
+        index = self.trellis.candidates.turn[sequence]
+        turns = np.where(index < 0, 0.0, self.task.angles[index])
+        if self.task.closed:
+            for part in self.path.stretches:
+                turns[part] = np.unwrap(turns[part])
+        return np.asarray(turns)
+
+    def _find(self, trellis: Trellis, value: FloatArray) -> IndexArray | None:
+        """Return the best sequence (k,) of the candidates of a trellis; None if there is none."""
+        if not self.task.greatest:
+            return trellis.find_consistent(value, self.first)
+        weights = self.path.weights[trellis.candidates.point]
+        size = np.where(weights > 0.0, trellis.candidates.size, 0.0)
+        bottleneck = trellis.find_consistent(size, self.first, greatest=True)
+        if bottleneck is None:
+            return None
+        # Of all sequences with the least greatest deflection, that with the least sum of squares
+        kept = np.asarray(size <= size[bottleneck].max() * (1.0 + _EQUAL))
+        found = trellis.restrict(kept).find_consistent(value[kept], self.first)
+        return bottleneck if found is None else np.flatnonzero(kept)[found]
 
 
-def _compute_values(candidates: Candidates, loaded: BoolArray) -> FloatArray:
-    """Return the squares of the candidates' deflections (K,), relative to their mean; zero without a load.
+def _compute_values(candidates: Candidates, weights: FloatArray) -> FloatArray:
+    """Return the weighted squares of the candidates' deflections (K,), relative to their mean.
 
     A wrist on either side gives the same deflection: squares that differ by rounding alone are made equal, so
     that the choice is the same on every machine.
     """
-    square = np.where(loaded, np.square(candidates.size), 0.0)
-    mean = float(square[loaded].mean()) if loaded.any() else 0.0
-    return np.asarray(np.round(square / mean, _DIGITS) if mean > 0.0 else square)
+    value = weights[candidates.point] * np.square(candidates.size)
+    counted = value[weights[candidates.point] > 0.0]
+    mean = float(counted.mean()) if len(counted) else 0.0
+    return np.asarray(np.round(value / mean, _DIGITS) if mean > 0.0 else value)
 
 
-def _find_followed(
-    trellis: Trellis, value: FloatArray, first: IndexArray, motion: Motion, limits: LimitsBetween
-) -> IndexArray | None:
-    """Return the candidates (m,) of the best sequence that keeps the limits between points; None if none."""
-    joints = trellis.candidates.joints
-    for _ in range(_MOST_CHECKS):
-        found = _find_least(trellis, value, first, motion)
-        if found is None:
-            return None
-        beyond = np.flatnonzero(limits.find_beyond(joints[found]))
-        if not len(beyond):
-            return found
-        for point in beyond.tolist():
-            links, before, here = trellis.links[point - 1], *trellis.rows[point - 1 : point + 1]
-            if links is None:
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """The choice of a motion along a path, from the sequences of a lattice."""
+
+    model: ForwardModel
+    inverse: InverseKinematics
+    path: ProcessPath
+    task: TurnTask
+    first: IndexArray
+    spacing: float
+    lattice: Lattice
+
+    def find(self) -> TurnChoice:
+        """Return the best motion that keeps all limits; if none does, the best that keeps those of position.
+
+        Raises:
+            RequestError: no motion keeps the limits of the joints.
+        """
+        fixed_sequences = self.lattice.find_fixed()
+        sizes = {k: self.lattice.measure(each) for k, each in fixed_sequences.items()}
+        free = self.lattice.find_free() if len(self.task.angles) > 1 else None
+        motions = list[TurnedMotion]()
+        if free is not None and self._may_gain(free, sizes):
+            motions += self._smooth(*self._expand(self.lattice.turns(free), free))
+        best = min((each.size for each in motions if each.excess <= _KEPT), default=np.inf)
+        followed = self._follow_fixed(fixed_sequences, sizes, best)
+        legal = {k: each for k, each in followed.items() if each.excess <= _KEPT}
+        if not any(each.excess <= _KEPT for each in motions) and legal and len(self.task.angles) > 1:
+            start = min(legal.values(), key=lambda each: each.size)
+            motions += self._smooth(start.turn, self.inverse.select_arm_joints(start.angles))
+        motions += followed.values()
+        if free is not None and not any(each.excess <= _KEPT for each in motions):
+            motions += self._follow(*self._expand(self.lattice.turns(free), free))
+        return self._conclude(motions, followed, sizes)
+
+    def _conclude(
+        self, motions: list[TurnedMotion], followed: dict[int, TurnedMotion], sizes: dict[int, float]
+    ) -> TurnChoice:
+        """Return the best of some motions, and what fixed turns give.
+
+        Raises:
+            RequestError: there is no motion.
+        """
+        if not motions:
+            raise RequestError(
+                "no motion of the joints follows the path within their limits, as they are or as corrected",
+                where="path",
+                remedy="move the workpiece, lower `clearance`, or state another range of `turn`",
+            )
+        least = min(max(each.excess, _KEPT) for each in motions)
+        motions = [each for each in motions if each.excess <= least]
+        chosen = min(motions, key=lambda each: each.size)
+        zero = int(np.argmin(np.abs(self.task.angles)))
+        unturned = followed.get(zero) if abs(self.task.angles[zero]) < _ZERO else None
+        is_equal = unturned is not None and unturned.size <= (1.0 + _EQUAL) * chosen.size
+        if unturned is not None and is_equal and unturned.excess <= least:
+            chosen = unturned  # a tool that gains nothing is not turned
+        # Sizes at the knots are to first order: the turns that are followed show by how much they err.
+        ratio = float(np.median([each.size / sizes[k] for k, each in followed.items() if sizes[k]] or [1.0]))
+        fixed = np.full(len(self.task.angles), np.inf)
+        for k, size in sizes.items():
+            fixed[k] = followed[k].size if k in followed else ratio * size
+        legal = [each for each in followed.values() if each.excess <= least]
+        best_fixed = min(legal, key=lambda each: each.size, default=None)
+        given = ~np.isnan(self.path.given[:, 0])
+        return TurnChoice(
+            joints=self._controller_joints(chosen),
+            turn=np.where(given, np.nan, chosen.turn),
+            size=chosen.size,
+            fixed=fixed,
+            best_fixed=None if best_fixed is None else self._controller_joints(best_fixed),
+            unturned=None if unturned is None else self._controller_joints(unturned),
+            motion=chosen.inspection.motion,
+        )
+
+    def _controller_joints(self, motion: TurnedMotion) -> FloatArray:
+        """Return the controller's joints (m, n) of a motion; given joints are returned as they are."""
+        joints = self.model.robot.joint_map.controller_angles(motion.angles)
+        given = ~np.isnan(self.path.given[:, 0])
+        return np.where(given[:, None], self.path.given, joints)
+
+    def _may_gain(self, free: IndexArray, sizes: dict[int, float]) -> bool:
+        """Return whether the free sequence is better at the knots than each fixed turn."""
+        return self.lattice.measure(free) < (1.0 - 1e-6) * min(sizes.values(), default=np.inf)
+
+    @cached_property
+    def _raised(self) -> FloatArray:
+        """(m,) factors by which the limits of the joints are raised on the line to each point."""
+        knot = np.searchsorted(self.lattice.knots, np.arange(len(self.path)))
+        return np.asarray(self.lattice.trellis.raised[np.minimum(knot, len(self.lattice.knots) - 1)])
+
+    @cached_property
+    def _limits(self) -> FloatArray:
+        """(m, n) greatest motion of each of the model's joints for a length [rad/m or m/m]."""
+        return self.task.pace.limits() * self._raised[:, None]
+
+    @cached_property
+    def _inspector(self) -> Inspector:
+        """The inspector of motions along the path."""
+        return Inspector(self.model, self.inverse, self.path, self.task.clearance, self.task.corrects)
+
+    @cached_property
+    def _smoother(self) -> TurnSmoother:
+        """The smoother of turns along the path."""
+        task = self.task
+        return TurnSmoother(
+            model=self.model,
+            inverse=self.inverse,
+            path=self.path,
+            limits=self._limits,
+            rate=task.pace.rate,
+            clearance=task.clearance,
+            spacing=self.spacing,
+            knots=self.lattice.knots,
+            first=self.first,
+            range=task.range,
+            corrects=task.corrects,
+            greatest=task.greatest,
+        )
+
+    def _expand(self, turns: FloatArray, sequence: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Return turns (m,) [rad] and the arm's joints (m, 6) [rad] at all points, from those at the knots.
+
+        Between knots they are interpolated by the path's length, and by number where the tool rests.
+        """
+        path, knots = self.path, self.lattice.knots
+        angles = self.inverse.select_arm_joints(self.lattice.trellis.candidates.angles[sequence])
+        # Lines behind a motion of the joints are moved apart, so that nothing is interpolated across it.
+        apart = 1.0 + float(path.lengths[-1])
+        at = path.lengths + apart * np.cumsum(~path.continuous)
+        columns = [np.interp(at, at[knots], each) for each in (turns, *angles.T)]
+        return columns[0], np.stack(columns[1:], axis=1)
+
+    def _smooth(self, turn: FloatArray, angles: FloatArray) -> list[TurnedMotion]:
+        """Return the first smooth turn near another that keeps all limits; [] if there is none."""
+        for roughness in ROUGHNESS:
+            found = self._smoother.smooth(turn, angles, roughness)
+            if found is None:
                 continue
-            rows = links.first + before.start, links.last + here.start
-            left = (rows[0] == found[point - 1]) & (rows[1] == found[point])
-            if len(left) <= _MOST_LINKS_CHECKED:  # motions like the one that was found leave the limits, too
-                left = limits.are_beyond(np.full(len(left), point), joints[rows[0]], joints[rows[1]])
-            trellis = trellis.leave_out(point, left)
-    return None
+            turn, angles = found.turn, found.angles  # what is nearly legal is a good start
+            for motion in self._follow(found.turn, found.angles):
+                if motion.excess <= _KEPT:
+                    return [motion]
+        return []
 
+    def _follow(self, turn: FloatArray, near: FloatArray) -> Iterator[TurnedMotion]:
+        """Yield the motion with turns (m,) [rad] at all points, near the arm's joints (m, 6) [rad], if any.
 
-def _find_least(trellis: Trellis, value: FloatArray, first: IndexArray, motion: Motion) -> IndexArray | None:
-    """Return the candidates (m,) of the sequence with the least deflection; None if there is none."""
-    if not motion.greatest:
-        return trellis.find_consistent(value, first)
-    bottleneck = trellis.find_consistent(value, first, greatest=True)
-    if bottleneck is None:
-        return None
-    # Of all sequences with the least greatest deflection, that with the least sum of squares
-    kept = np.asarray(value <= value[bottleneck].max() * (1.0 + 1e-12))
-    found = trellis.restrict(kept).find_consistent(value[kept], first)
-    return bottleneck if found is None else np.flatnonzero(kept)[found]
+        No motion is yielded if it leaves the limits of the joints, or comes near a singularity.
+        """
+        path, points = self.path, np.arange(len(self.path))
+        arm, reached = self.inverse.refine(path.turn(points, turn), near)
+        given = ~np.isnan(path.given[:, 0])
+        if not (reached | given).all():
+            return
+        angles = self.inverse.insert_held_joints(arm, of_model=True)
+        angles = np.where(given[:, None], self.model.robot.joint_map.model_angles(path.given), angles)
+        again = (self.first != points) & (np.abs(angles - angles[self.first]).max(axis=1) < 1e-6)
+        angles[again] = angles[self.first[again]]  # equal to the last bit, as the target is one
+        if (np.abs(angles - angles[self.first]).max(axis=1) > 0.0).any():
+            return
+        inspection = self._inspector.inspect(angles, turn)
+        if inspection.beyond.any():
+            return
+        with np.errstate(invalid="ignore"):
+            speed = np.nan_to_num(inspection.motion / self._limits).max(initial=0.0)
+        excess = max(float(speed), float(inspection.turn.max() / self.task.pace.rate))
+        yield TurnedMotion(angles, turn, self._measure(angles), inspection, excess)
 
+    def _measure(self, angles: FloatArray) -> float:
+        """Return the root mean square, or the greatest, of the exact deflections of a motion [m]."""
+        weights = self.path.weights
+        rows = np.flatnonzero(weights)
+        joints = self.model.robot.joint_map.controller_angles(angles[rows])
+        bent = self.model.deflect(self.path.cases(rows, joints))
+        sizes = np.linalg.norm(bent.displacement, axis=1)
+        return float(sizes.max() if self.task.greatest else np.sqrt(weights[rows] @ np.square(sizes)))
 
-def _compute_exact_sizes(
-    model: ForwardModel,
-    path: ProcessPath,
-    candidates: Candidates,
-    sequences: list[IndexArray],
-    counted: BoolArray,
-    *,
-    greatest: bool,
-) -> FloatArray:
-    """Return the size (s,) of the exact deflections of each sequence at the points that count [m]."""
-    unique, number = np.unique(np.concatenate(sequences), return_inverse=True)
-    at = candidates.point[unique]
-    exact = np.zeros(len(unique))
-    rows = np.flatnonzero(counted[at])
-    cases = path.cases(at[rows], candidates.joints[unique[rows]])
-    exact[rows] = np.linalg.norm(model.deflect(cases).displacement, axis=1)
-    of_sequence = exact[number.reshape(len(sequences), -1)][:, counted]
-    return np.asarray(
-        of_sequence.max(axis=1) if greatest else np.sqrt(np.mean(np.square(of_sequence), axis=1))
-    )
+    def _follow_fixed(
+        self, sequences: dict[int, IndexArray], sizes: dict[int, float], best: float
+    ) -> dict[int, TurnedMotion]:
+        """Follow the fixed turns that may be better than the best smooth turn, the best one, and turn zero.
+
+        A turn that no motion can keep is removed from `sequences` and `sizes`.
+        """
+        followed, tried = dict[int, TurnedMotion](), 0
+        zero = int(np.argmin(np.abs(self.task.angles)))
+        for k in sorted(sizes, key=lambda each: sizes[each]):
+            has_best = any(each.excess <= _KEPT for each in followed.values())
+            needless = has_best and sizes[k] > _DOUBT * min(
+                [best, *(each.size for each in followed.values() if each.excess <= _KEPT)]
+            )
+            if k != zero and (needless or tried >= _MOST_FIXED):
+                continue
+            tried += 1
+            found = next(self._follow(*self._expand(self.lattice.turns(sequences[k]), sequences[k])), None)
+            if found is None:
+                del sizes[k]
+            else:
+                followed[k] = found
+        return followed

@@ -19,7 +19,7 @@ MAP = {
 PLAN = {"readings": 2, "criterion": "d", "load": {"kind": "any_direction", "force": 1500.0}}
 PROCESS = {
     "spindle": [0.6, 0.0, 0.8],
-    "step": 90.0,
+    "feed": 50.0,
     "turns": 8,
     "place": [[1550.0, -50.0, 1300.0], [1650.0, 50.0, 1300.0]],
     "grid": [2, 1, 1],

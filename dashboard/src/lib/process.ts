@@ -60,6 +60,7 @@ export function searchedPlacesOf(table: Columns): SearchedPlace[] {
   const best = new Map<string, SearchedPlace>();
   column("x [m]").forEach((_, i) => {
     const at = (head: string): number => numbers(head, i);
+    if (at("of grid") === 0) return;
     const position = [at("x [m]"), at("y [m]"), at("z [m]")] as const;
     const [deflection, key] = [at("deflection [m]"), position.join()];
     const before = best.get(key);

@@ -24,7 +24,7 @@ const { deg, mm, newton } = text.units;
 const UNITS = { length: "mm", angle: "deg", force: "N" };
 const OF_PROCESS: Terms = {
   labels: words.labels,
-  units: { start: [`${deg}, ${mm}`, 1], place: [mm, 1], step: [deg, 1] },
+  units: { start: [`${deg}, ${mm}`, 1], place: [mm, 1], feed: [`${mm}/s`, 1] },
   choices: {
     accuracy_option: programWords.accuracies,
     axes: programWords.axesOf,
@@ -155,7 +155,7 @@ function AskProcess({ of, robot, joints }: AskProcessProps) {
         />
       )}
       {source === "table" && <ProgramFiles of={tables} title={words.dropTable} hint={words.dropTableHint} />}
-      {fields(source === "cut" ? ["spindle"] : ["axes", "spindle"])}
+      {fields(source === "cut" ? ["spindle"] : ["axes", "spindle", "feed"])}
       <h3>{words.turnTitle}</h3>
       <Choice label={words.turn} value={turning} change={(to: Turn) => change({ turning: to })} options={words.turns} />
       {turning === "range" && (
@@ -185,9 +185,8 @@ function AskProcess({ of, robot, joints }: AskProcessProps) {
         <div class="card form">
           {fields([
             "branches",
-            "step",
+            "rate",
             "clearance",
-            "smoothness",
             "objective",
             "turns",
             "force_uncertainty",

@@ -118,14 +118,29 @@ def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
     if len(allowed) > 1:
         parts.append(
             Line(
-                f"{len(allowed)} of {len(result.fixed_turns)} fixed turns are within limits and step: "
+                f"{len(allowed)} of {len(result.fixed_turns)} fixed turns are within the limits: "
                 f"{_format_micrometres(min(allowed))} to {_format_micrometres(max(allowed))} µm"
             )
         )
+    if result.needed_speeds:
+        parts.append(Line(_describe_speeds(result)))
     if result.places:
         parts += _place_parts(result)
     parts += [Line(f"set in the controller: {_frame_text(each, result.format)}") for each in result.frames]
     return Report([*parts, *map(Line, result.remarks)])
+
+
+def _describe_speeds(result: ProcessResult) -> str:
+    """Return what the joints need along the path, and along the program as sent."""
+    feed = 0.05 if result.feed is None else result.feed
+    needed = ", ".join(figure(degrees(each), ".3g") for each in result.needed_speeds)
+    stated = "feed" if result.feed is not None else "feed unknown, assumed"
+    text = f"{stated} {figure(1e3 * feed, '.3g')} mm/s: the joints need {needed} °/s"
+    for name, shares in (("", result.speed_shares), ("; as sent ", result.sent_speed_shares)):
+        known = [each for each in shares if each is not None]
+        if known:
+            text += f"{name or ', at most '}{figure(100 * max(known), '.3g')} % of their greatest speeds"
+    return text
 
 
 _FRAME_UNITS: Final = {
@@ -254,6 +269,8 @@ def make_charts(result: ProcessResult) -> list[Chart]:
     return [Chart("Deflection at fixed turns", names, series, 1e6, "µm", "turns", quantity="deflection")]
 
 
+OF_GRID: Final = "of grid"
+"""Column of the table of places: whether the place is one of the grid."""
 _AREA: Final = ("x [m]", "y [m]", "deflection [m]")
 
 
@@ -263,7 +280,11 @@ def make_area_map(sheet: Sheet) -> Area | None:
     None is returned if no places were searched.
     """
     least: dict[tuple[float, float], float] = {}
-    for x, y, value in zip(*(sheet.columns[name] for name in _AREA), strict=True):
+    columns = [sheet.columns[name] for name in _AREA]
+    of_grid = sheet.columns.get(OF_GRID, [True] * len(columns[0]))
+    for x, y, value, is_of_grid in zip(*columns, of_grid, strict=True):
+        if not is_of_grid:
+            continue
         known = value is not None and isfinite(value)
         place = 1e3 * float(x), 1e3 * float(y)
         least[place] = min(least.get(place, inf), float(value) if known else inf)
@@ -298,10 +319,14 @@ PROCESS: Final = Kind[Process, ProcessRequest](
     files=(
         *list_table_files("points", "all points", make_points_sheet),
         *list_table_files(
-            "turns", "turn, deflection before and after, and joints of each point", _choice_sheet("turns")
+            "turns",
+            "turn, deflection before and after, joints and their speeds at each point",
+            _choice_sheet("turns"),
         ),
         *list_table_files(
-            "places", "all places that were tried, with their deflection", _choice_sheet("places")
+            "places",
+            "all places that were tried, with their deflection, and why some are not legal",
+            _choice_sheet("places"),
         ),
     ),
     examples=_EXAMPLES,

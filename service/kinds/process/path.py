@@ -26,17 +26,13 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import ProcessPath
-from jointstiff.solver.process.sequence import Motion
 from jointstiff.solver.process.turning import TurnTask
 from robotprograms import Program
 
-MAX_POSES = {"keep": 100_000, "free": 20_000}
-"""Greatest number of visited targets times turns, for one branch and for all."""
-MAX_STEP = float(np.radians(90.0))
-"""Greatest step that may be stated: a joint that moves farther is not the same motion [rad]."""
-_STEP = float(np.radians(30.0))
-"""Greatest motion of a joint between two points of a line, unless the request states another [rad]."""
+MAX_POINTS = 20_000
+"""Greatest number of visited targets."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +64,11 @@ class ProgramToTurn:
                 no orientation that could be turned.
             FaultsError: the robot does not reach targets, or their arm configurations are ambiguous.
         """
-        turns = len(make_turn_task(request).angles)
-        most = MAX_POSES[request.branches]
-        if len(visits.targets) * turns > most:
+        if len(visits.targets) > MAX_POINTS:
             raise RequestError(
-                f"{len(visits.targets)} points and {turns} turns give more than {most:,} poses",
-                where="turns",
-                remedy="lower `turns`, or split the program",
+                f"the program has {len(visits.targets)} points, more than {MAX_POINTS:,}",
+                where="files",
+                remedy="split the program",
             )
         frames = ProgramFrames.from_program(program, request)
         _refuse_without_orientation(program, request, visits.targets)
@@ -88,6 +82,11 @@ class ProgramToTurn:
     def same(self) -> IndexArray:
         """(v,) index of the first visit of the same target, for each visit."""
         return self.visits.first[self.visits.number]
+
+    def sum_weights(self) -> FloatArray:
+        """Return the weights (m,) of the targets along the path: the sum of those of their visits."""
+        count = len(self.visits.order)
+        return np.asarray(np.bincount(self.visits.number, self.path.weights, count), dtype=np.float64)
 
     def move(self, shift: FloatArray, angle: float) -> ProgramToTurn:
         """Return the program of the workpiece in another place, with the base frames that move with it.
@@ -124,33 +123,28 @@ class ProgramToTurn:
         return ProgramPath(self.program, self.frames, self.stated, self.visits.order, cases, before)
 
 
-def make_turn_task(request: ProcessRequest) -> TurnTask:
+def make_turn_task(request: ProcessRequest, pace: Pace) -> TurnTask:
     """Return the turns to choose from, and how the robot may move, as the request states.
 
     Raises:
-        RequestError: the step or the range of turns is too large.
+        RequestError: the range of turns is too large.
     """
-    angle = ANGLE[request.units.angle]
-    step = _STEP if request.step is None else angle * request.step
-    if step > MAX_STEP * (1.0 + 1e-9):
-        raise RequestError(
-            f"a step of {np.degrees(step):.3g}° is more than {np.degrees(MAX_STEP):.3g}°",
-            where="step",
-            remedy="state a smaller step, or add points",
-        )
-    motion = Motion(step, request.smoothness, greatest=request.objective == "greatest")
+    greatest, angle = request.objective == "greatest", ANGLE[request.units.angle]
     if request.turn == "free":
-        return TurnTask.free(request.turns, request.clearance, motion)
+        task = TurnTask.free(request.turns, request.clearance, pace, greatest=greatest)
+        return replace(task, corrects=request.correct)
     if request.turn == "keep":
-        return TurnTask(np.zeros(1), request.clearance, motion)
-    low, high = (angle * each for each in request.turn)
-    if max(abs(low), abs(high), high - low) > 2.0 * np.pi * (1.0 + 1e-9):
+        return TurnTask(np.zeros(1), request.clearance, pace, greatest, request.correct)
+    low, high = angle * np.array(request.turn)
+    if high - low > 2.0 * np.pi + 1e-9 or max(abs(low), abs(high)) > 2.0 * np.pi + 1e-9:
         raise RequestError(
             "the range of turns exceeds a full turn, or lies beyond one",
             where="turn",
             remedy="state turns within a full turn, in `units.angle`; or `free`",
         )
-    return TurnTask.within(float(low), float(high), request.turns, request.clearance, motion)
+    low, high = float(low), float(high)
+    task = TurnTask.within(low, high, request.turns, request.clearance, pace, greatest=greatest)
+    return replace(task, corrects=request.correct)
 
 
 def _refuse_without_orientation(program: Program, request: ProcessRequest, targets: IndexArray) -> None:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
+from jointstiff.service.kinds.process.kind import OF_GRID
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
 
 WAYS: Final = ("before", "turned", "remaining")
 """Columns of deflections in the table of turns."""
+_LEGAL: Final = "legal, or why not"
 _JOINT_UNIT: Final = 1e-6
 """Unit in which joints are stored [deg]: at a reach of 3 m it moves the tool by 0.05 µm."""
 _LENGTH_DECIMALS: Final = 7
@@ -24,6 +26,9 @@ def pack_choice(
     ways: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]],
     joints: Mapping[str, FloatArray],
     places: FloatArray,
+    remarks: Sequence[str],
+    of_grid: int,
+    speeds: FloatArray,
 ) -> bytes:
     """Return the tables of turns and places as bytes that `turns_sheet` and `places_sheet` read.
 
@@ -33,6 +38,9 @@ def pack_choice(
             [m], by the names of `WAYS`; names that are unknown are left out.
         joints: joints of the arm (m, 6) [rad] by the end of their headers.
         places: (P, 5) places that were tried: position [m], turn [rad], deflection [m].
+        remarks: P remarks on these places.
+        of_grid: number of the places that are those of the grid, in its order; the others come behind.
+        speeds: parts (m, 6) of the greatest speeds of the arm's joints; NaN if unknown.
     """
     unknown = np.full(len(turn), np.nan), *np.full((2, len(turn), 2), np.nan)
     lengths, headers = [], []
@@ -51,6 +59,9 @@ def pack_choice(
         headers=np.array("|".join(headers)),
         joint_headers=np.array("|".join(f"J{j}{suffix} [deg]" for suffix in joints for j in range(1, 7))),
         places=places.astype(np.float32),
+        remarks=np.array("|".join(remarks)),
+        of_grid=np.array(of_grid),
+        speeds=speeds.astype(np.float32),
     )
     return content.getvalue()
 
@@ -63,17 +74,25 @@ def turns_sheet(content: bytes) -> Sheet:
     columns |= dict(zip(str(stored["headers"]).split("|"), lengths.T, strict=True))
     joints = _JOINT_UNIT * stored["joints"]
     columns |= dict(zip(str(stored["joint_headers"]).split("|"), joints.T, strict=True))
+    if "speeds" in stored:  # older results have none
+        percent = np.round(100.0 * stored["speeds"].astype(np.float64), 2)
+        columns |= {f"J{j} speed [%]": percent[:, j - 1] for j in range(1, 7)}
     return Sheet(columns, digits=".9g")
 
 
 def places_sheet(content: bytes) -> Sheet:
     """Return the table of all places that were tried from bytes of a result's `choice`."""
-    places = np.load(io.BytesIO(content), allow_pickle=False)["places"]
-    columns: Mapping[str, Any] = {
+    stored = np.load(io.BytesIO(content), allow_pickle=False)
+    places = stored["places"]
+    columns: dict[str, Any] = {
         "x [m]": places[:, 0],
         "y [m]": places[:, 1],
         "z [m]": places[:, 2],
         "turn [deg]": np.degrees(places[:, 3]),
         "deflection [m]": places[:, 4],
     }
-    return Sheet(dict(columns), digits=".7g")
+    if "remarks" in stored:  # older results have none
+        is_of_grid = np.arange(len(places)) < int(stored["of_grid"])
+        columns[OF_GRID] = is_of_grid.astype(np.float64)
+        columns[_LEGAL] = str(stored["remarks"]).split("|") if len(places) else []
+    return Sheet(columns, texts=frozenset({_LEGAL}), digits=".7g")

@@ -29,9 +29,9 @@ class ProcessFields(CompensateFields, total=False):
     turn: Literal["free", "keep"] | Vector
     turns: int
     branches: Literal["keep", "free"]
-    step: float | None
+    feed: float | None
+    rate: float
     clearance: float
-    smoothness: float
     objective: Literal["rms", "greatest"]
     place: Matrix | None
     grid: Sequence[int]

@@ -11,7 +11,6 @@ import numpy as np
 
 from jointstiff.schemas.finding import Assessment, Finding, Verdict
 from jointstiff.schemas.process import (
-    MAX_BEST_PLACES,
     DeflectionBand,
     ProcessPlace,
     ProcessRequest,
@@ -19,14 +18,17 @@ from jointstiff.schemas.process import (
 )
 from jointstiff.schemas.program import ProgramFrame
 from jointstiff.schemas.run import Run
+from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.units import LENGTH
+from jointstiff.service.kinds.process.feeds import find_feeds, unload_approaches
 from jointstiff.service.kinds.process.path import ProgramToTurn, make_turn_task
 from jointstiff.service.kinds.process.tables import pack_choice
+from jointstiff.service.kinds.process.unseen import advise_load, assume_unseen
 from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.path import ProgramPath, find_wanted_postures
 from jointstiff.service.kinds.program.text import FaultsError, read_program
 from jointstiff.service.kinds.program.work import ProgramWork, WrittenPoints, refuse_corrected_files
-from jointstiff.service.kinds.work import Arrays, Span, as_request_errors, cut_into_spans
+from jointstiff.service.kinds.work import Arrays, Span, as_request_errors, begin_part, cut_into_spans
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import find_accepted_run, make_reason
 from jointstiff.solver.arrays import FloatArray, IndexArray
@@ -37,6 +39,8 @@ from jointstiff.solver.messages import point
 from jointstiff.solver.process.candidates import find_branches
 from jointstiff.solver.process.cut import UNCERTAINTY
 from jointstiff.solver.process.deflection import Band, PathDeflection, Ranking
+from jointstiff.solver.process.inspection import Inspector
+from jointstiff.solver.process.pace import REFERENCE_FEED, Pace
 from jointstiff.solver.process.placing import (
     Flatness,
     PlaceBox,
@@ -49,13 +53,24 @@ from jointstiff.solver.process.turning import NO_GAIN, TurnChoice, choose_turns
 from jointstiff.solver.text import figure
 from robotprograms import Orientation, choose_frame_notation
 
-_QUICK_POSES: Final = 5_000
-"""Greatest number of points times turns that are chosen at once, without a step."""
+_QUICK_POINTS: Final = 150
+"""Greatest number of points whose turns are chosen at once, without a step."""
 _PLACES_A_STEP: Final = 8
+_LEGAL: Final = 3
+"""Places that are evaluated in full, with a motion that keeps all limits."""
 _REFINED: Final = 2
 """Places of the grid around which the search goes on."""
 _READ_BACK: Final = 1e-4
 """Greatest difference of a joint between what was meant and what the written program says [rad or m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class _TriedPlaces:
+    """All places that a search tried."""
+
+    places: FloatArray  # (P, 4) places [m, rad]
+    sizes: FloatArray  # (P,) deflections of the search [m]; NaN where the arm does not follow
+    remarks: tuple[str, ...]  # (P,) `legal`, or why not, for places that were evaluated in full; empty else
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +82,7 @@ class _Placed:
     places: FloatArray  # (k, 4) best places, the best first [m, rad]; empty without a search
     rankings: tuple[tuple[Band, Ranking | None], ...]  # deflection at each, and its difference from the best
     flat: Flatness | None  # places of the search that are nearly as good; None without a search
+    tried: _TriedPlaces
 
 
 class ProcessWork(ProgramWork):
@@ -92,9 +108,15 @@ class ProcessWork(ProgramWork):
                 not understood.
         """
         super().__init__(robot, robot_id, run, request, content)
+        speeds = robot.speeds.tolist()
+        self.input_hash = hash_texts(self.input_hash, repr(speeds), repr(robot.payload))
+        self._run_model, self._assumed = assume_unseen(self._run_model)
         self.unit = "points" if request.place is None else "places"
         self.corrects = request.correct
-        self._task = make_turn_task(request)
+        self._visits, self._approaches = unload_approaches(self._program, request, self._visits)
+        feeds = find_feeds(self._program, request, self._visits)
+        self._pace = Pace(feeds, robot.speeds, float(np.radians(request.rate) * 1e3))
+        self._task = make_turn_task(request, self._pace)
         self._sizes, self._chosen = np.zeros(0), dict[str, Any]()
         self._unwritten: str | None = None  # why no program is written
 
@@ -104,7 +126,7 @@ class ProcessWork(ProgramWork):
             spans = self._spans_of_places()
             return spans if len(spans) > 1 else ()
         points = len(self._visits.targets)
-        return () if points * len(self._task.angles) <= _QUICK_POSES else ((0, points),)
+        return () if points <= _QUICK_POINTS else ((0, points),)
 
     def compute(self, span: Span) -> Arrays:
         """Evaluate the places of a step, or choose the turns of a long path; return arrays by name.
@@ -119,6 +141,7 @@ class ProcessWork(ProgramWork):
                 "turn": choice.turn,
                 "size": np.array(choice.size),
                 "fixed": choice.fixed,
+                "motion": choice.motion,
                 "of_fixed_turns": np.stack(
                     [
                         np.full_like(choice.joints, np.nan) if joints is None else joints
@@ -177,7 +200,8 @@ class ProcessWork(ProgramWork):
             joints = program.programmed.cases.joints[program.visits.number]
             size = self._predict(program, joints).size
             turn = np.where(np.isnan(program.path.given[:, 0]), 0.0, np.nan)
-            return TurnChoice(joints, turn, size, np.array([size]), joints, joints)
+            motion = self._inspect(program, joints)
+            return TurnChoice(joints, turn, size, np.array([size]), joints, joints, motion)
         return choose_turns(self._run_model.model, self._inverse, program.path, self._task, program.same)
 
     def _predict(self, program: ProgramToTurn, joints: FloatArray) -> PathDeflection:
@@ -192,7 +216,15 @@ class ProcessWork(ProgramWork):
             force_parts=self._split_forces(program, cases.force),
             confidence=request.confidence,
             greatest=request.objective == "greatest",
+            weights=program.sum_weights(),
         )
+
+    def _inspect(self, program: ProgramToTurn, joints: FloatArray) -> FloatArray:
+        """Return the motion (v, n) of the model's joints for a length of the lines of a path [rad/m]."""
+        model = self._run_model.model
+        inspector = Inspector(model, self._inverse, program.path, self._task.clearance, self._task.corrects)
+        angles = model.robot.joint_map.model_angles(joints)
+        return inspector.inspect(angles, np.zeros(len(joints))).motion
 
     def _split_forces(self, program: ProgramToTurn, force: FloatArray) -> FloatArray | None:
         """Return standard errors (m, 3, 3) of the components of forces (m, 3) [N]; None without an error.
@@ -230,23 +262,20 @@ class ProcessWork(ProgramWork):
                 stored["fixed"],
                 best_fixed,
                 unturned,
+                stored["motion"],
             )
         else:
             choice = self._choose(self._as_sent)
-        return _Placed(self._as_sent, choice, np.zeros((0, 4)), (), None)
+        nothing = _TriedPlaces(np.zeros((0, 4)), np.zeros(0), ())
+        return _Placed(self._as_sent, choice, np.zeros((0, 4)), (), None, nothing)
 
     def _choose_place(self) -> _Placed:
-        """Evaluate the best places of the search in full, and choose the best of them."""
+        """Evaluate the best places of the search in full, in their order, and choose the best of them.
+
+        If the robot follows the path from none of them, the workpiece stays.
+        """
         path, task, first = self._coarse
         model, box, grid = self._run_model.model, self._box, self._box.places()
-        if not np.isfinite(self._sizes).any():
-            raise RequestError(
-                f"at none of {len(grid)} places of the workpiece can the robot follow the path within "
-                "limits and step",
-                where="place",
-                remedy="move or enlarge the box, raise `step`, or lower `clearance`",
-            )
-
         tried = [(grid, self._sizes)]
 
         def evaluate(places: FloatArray) -> FloatArray:
@@ -255,37 +284,36 @@ class ProcessWork(ProgramWork):
             return sizes
 
         order = np.argsort(self._sizes, kind="stable")
-        order = order[np.isfinite(self._sizes[order])][:MAX_BEST_PLACES]
-        candidates = [grid[i] for i in order.tolist()]
-        refined = [
-            search_around(box, grid[i], float(self._sizes[i]), evaluate) for i in order[:_REFINED].tolist()
-        ]
-        candidates += [place for place, _ in refined]
-        found = []
-        found_places = np.array(candidates)
-        found_places[:, 3] %= 2.0 * np.pi
-        for place in np.unique(np.round(found_places, 9), axis=0):
+        for i in order[np.isfinite(self._sizes[order])][:_REFINED].tolist():
+            begin_part("searching around the best places")
+            search_around(box, grid[i], float(self._sizes[i]), evaluate)
+        places, sizes = (np.concatenate(each) for each in zip(*tried, strict=True))
+        remarks = [""] * len(places)
+        found = list[tuple[PathDeflection, FloatArray, ProgramToTurn, TurnChoice]]()
+        for i in _sort_places(places, sizes):
+            place = places[i]
+            begin_part(f"turning at place {1 + len(found)} of {_LEGAL}")
             program = self._as_sent.move(place[:3] - self._as_sent.path.middle, float(place[3]))
             try:
                 choice = self._choose(program)
-            except RequestError:
-                continue  # the coarse path can be followed there, but not the whole one
-            found.append((self._predict(program, choice.joints), place, program, choice))
+                found.append((self._predict(program, choice.joints), place, program, choice))
+                remarks[i] = "legal"
+            except RequestError as error:
+                remarks[i] = error.reason  # the path of the search can be followed there, the whole one not
+            if len(found) == _LEGAL:
+                break
+        all_tried = _TriedPlaces(places, sizes, tuple(remarks))
         if not found:
-            raise RequestError(
-                "at the best places of the workpiece the robot follows only a part of the path's points",
-                where="place",
-                remedy="raise `step`, lower `clearance`, or choose a finer `grid`",
-            )
+            return _Placed(self._as_sent, self._choose(self._as_sent), np.zeros((0, 4)), (), None, all_tried)
         found.sort(key=lambda each: each[0].size)
         best, confidence = found[0][0], self._request.confidence
         rankings = tuple(
             (each.band(confidence), each.compare(best, confidence) if each is not best else None)
-            for each, _, _, _ in found[:MAX_BEST_PLACES]
+            for each, _, _, _ in found
         )
-        places = np.array([place for _, place, _, _ in found[:MAX_BEST_PLACES]])
-        flat = find_flatness(*(np.concatenate(each) for each in zip(*tried, strict=True)))
-        return _Placed(found[0][2], found[0][3], places, rankings, flat)
+        best_places = np.array([place for _, place, _, _ in found])
+        flat = find_flatness(places, sizes)
+        return _Placed(found[0][2], found[0][3], best_places, rankings, flat, all_tried)
 
     @cached_property
     def _path(self) -> ProgramPath:
@@ -344,13 +372,22 @@ class ProcessWork(ProgramWork):
             return "no_order"
         # Another branch may gain where no turn does.
         is_equal = self._after.size >= (1.0 - NO_GAIN) * before.size
-        searched = self._request.place is not None
+        searched = len(self._placed.places) > 0
         if self._request.turn != "keep" and not searched and is_equal and not self._placed.choice.gains:
             return "no_gain"
         return "less" if ranking.first_is_less else "no_order"
 
     def _list_reasons(self) -> list[Finding]:
-        """Return the reason that comes first: nothing orders the chosen path and the path as it was sent."""
+        """Return the reasons of the choice, most important first."""
+        return [
+            *self._find_place_reason(),
+            *self._find_prior_reason(),
+            *self._find_speed_reasons(),
+            *self._find_order_reason(),
+        ]
+
+    def _find_order_reason(self) -> list[Finding]:
+        """Return the reason that nothing orders the chosen path and the path as it was sent."""
         if self._gain() != "no_order" or self._is_kept:
             return []
         message = (
@@ -373,6 +410,64 @@ class ProcessWork(ProgramWork):
             remedy = f"before you trust the choice, {measure}"
         verdict: Verdict = "use_with_care"
         return [make_reason("no_order", verdict, message, remedy)]
+
+    def _find_speed_reasons(self) -> list[Finding]:
+        """Return the reason that the program needs more than a joint's speed, as chosen or as sent."""
+        reasons = list[Finding]()
+        for shares, subject in ((self._shares, "the path"), (self._sent_shares, "the program as sent")):
+            if shares is None or not (shares > 1.0).any():
+                continue
+            point, joint = np.unravel_index(int(np.nanargmax(shares)), shares.shape)
+            name = self._run_model.model.robot.joint_names[int(joint)]
+            line = int(self._program.moves.line[self._program.moves.move_of_visit[int(point)]])
+            feed = self._pace.feed[int(point)]
+            shown = REFERENCE_FEED if np.isnan(feed) else feed
+            message = (
+                f"line {line}: at {figure(1e3 * shown, '.3g')} mm/s {subject} needs "
+                f"{figure(100.0 * shares[point, joint], '.3g')} % of the greatest speed of {name}"
+            )
+            remedy = "lower the feed there, or place the workpiece away from the singularity"
+            reasons.append(make_reason("too_fast", "use_with_care", message, remedy))
+        return reasons[:1]
+
+    def _find_place_reason(self) -> list[Finding]:
+        """Return the reason that a search of places found none that the robot can follow."""
+        if self._request.place is None or len(self._placed.places):
+            return []
+        tried = self._placed.tried
+        reached = int(np.isfinite(tried.sizes).sum())
+        message = (
+            f"the workpiece stays: of {len(tried.sizes)} places that were tried, the robot follows a part "
+            f"of the path's points from {reached}, and all points from none"
+        )
+        remedy = "see places.csv for the reasons; move or enlarge the box, or lower `clearance`"
+        return [make_reason("place_kept", "use_with_care", message, remedy)]
+
+    def _find_prior_reason(self) -> list[Finding]:
+        """Return the reason that stiffnesses of joints are from the payload."""
+        if not self._assumed:
+            return []
+        names = " and ".join(self._assumed)
+        verb = "is" if len(self._assumed) == 1 else "are"
+        message = (
+            f"the readings do not determine {names}, whose stiffness {verb} guessed from payload and reach: "
+            "the intervals include the factor of two"
+        )
+        return [make_reason("prior_joint", "use_with_care", message, advise_load(self._assumed))]
+
+    @cached_property
+    def _shares(self) -> FloatArray:
+        """(v, n) parts of the joints' speeds that the chosen motion needs; NaN where unknown."""
+        return self._pace.shares(self._placed.choice.motion)
+
+    @cached_property
+    def _sent_shares(self) -> FloatArray | None:
+        """(v, n) parts of the joints' speeds that the program as sent needs; None if it is not followed."""
+        sent = self._as_sent
+        if sent.programmed is None:
+            return None
+        joints = sent.programmed.cases.joints[sent.visits.number]
+        return self._pace.shares(self._inspect(sent, joints))
 
     def must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
         """Return whether the written program gets a comment that marks it as compensated."""
@@ -489,15 +584,40 @@ class ProcessWork(ProgramWork):
         if not self._is_kept and literal.notation.has_pose and not literal.words:
             start = "bring the arm to the first joints of turns.csv before the program starts: its first "
             remarks.insert(0, f"{start}target states no configuration")
+        remarks = [*self._list_feed_remarks(), *remarks]
         if edges := self._find_edges():
             remarks.insert(
                 0,
                 f"the best place is at the edge of the box along {edges}: a larger box may have a "
                 "better place",
             )
-        if self._request.place is not None and not self._as_sent.moves_base[self._used_bases].all():
+        if len(self._placed.places) and not self._as_sent.moves_base[self._used_bases].all():
             place = "targets are written in the new place, in base frames with the numbers of the program"
             remarks.insert(0, place)
+        return remarks
+
+    def _list_feed_remarks(self) -> list[str]:
+        """Return remarks on a feed that is unknown, and on approaches that carry no force."""
+        remarks = list[str]()
+        motion = self._placed.choice.motion
+        if motion.any() and np.isnan(self._pace.feed).all():
+            needed = np.degrees(REFERENCE_FEED * motion.max(axis=0))
+            shown = ", ".join(
+                f"{name} {figure(speed, '.3g')}"
+                for name, speed in zip(self._run_model.model.robot.joint_names, needed.tolist(), strict=True)
+            )
+            remarks.append(
+                "no feed is stated: tool and joints turn by at most `rate` along the path; at 50 mm/s they "
+                f"need {shown} °/s"
+            )
+        if self._approaches.any():
+            moves = self._program.moves
+            lines = np.unique(moves.line[moves.move_of_visit[self._approaches]]).tolist()
+            shown = ", ".join(map(str, lines[:5])) + (", …" if lines[5:] else "")
+            remarks.append(
+                f"approaches and retracts carry no force: lines {shown}; state loads by lines or in a table "
+                "if they do"
+            )
         return remarks
 
     def _find_edges(self) -> str:
@@ -517,7 +637,6 @@ class ProcessWork(ProgramWork):
         """Return the fields of the result that a compensated program does not have."""
         request, choice, placed = self._request, self._placed.choice, self._placed
         confidence = request.confidence
-        tried = self._box.places() if request.place is not None else np.zeros((0, 4))
         flat = placed.flat
         fixed = np.where(np.isfinite(choice.fixed), choice.fixed, np.nan)
         return {
@@ -529,14 +648,28 @@ class ProcessWork(ProgramWork):
             "difference": None if self._ranking is None else _band_message(self._ranking.difference),
             "fixed_turns": self._task.angles.tolist() if len(fixed) == len(self._task.angles) else [0.0],
             "fixed_deflections": [None if np.isnan(each) else each for each in fixed.tolist()],
+            **self._describe_speeds(),
             "places": self._make_place_messages(placed),
-            "places_tried": len(tried),
+            "places_tried": len(self._sizes),
             "places_reached": int(np.isfinite(self._sizes).sum()),
             "flat_low": None if flat is None else point(flat.low[:3]),
             "flat_high": None if flat is None else point(flat.high[:3]),
             "flat_places": 0 if flat is None else flat.count,
-            "frames": self._list_frames() if request.place is not None else [],
-            "choice": compress_file("choice", self._pack_choice(tried)),
+            "frames": self._list_frames() if len(placed.places) else [],
+            "choice": compress_file("choice", self._pack_choice()),
+        }
+
+    def _describe_speeds(self) -> dict[str, Any]:
+        """Return the fields of the result about speeds."""
+        feed = self._pace.feed[~np.isnan(self._pace.feed) & ~self._approaches]
+        at = np.where(np.isnan(self._pace.feed), REFERENCE_FEED, self._pace.feed)
+        needed = self._placed.choice.motion * at[:, None]
+        sent = self._sent_shares
+        return {
+            "feed": float(feed.max()) if len(feed) else None,
+            "needed_speeds": needed.max(axis=0).tolist(),
+            "speed_shares": _list_greatest(self._shares),
+            "sent_speed_shares": [] if sent is None else _list_greatest(sent),
         }
 
     def _remaining(self, confidence: float) -> Band:
@@ -610,7 +743,7 @@ class ProcessWork(ProgramWork):
         stated = self._request.world
         return np.eye(4) if stated is None else choose_frame_notation(self._program).to_pose(stated)
 
-    def _pack_choice(self, tried: FloatArray) -> bytes:
+    def _pack_choice(self) -> bytes:
         """Return the tables of turns and places as bytes."""
         first, after, before = self._visits.first, self._after, self._before
         confidence, left = self._request.confidence, self._residual
@@ -628,8 +761,15 @@ class ProcessWork(ProgramWork):
             "": self._arm(self._path.cases.joints),
             ", command": self._arm(self._commanded),
         }
-        places = np.column_stack([tried, self._sizes]) if len(tried) else np.zeros((0, 5))
-        return pack_choice(self._placed.choice.turn[first], ways, joints, places)
+        tried = self._placed.tried
+        places = np.column_stack([tried.places, tried.sizes])
+        shares = np.full((len(first), self._shares.shape[1]), -np.inf)
+        np.fmax.at(shares, self._visits.number, self._shares)
+        shares = np.where(np.isinf(shares), np.nan, shares)
+        speeds = self._arm(shares)
+        return pack_choice(
+            self._placed.choice.turn[first], ways, joints, places, tried.remarks, len(self._sizes), speeds
+        )
 
     def _arm(self, joints: FloatArray) -> FloatArray:
         """Return the arm's joints (m, 6) [rad] of all joints (m, n)."""
@@ -639,6 +779,23 @@ class ProcessWork(ProgramWork):
     def _commanded(self) -> FloatArray:
         """(m, n) controller's joints of the corrected targets [rad or m]."""
         return self._at_all_points(self._written.corrections.commanded, self._path.cases.joints)
+
+
+def _list_greatest(shares: FloatArray) -> list[float | None]:
+    """Return the greatest share (n,) of each joint along a path; None if the joint's speed is unknown."""
+    greatest = np.where(np.isnan(shares), -np.inf, shares).max(axis=0)
+    return [each if np.isfinite(each) else None for each in greatest.tolist()]
+
+
+def _sort_places(places: FloatArray, sizes: FloatArray) -> list[int]:
+    """Return the indices of the places with a deflection, the least first, each place once."""
+    order = np.argsort(sizes, kind="stable")
+    order = order[np.isfinite(sizes[order])]
+    normal = places[order].copy()
+    normal[:, 3] %= 2.0 * np.pi
+    _, first = np.unique(np.round(normal, 9), axis=0, return_index=True)
+    sorted_places: list[int] = order[np.sort(first)].tolist()
+    return sorted_places
 
 
 def _band_message(band: Band) -> DeflectionBand:

@@ -28,9 +28,12 @@ _MOST_LENGTHS: Final = 100_000
 """Greatest number of lines of a table of loads by length."""
 _SLACK: Final = 0.01
 """Part of the path's length by which a table by length may end before or beyond the path."""
+_FEED: Final = 6
+"""Place of the feed behind forces and moments."""
+_CELLS: Final = 7
 _REMEDY: Final = (
-    "write `point`, `label` or `length [mm]`, then Fx [N], Fy [N], Fz [N], and, if there are moments, "
-    "Mx [N.m] …"
+    "write `point`, `label` or `length [mm]`, then Fx [N], Fy [N], Fz [N], and, if known, Mx [N.m] … and "
+    "feed [mm/s]"
 )
 
 
@@ -43,6 +46,7 @@ class Loads:
 
     values: FloatArray  # (k, 6) force, then moment; the first row is zero and means no load
     of_visit: IndexArray  # (v,) row of `values` for each visit of a target by a move
+    feed: FloatArray | None = None  # (k,) feed of each row [m/s]; NaN where the table states none
 
 
 def collect_loads(
@@ -142,7 +146,7 @@ def read_load_table(
     key = _parse_key(rows[0][0])
     if key == "length":
         return _interpolate_loads(rows, columns, measure_lengths())
-    values, load_of_point = [np.zeros(6)], np.zeros(point_count + 1, dtype=np.intp)
+    values, load_of_point = [np.zeros(_CELLS)], np.zeros(point_count + 1, dtype=np.intp)
     points_of_label = _number_labels(names, common) if key == "label" else None
     for line, row in enumerate(rows[1:], 2):
         if any(row):
@@ -155,7 +159,7 @@ def read_load_table(
                     raise _table_fault(line, reason, number_points)
                 load_of_point[point] = len(values)
             values.append(load)
-    return Loads(np.array(values), load_of_point[points])
+    return _split_feed(np.array(values), load_of_point[points], columns)
 
 
 def _split_rows(content: bytes, point_count: int, number_points: str) -> Sequence[Sequence[str]]:
@@ -253,7 +257,14 @@ def _interpolate_loads(
     # Row 0 is the zero load. Equal loads share a row, so that a target that is visited twice may have one.
     distinct, index = np.unique(interpolated, axis=0, return_inverse=True)
     of_visit = np.where(interpolated.any(axis=1), index.reshape(-1) + 1, 0)
-    return Loads(np.concatenate([np.zeros((1, 6)), distinct]), of_visit)
+    return _split_feed(np.concatenate([np.zeros((1, _CELLS)), distinct]), of_visit, columns)
+
+
+def _split_feed(values: FloatArray, of_visit: IndexArray, columns: Sequence[tuple[int, float]]) -> Loads:
+    """Return the loads of rows (k, 7) of a table, and the feeds if the table has them; zero is no feed."""
+    has_feed = any(component == _FEED for component, _ in columns)
+    feed = np.where(values[:, _FEED] > 0.0, values[:, _FEED], np.nan)
+    return Loads(values[:, :_FEED], of_visit, feed if has_feed else None)
 
 
 def _length_factor(header: str) -> float:
@@ -297,7 +308,7 @@ def _parse_load_row(
 
     `columns` has a pair for each cell after the first: index in the load, and factor to SI units.
     """
-    load = np.zeros(6)
+    load = np.zeros(_CELLS)
     try:
         first, *numbers = [float(cell) for cell in row]
     except ValueError:
@@ -312,13 +323,17 @@ def _parse_load_row(
 
 
 def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
-    """Return (index in (Fx, …, Mz), factor to SI units) for each column except the first.
+    """Return (index in (Fx, …, Mz, feed), factor to SI units) for each column except the first.
 
     Raises:
         FilesError: a header is unknown, or a column is missing or occurs twice.
     """
     columns = []
     for cell in header[1:]:
+        name, _, unit = cell.partition("[")
+        if name.strip().lower() == "feed" and (size := LENGTH.get(unit.strip().removesuffix("/s]"))):
+            columns.append((_FEED, size))
+            continue
         try:
             parsed = parse_vector_header(cell, ("force", "moment"))
         except RequestError:

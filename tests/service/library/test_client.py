@@ -446,7 +446,7 @@ VERBS = {
     ),
     "process": (
         lambda backend, source: backend.process(
-            source, EXAMPLES / "pocket.src", force=FORCE, spindle=(0.6, 0.0, 0.8), turns=8, step=90.0
+            source, EXAMPLES / "pocket.src", force=FORCE, spindle=(0.6, 0.0, 0.8), turns=8, feed=50.0
         ),
         lambda job: (job.result.turned, job.result.before, program(job)),
     ),

@@ -17,7 +17,7 @@ from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.process.sequence import Motion
+from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.turning import TurnTask, choose_turns
 
 X, Y, Z = np.eye(3)
@@ -45,6 +45,18 @@ TOOLS = {
     "backwards": (135.0, (0.3, -0.3, 0.2)),
 }
 """Angle of the spindle to the last axis [deg], and centre of the tool in the flange frame [m]."""
+
+
+def task_of(p, turns, clearance=0.04, **options):
+    """A free turn at 50 mm/s, for joints whose speeds nobody states."""
+    joints = p.given.shape[1]
+    pace = Pace(np.full(len(p), 0.05), np.full(joints, np.nan), np.radians(3.0) * 1e3)
+    return TurnTask.free(turns, clearance, pace, **options)
+
+
+def needed(choice, p):
+    """Motions of the joints for a length of the path [°/mm]."""
+    return np.degrees(np.abs(np.diff(choice.joints, axis=0)) / p.steps[1:, None]) * 1e-3
 
 
 def place_flange(arm, q):
@@ -110,11 +122,11 @@ def set_up(name, tool, shape, *, count=14):
 
 @pytest.mark.parametrize("tool", TOOLS)
 @pytest.mark.parametrize("name", ARMS)
-@pytest.mark.parametrize(("shape", "step", "greatest"), [("trim", 10.0, False), ("pocket", 30.0, True)])
-def test_what_is_foretold_is_the_balance_and_what_is_promised_is_kept(name, tool, shape, step, greatest):
+@pytest.mark.parametrize(("shape", "greatest"), [("trim", False), ("pocket", True)])
+def test_what_is_foretold_is_the_balance_and_what_is_promised_is_kept(name, tool, shape, greatest):
     arm, model, inverse, p = set_up(name, tool, shape)
     clearance = 0.02 if name == "offset wrist" else 0.04
-    task = TurnTask.free(24, clearance, Motion(np.radians(step), 0.05, greatest=greatest))
+    task = task_of(p, 24, clearance, greatest=greatest)
     if (name, tool) == ("rail", "opposite to axis 6"):
         with pytest.raises(RequestError, match="exceed the joints' limits"):
             choose_turns(model, inverse, p, task)
@@ -131,24 +143,26 @@ def test_what_is_foretold_is_the_balance_and_what_is_promised_is_kept(name, tool
         lengths.append(np.linalg.norm(rotation @ p.place[i] + origin - tip))
     found = model.deflect(p.cases(np.arange(len(p)), choice.joints)).displacement
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), lengths, rtol=0, atol=1e-8)
-    size = max(lengths) if greatest else np.sqrt(np.mean(np.square(lengths)))
+    size = max(lengths) if greatest else np.sqrt(p.weights @ np.square(lengths))
     assert choice.size == pytest.approx(size, abs=1e-8)
-    assert choice.size <= choice.fixed.min()
+    assert choice.size <= choice.fixed.min() * (1.0 + 1e-3)
     assert (choice.joints >= arm.limits[:, 0]).all()
     assert (choice.joints <= arm.limits[:, 1]).all()
-    assert np.abs(np.diff(choice.joints, axis=0)).max() <= np.radians(step)
+    assert needed(choice, p).max() <= 3.0 * (1.0 + 1e-6)
 
 
 def test_joints_pass_half_a_turn_without_a_jump():
     """A contour around which the wrist turns past ±180°: angles go on, as the controller counts them."""
     _, model, inverse, p = set_up("limits of several turns", "backwards", "pocket", count=30)
-    task = TurnTask.free(36, 0.04, Motion(np.radians(25.0), 0.05))
+    task = task_of(p, 36)
     choice = choose_turns(model, inverse, p, task)
-    assert np.abs(np.diff(choice.joints, axis=0)).max() <= np.radians(25.0)
-    beyond = replace(p, given=p.given.copy())
+    assert needed(choice, p).max() <= 3.0 * (1.0 + 1e-6)
+    everywhere = np.arange(len(p))
+    poses = p.turn(everywhere, np.full(len(p), choice.turn[0]))  # so that the given posture is not turned
+    beyond = replace(p, poses=poses, given=p.given.copy())
     beyond.given[0] = choice.joints[0] + 2.0 * np.pi * np.sign(0.0 - choice.joints[0]) * (np.arange(6) == 5)
     again = choose_turns(model, inverse, beyond, task)
-    assert np.abs(np.diff(again.joints, axis=0)).max() <= np.radians(25.0)
+    assert needed(again, p).max() <= 3.0 * (1.0 + 1e-6)
     assert np.abs(again.joints[1, 5] - choice.joints[1, 5]) > np.pi, "the path goes on in the other turn"
     assert again.size == pytest.approx(choice.size, rel=0.05)
 
@@ -178,7 +192,7 @@ def test_limits_are_kept_between_points_where_the_controller_interpolates():
     beyond = followed = 0
     for yaw in (0.0, 1.5, 3.0, 4.5):
         p = process_path("pocket", np.array([1.7, 0.2, 0.8]), count=10, yaw=yaw)
-        task = TurnTask.free(36, 0.04, Motion(np.radians(45.0), 0.05))
+        task = task_of(p, 36, corrects=False)
         model = JointModel(robot_of(BASE), BASE.compliances, None, Constraints(Bounds.positive(6)))
         loose = choose_turns(model, InverseKinematics(model.robot), p, task)
         limits = np.column_stack([loose.joints.min(axis=0) - 1e-6, loose.joints.max(axis=0) + 1e-6])
@@ -205,10 +219,11 @@ def test_paths_of_one_point_and_of_a_thousand(count):
     at = np.linspace(0, 39, count).round().astype(int)  # points repeat: the tool rests
     names = ("poses", "spindle", "place", "load_point", "force", "moment", "given")
     long = replace(p, continuous=np.arange(count) > 0, **{name: getattr(p, name)[at] for name in names})
-    choice = choose_turns(model, inverse, long, TurnTask.free(12, 0.04, Motion(np.radians(30.0), 0.05)))
+    choice = choose_turns(model, inverse, long, task_of(long, 12))
     assert np.isfinite(choice.size)
-    assert choice.size <= choice.fixed.min()
-    assert np.abs(np.diff(choice.joints, axis=0)).max(initial=0.0) <= np.radians(30.0)
+    assert choice.size <= choice.fixed.min() * (1.0 + 1e-3)
+    rests = long.steps[1:] == 0.0
+    np.testing.assert_array_equal(np.diff(choice.joints, axis=0)[rests], 0.0)
     assert len(arm.stiffnesses) == choice.joints.shape[1]
 
 
@@ -225,16 +240,15 @@ def test_a_path_into_a_singularity_is_refused_or_keeps_its_distance():
     for i, q in enumerate(angles):
         poses[i, :3, :3], poses[i, :3, 3], _ = place_flange(BASE, q)
     line = replace(p, poses=poses)
-    kept = TurnTask(np.zeros(1), 0.04, Motion(np.radians(30.0), 0.05))
+    kept = replace(task_of(line, 36), angles=np.zeros(1))
     with pytest.raises(RequestError, match=r"singularity|moves by at least"):
         choose_turns(model, inverse, line, kept)
-    free = TurnTask.free(36, 0.04, Motion(np.radians(30.0), 0.05))
-    choice = choose_turns(model, inverse, line, free)
+    choice = choose_turns(model, inverse, line, task_of(line, 36))
     for i, q in enumerate(choice.joints):
         _, origin, joints = place_flange(BASE, q)
         jacobian = [np.concatenate([np.cross(axis, origin - point), axis]) for axis, point, _ in joints]
         assert np.linalg.svd(np.array(jacobian), compute_uv=False)[-1] >= 0.04 * (1.0 - 1e-9), i
-    assert np.abs(np.diff(choice.joints, axis=0)).max() <= np.radians(30.0)
+    assert needed(choice, line).max() <= 3.0 * (1.0 + 1e-6)
 
 
 @pytest.mark.parametrize(

@@ -23,12 +23,13 @@ from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.models import Columns, find_model
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
-from jointstiff.solver.process.between import LimitsBetween
 from jointstiff.solver.process.candidates import find_branches, list_candidates
 from jointstiff.solver.process.deflection import PathDeflection
+from jointstiff.solver.process.inspection import Inspector
+from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
 from jointstiff.solver.process.prior import build_prior_model
-from jointstiff.solver.process.sequence import Motion, Trellis
+from jointstiff.solver.process.sequence import LineLimits, Trellis
 from jointstiff.solver.process.turning import TurnTask, choose_turns
 
 ARM = default_arm()
@@ -37,7 +38,21 @@ POSITIVE = Constraints(Bounds.positive(6))
 MODEL = JointModel(ROBOT, ARM.compliances, None, POSITIVE)
 INVERSE = InverseKinematics(ROBOT)
 STEP = np.radians(20.0)
-TASK = TurnTask.free(36, 0.04, Motion(STEP, 0.05))
+SPEEDS = np.radians([123.0, 115.0, 112.0, 179.0, 172.0, 219.0])
+
+
+def task(count, turns=36, feed=0.05, greatest=False, speeds=SPEEDS):
+    return TurnTask.free(turns, 0.04, Pace(np.full(count, feed), speeds), greatest=greatest)
+
+
+def step_limits(candidates, p, step=STEP):
+    """Limits by which each joint, and the turn, may move by a step from point to point."""
+    count = len(p)
+    limits = np.full((count, candidates.angles.shape[1]), step)
+    return LineLimits(limits, np.full(count, 2.0 * np.pi), np.full(count, 1.0))
+
+
+TASK = task(40)
 CENTRE = np.array([1.7, 0.0, 0.8])
 
 
@@ -56,17 +71,17 @@ def exact_lengths(arm, p, joints):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_deflection_along_the_turned_path_is_that_of_the_exact_balance(shape):
     p = path(shape)
-    choice = choose_turns(MODEL, INVERSE, p, TASK)
+    choice = choose_turns(MODEL, INVERSE, p, task(len(p)))
     exact = exact_lengths(ARM, p, choice.joints)
     foretold = np.linalg.norm(MODEL.deflect(p.cases(np.arange(40), choice.joints)).displacement, axis=1)
     np.testing.assert_allclose(foretold, exact, rtol=0, atol=1e-8)
-    assert choice.size == pytest.approx(np.sqrt(np.mean(exact**2)), abs=1e-8)
+    assert choice.size == pytest.approx(np.sqrt(p.weights @ exact**2), abs=1e-8)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_tool_and_spindle_stay_on_the_path_whatever_the_turn(shape):
     p = path(shape)
-    choice = choose_turns(MODEL, INVERSE, p, TASK)
+    choice = choose_turns(MODEL, INVERSE, p, task(len(p)))
     at = Postures(ROBOT, choice.joints)
     np.testing.assert_allclose(at.to_base(p.place[:, None])[:, 0], p.centres, rtol=0, atol=1e-9)
     np.testing.assert_allclose((at.flange_rotation @ p.spindle[..., None])[..., 0], p.axes, rtol=0, atol=1e-9)
@@ -77,24 +92,25 @@ def test_tool_and_spindle_stay_on_the_path_whatever_the_turn(shape):
 @pytest.mark.parametrize(
     ("degrees", "is_beyond"), [(90.0, False), (150.0, False), (200.0, True), (360.0, True)]
 )
-def test_a_line_on_which_the_controller_turns_the_tool_the_other_way_jumps(degrees, is_beyond):
+def test_a_line_on_which_the_controller_turns_the_tool_the_other_way_is_left(degrees, is_beyond):
     """Between two points a controller turns the tool by less than half a turn, whatever joint 6 would do."""
     limits = np.radians([(-370, 370), (-100, 100), (-150, 150), (-720, 720), (-350, 350), (-720, 720)])
-    between = LimitsBetween(
-        InverseKinematics(robot_of(replace(ARM, limits=limits))), path(), np.radians(170.0)
-    )
-    before = np.array([[0.1, -0.2, 0.3, 0.4, 0.8, 0.2]])
-    here = before + np.radians([0.0, 0.0, 0.0, 0.0, 0.0, degrees])
-    assert between.are_beyond(np.array([1]), before, here).tolist() == [is_beyond]
+    robot = robot_of(replace(ARM, limits=limits))
+    model = JointModel(robot, ARM.compliances, None, POSITIVE)
+    start = np.array([0.1, -0.2, 0.3, 0.4, 0.8, 0.2])
+    joints = np.array([start, start + np.radians([0.0, 0.0, 0.0, 0.0, 0.0, degrees])])
+    p = path(count=2)
+    p = replace(p, poses=flange_poses(robot, joints), force=0.0 * p.force)
+    found = Inspector(model, InverseKinematics(robot), p, 0.0, corrects=False).inspect(joints, np.zeros(2))
+    assert found.beyond.tolist() == [False, is_beyond]
 
 
 def test_dynamic_programming_finds_the_best_of_all_sequences():
     """Every sequence of a short path with few turns is tried by hand."""
     p = path(count=4)
     angles = np.radians([0.0, 15.0, 30.0])
-    motion = Motion(STEP, 0.05)
     candidates = list_candidates(MODEL, INVERSE, p, angles, 0.04)
-    trellis = Trellis.link(candidates, angles, p.continuous, motion)
+    trellis = Trellis.link(candidates, angles, p.continuous, step_limits(candidates, p))
     value = np.square(candidates.size) / np.square(candidates.size).mean()
     found = trellis.find_best(value)
     greatest = trellis.find_best(value, greatest=True)
@@ -104,10 +120,10 @@ def test_dynamic_programming_finds_the_best_of_all_sequences():
         if np.abs(np.diff(joints, axis=0)).max() > STEP or (np.diff(np.sign(regularity)) != 0).any():
             continue
         turns = angles[candidates.turn[list(rows)]]
-        total = value[list(rows)].sum() + 0.05 * np.square(np.diff(turns)).sum()
+        total = value[list(rows)].sum() + 1e-4 * np.square(np.diff(turns)).sum()
         least, least_greatest = min(least, total), min(least_greatest, value[list(rows)].max())
     turns = angles[candidates.turn[found]]
-    assert value[found].sum() + 0.05 * np.square(np.diff(turns)).sum() == pytest.approx(least, rel=1e-12)
+    assert value[found].sum() + 1e-4 * np.square(np.diff(turns)).sum() == pytest.approx(least, rel=1e-12)
     assert value[greatest].max() == pytest.approx(least_greatest, rel=1e-12)
 
 
@@ -131,28 +147,69 @@ def draws(count, seed=3):
 
 
 @pytest.mark.parametrize("greatest", [False, True])
-def test_limits_and_steps_are_kept_and_no_fixed_turn_is_better(greatest):
-    """On random arms and paths; the joints are those that the controller shows."""
+def test_limits_speeds_and_rate_are_kept_and_no_fixed_turn_is_better(greatest):
+    """On random arms and paths."""
     found = 0
     for robot, p in draws(12):
-        task = TurnTask.free(18, 0.04, Motion(np.radians(30.0), 0.05, greatest=greatest))
+        stated = task(len(p), 18, greatest=greatest, speeds=robot.speeds)
         model = build_prior_model(robot)
         try:
-            choice = choose_turns(model, InverseKinematics(robot), p, task)
+            choice = choose_turns(model, InverseKinematics(robot), p, stated)
         except RequestError:
             continue
         found += 1
         q = robot.joint_map.model_angles(choice.joints)
         assert (q >= robot.limits[:, 0]).all()
         assert (q <= robot.limits[:, 1]).all()
-        assert np.abs(np.diff(choice.joints, axis=0)).max() <= np.radians(30.0)
-        assert choice.size <= choice.fixed.min()
+        assert choice.size <= choice.fixed.min() * (1.0 + 1e-3) * (1.0 + 1e-3)
+        steps = np.linalg.norm(np.diff(p.centres, axis=0), axis=1)
+        speed = np.abs(np.diff(q, axis=0)) / steps[:, None] * 0.05
+        assert stated.pace.shares(choice.motion).max() <= 0.5 * (1.0 + 1e-6)
+        assert (speed <= 0.5 * np.where(np.isnan(robot.speeds), np.inf, robot.speeds)).all()
+        assert (np.abs(np.diff(choice.turn)) <= np.radians(1.0) * 1e3 * steps * (1.0 + 1e-6)).all()
         lengths = np.linalg.norm(
             model.deflect(p.cases(np.arange(len(p)), choice.joints)).displacement, axis=1
         )
-        own = lengths.max() if greatest else np.sqrt(np.mean(lengths**2))
+        own = lengths.max() if greatest else np.sqrt(p.weights @ lengths**2)
         assert choice.size == pytest.approx(own, rel=1e-12)
     assert found >= 6
+
+
+def test_the_choice_does_not_depend_on_how_densely_a_path_is_sampled():
+    sizes = []
+    for count in (121, 601, 2401):
+        p = path(count=count)
+        sizes.append(choose_turns(MODEL, INVERSE, p, task(count)).size)
+    assert max(sizes) <= 1.01 * min(sizes)
+
+
+def test_a_faster_feed_turns_less_and_keeps_the_joints_below_half_of_their_speeds():
+    p = path(count=400)
+    choices = [choose_turns(MODEL, INVERSE, p, task(400, feed=feed)) for feed in (0.05, 0.4)]
+    assert choices[0].size < choices[1].size
+    for feed, choice in zip((0.05, 0.4), choices, strict=True):
+        speed = feed * np.abs(np.diff(choice.joints, axis=0)) / p.steps[1:, None]
+        assert (speed <= 0.5 * SPEEDS * (1.0 + 1e-6)).all()
+
+
+def test_without_a_feed_neither_tool_nor_joints_turn_faster_than_the_rate():
+    p = path(count=400)
+    for rate in (1.0, 0.3):
+        pace = Pace(np.full(400, np.nan), SPEEDS, np.radians(rate) * 1e3)
+        choice = choose_turns(MODEL, INVERSE, p, replace(task(400), pace=pace))
+        needed = np.degrees(np.abs(np.diff(choice.joints, axis=0)) / p.steps[1:, None]) * 1e-3
+        assert needed.max() <= rate * (1.0 + 1e-6)
+        assert choice.size < choice.fixed.min()
+
+
+def test_a_path_that_is_too_fast_is_followed_and_its_need_is_known():
+    """Points of 0.1 s: at 4 m/s no turn keeps the joints below half of their speeds."""
+    p = path(count=200)
+    stated = task(200, feed=4.0)
+    choice = choose_turns(MODEL, INVERSE, p, stated)
+    speed = 4.0 * np.abs(np.diff(choice.joints, axis=0)) / p.steps[1:, None] / SPEEDS
+    assert stated.pace.shares(choice.motion).max() == pytest.approx(speed.max(), rel=0.02)
+    assert speed.max() > 0.5
 
 
 def test_a_spindle_along_the_last_axis_gains_nothing():
@@ -170,18 +227,12 @@ def test_a_spindle_along_the_last_axis_but_beside_it_gains():
 
 def test_turns_stay_in_the_range_that_is_stated():
     low, high = np.radians([-25.0, 40.0])
-    task = TurnTask.within(low, high, 36, 0.04, TASK.motion)
-    choice = choose_turns(MODEL, INVERSE, path(), task)
+    stated = TurnTask.within(low, high, 36, 0.04, TASK.pace)
+    choice = choose_turns(MODEL, INVERSE, path(), stated)
     assert choice.turn.min() >= low - 1e-12
     assert choice.turn.max() <= high + 1e-12
-    assert 0.0 in task.angles
+    assert 0.0 in stated.angles
     assert choice.size >= choose_turns(MODEL, INVERSE, path(), TASK).size
-
-
-def test_a_step_too_short_is_refused_with_the_step_that_is_needed():
-    task = replace(TASK, motion=Motion(np.radians(0.2)))
-    with pytest.raises(RequestError, match=r"points 1 and 2 of the path a joint moves by at least 0\.\d+°"):
-        choose_turns(MODEL, INVERSE, path(), task)
 
 
 def test_a_point_out_of_reach_is_named():
@@ -196,11 +247,11 @@ def test_a_target_that_is_visited_again_has_one_posture():
     p = path("pocket", count=24)
     first = np.arange(24)
     first[23] = 0  # the contour ends where it began
-    free = choose_turns(MODEL, INVERSE, p, TASK)
-    same = choose_turns(MODEL, INVERSE, p, TASK, first)
+    free = choose_turns(MODEL, INVERSE, p, task(len(p)))
+    same = choose_turns(MODEL, INVERSE, p, task(len(p)), first)
     np.testing.assert_array_equal(same.joints[0], same.joints[23])
     assert same.size >= free.size
-    assert same.size <= same.fixed.min()
+    assert same.size <= same.fixed.min() * (1.0 + 1e-3)
 
 
 def list_postures(candidates, point):
@@ -216,10 +267,10 @@ def test_a_closed_contour_has_the_best_of_all_sequences_that_close(greatest, ang
     """Beside the best sequence of each posture in which the contour may begin and end."""
     p = path("pocket", count=12, angle=np.radians(angle), yaw=yaw)
     first = np.append(np.arange(11), 0)
-    motion = Motion(np.radians(step), 0.05)
-    angles = TurnTask.free(18, 0.04, motion).angles
+    angles = task(12, 18).angles
     candidates = list_candidates(MODEL, INVERSE, p, angles, 0.04)
-    trellis = Trellis.link(candidates, angles, p.continuous, motion)
+    limits = step_limits(candidates, p, np.radians(step))
+    trellis = Trellis.link(candidates, angles, p.continuous, limits)
     value = np.square(candidates.size) / np.square(candidates.size).mean()
     least = np.inf
     for kept in list_postures(candidates, 0):
@@ -248,11 +299,11 @@ def test_many_targets_that_are_visited_again_have_one_posture_each(monkeypatch):
         continuous=np.arange(20) > 0,
     )
     first = np.tile(np.arange(10), 2)
-    choice = choose_turns(MODEL, INVERSE, p, TASK, first)
+    choice = choose_turns(MODEL, INVERSE, p, task(len(p)), first)
     np.testing.assert_array_equal(choice.joints[:10], choice.joints[10:])
-    assert choice.size <= choice.fixed.min()
+    assert choice.size <= choice.fixed.min() * (1.0 + 1e-3)
     monkeypatch.setattr("jointstiff.solver.process.sequence.MOST_TRIALS", 0)
-    again = choose_turns(MODEL, INVERSE, p, TASK, first)
+    again = choose_turns(MODEL, INVERSE, p, task(len(p)), first)
     np.testing.assert_array_equal(again.joints[:10], again.joints[10:])
     assert again.size >= choice.size * (1.0 - 1e-9)
 
@@ -267,11 +318,12 @@ def test_joints_that_are_given_stay_and_a_free_motion_may_change_the_branch():
     fixed = replace(
         p, given=given, continuous=continuous, force=np.where(np.arange(12)[:, None], p.force, 0.0)
     )
-    choice = choose_turns(MODEL, INVERSE, fixed, TASK)
+    choice = choose_turns(MODEL, INVERSE, fixed, task(12))
     np.testing.assert_allclose(choice.joints[0], start, rtol=0, atol=1e-12)
     assert np.isnan(choice.turn[0])
     assert np.isfinite(choice.turn[1:]).all()
-    assert np.abs(np.diff(choice.joints[1:], axis=0)).max() <= STEP
+    speed = 0.05 * np.abs(np.diff(choice.joints[1:], axis=0)) / p.steps[2:, None]
+    assert (speed <= 0.5 * SPEEDS).all()
 
 
 def test_postures_along_a_motion_without_singularity_have_one_branch_and_solutions_differ():
@@ -293,9 +345,9 @@ def test_postures_along_a_motion_without_singularity_have_one_branch_and_solutio
 
 def test_a_path_that_keeps_its_branch_has_only_postures_of_it():
     p = path("trim", count=10)
-    free = choose_turns(MODEL, INVERSE, p, TASK)
+    free = choose_turns(MODEL, INVERSE, p, task(len(p)))
     near = np.repeat(free.best_fixed[:1], 10, axis=0)
-    kept = choose_turns(MODEL, INVERSE, replace(p, near=near), TASK)
+    kept = choose_turns(MODEL, INVERSE, replace(p, near=near), task(10))
     numbers = find_branches(INVERSE, Postures(ROBOT, kept.joints))
     assert set(numbers.tolist()) == set(find_branches(INVERSE, Postures(ROBOT, near)).tolist())
     assert np.abs(kept.joints[0] - near[0]).max() <= np.pi
@@ -327,9 +379,9 @@ def test_an_arm_on_a_rail_turns_while_the_rail_rests():
     model = JointModel(robot, arm.compliances, None, Constraints(Bounds.positive(7)))
     inverse = InverseKinematics(robot, np.array([0.4, *np.zeros(6)]))
     p = process_path("trim", CENTRE + np.array([0.0, 0.4, 0.0]), count=8, joints=7)
-    choice = choose_turns(model, inverse, p, TASK)
+    choice = choose_turns(model, inverse, p, task(8, speeds=np.append(1.0, SPEEDS)))
     np.testing.assert_allclose(choice.joints[:, 0], 0.4, rtol=0, atol=0)
-    alone = choose_turns(MODEL, INVERSE, process_path("trim", CENTRE, count=8), TASK)
+    alone = choose_turns(MODEL, INVERSE, process_path("trim", CENTRE, count=8), task(8))
     assert choice.size == pytest.approx(alone.size, rel=0.05)  # the rail bends a little, too
     np.testing.assert_allclose(
         exact_lengths(arm, p, choice.joints),
@@ -347,8 +399,8 @@ def test_elastic_links_take_the_same_way():
     elastic = folds.fit_whole_set(Candidate(find_model("joints_and_links"), columns), 1e-4)
     model = ElasticPredictor.from_estimate(robot, elastic)
     p = process_path("trim", CENTRE, count=6)
-    choice = choose_turns(model, InverseKinematics(robot), p, TASK)
-    assert choice.size <= choice.fixed.min()
+    choice = choose_turns(model, InverseKinematics(robot), p, task(6))
+    assert choice.size <= choice.fixed.min() * (1.0 + 1e-3)
     cases = [p.cases(np.arange(6), joints) for joints in (choice.joints, choice.best_fixed)]
     turned, fixed = (PathDeflection.predict(model, None, each) for each in cases)
     low, high = turned.compare(fixed, 0.95).difference.readings

@@ -1,0 +1,153 @@
+"""Inspection of a motion along a path, at its points and on the lines between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
+from jointstiff.solver.predict.forward import ForwardModel
+from jointstiff.solver.process.candidates import compute_regularity
+from jointstiff.solver.process.path import ProcessPath
+
+_DISTANCE: Final = 0.002
+"""Greatest distance of two places on a line at which the joints are computed [m]."""
+_MOST_PARTS: Final = 64
+"""Greatest number of parts of a line."""
+_FOLLOWED: Final = 0.3
+"""Difference of a joint [rad] from the straight line between two postures that is still the same motion."""
+_RESTS: Final = 1e-4
+"""Motion of a joint [rad] while the tool rests that is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """Needs of a motion along a path of m points, on the line to each point."""
+
+    motion: FloatArray  #: (m, n) greatest motion of each of the model's joints for a length [rad/m or m/m]
+    turn: FloatArray  #: (m,) turn about the spindle for a length [rad/m]
+    beyond: (
+        BoolArray  #: (m,) mask: a joint is beyond its limits, the arm near a singularity, or a line is left
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Inspector:
+    """Inspector of motions along a path: the controller interpolates lines between the points.
+
+    The controller leads the tool's centre along the line, and turns the tool about one axis. Arcs count as
+    their chords.
+    """
+
+    model: ForwardModel
+    inverse: InverseKinematics
+    path: ProcessPath
+    clearance: float  #: least singular value of the flange's Jacobian, in m and rad
+    corrects: bool  #: whether the corrected postures have to keep the limits, too
+
+    def inspect(self, angles: FloatArray, turn: FloatArray) -> Inspection:
+        """Inspect a motion.
+
+        Args:
+            angles: (m, n) the model's joints at the points [rad or m].
+            turn: (m,) turns about the spindle axis [rad].
+        """
+        path, arm = self.path, self.inverse.select_arm_joints(angles)
+        regularity = compute_regularity(self.inverse, Postures(self.model.robot, angles))
+        free = np.isnan(path.given[:, 0])
+        beyond = ~self._are_within(angles) | (np.abs(regularity) < self.clearance)
+        beyond &= free
+        rests = np.flatnonzero(path.continuous[1:] & (path.steps[1:] == 0.0)) + 1
+        beyond[rests] |= np.abs(angles[rests] - angles[rests - 1]).max(axis=1, initial=0.0) > _RESTS
+        motion = np.zeros((len(path), self.model.robot.n))
+        turned = np.zeros(len(path))
+        lines = np.flatnonzero(path.steps > 0.0)
+        if len(lines):
+            change = turn[lines] - turn[lines - 1]
+            turned[lines] = (
+                np.abs(change - 2.0 * np.pi * np.round(change / (2.0 * np.pi))) / path.steps[lines]
+            )
+            needed, is_left = self._follow(lines, arm)
+            motion[np.ix_(lines, self.inverse.revolute)] = needed
+            crossed = np.sign(regularity[lines]) != np.sign(regularity[lines - 1])
+            beyond[lines] |= (is_left | crossed) & free[lines] & free[lines - 1]
+        return Inspection(motion, turned, beyond)
+
+    def _are_within(self, angles: FloatArray) -> BoolArray:
+        """Return a mask (m,) of the points whose postures, and corrected postures, keep the limits."""
+        robot, path = self.model.robot, self.path
+        low, high = robot.limits.T
+        within = ((angles >= low) & (angles <= high)).all(axis=1)
+        if self.corrects:
+            cases = path.cases(np.arange(len(path)), robot.joint_map.controller_angles(angles))
+            goal = Postures(robot, angles)
+            commanded = self.model.compute_commands(cases, goal, np.ones(len(path)))
+            within &= ((commanded >= low) & (commanded <= high)).all(axis=1)
+        return np.asarray(within)
+
+    @cached_property
+    def _parts(self) -> IndexArray:
+        """(m,) number of parts of the line to each point."""
+        parts = np.ceil(self.path.steps / _DISTANCE - 1e-6).astype(np.intp)
+        return np.clip(parts, 1, _MOST_PARTS)
+
+    def _follow(self, lines: IndexArray, arm: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return the motion (k, 6) that lines need [rad/m], and a mask (k,) of lines that are left.
+
+        Args:
+            lines: (k,) points to which the lines lead.
+            arm: (m, 6) the model's joints of the arm at all points [rad].
+        """
+        path, robot = self.path, self.inverse.arm
+        parts = self._parts[lines]
+        owner = np.repeat(np.arange(len(lines)), parts - 1)
+        first = np.cumsum(parts - 1) - (parts - 1)
+        fraction = (np.arange(len(owner)) - first[owner] + 1) / parts[owner]
+        last = lines[owner]
+        guess = arm[last - 1] + fraction[:, None] * (arm[last] - arm[last - 1])
+        is_left = np.zeros(len(lines), dtype=np.bool_)
+        inner = guess
+        if len(owner):
+            poses = self._interpolate(lines, owner, fraction, arm)
+            inner, reached = self.inverse.refine(poses, guess)
+            low, high = robot.limits.T
+            kept = reached & ((inner >= low) & (inner <= high)).all(axis=1)
+            kept &= np.abs(inner - guess).max(axis=1) <= _FOLLOWED
+            kept &= self.inverse.least_singular_value(inner) >= self.clearance
+            is_left[owner[~kept]] = True
+        # All places along the lines in order: start, inner places and end of each line.
+        ends = np.cumsum(parts + 1)
+        starts = ends - (parts + 1)
+        along = np.empty((int(ends[-1]), robot.n))
+        along[starts], along[ends - 1] = arm[lines - 1], arm[lines]
+        is_inner = np.ones(len(along), dtype=np.bool_)
+        is_inner[starts] = is_inner[ends - 1] = False
+        along[is_inner] = inner
+        moved = np.abs(np.diff(along, axis=0))
+        moved[ends[:-1] - 1] = 0.0  # from the end of a line to the start of the next
+        greatest = np.maximum.reduceat(moved, starts)
+        return greatest * (parts / path.steps[lines])[:, None], is_left
+
+    def _interpolate(
+        self, lines: IndexArray, owner: IndexArray, fraction: FloatArray, arm: FloatArray
+    ) -> FloatArray:
+        """Return the poses (k, 4, 4) of the flange at places on the lines, as the controller interpolates."""
+        robot = self.inverse.arm
+        before, here = (Postures(robot, arm[each]) for each in (lines - 1, lines))
+        start = before.flange_rotation
+        turn = rotation_vectors(here.flange_rotation, start)
+        place = self.path.place[lines]
+        centres = [each.to_base(place[:, None])[:, 0] for each in (before, here)]
+        part = fraction[:, None]
+        poses = np.tile(np.eye(4), (len(owner), 1, 1))
+        rotation = Rotation.from_rotvec(part * turn[owner]).as_matrix() @ start[owner]
+        centre = (1.0 - part) * centres[0][owner] + part * centres[1][owner]
+        poses[:, :3, :3] = rotation
+        poses[:, :3, 3] = centre - (rotation @ place[owner][..., None])[..., 0]
+        return poses

@@ -1,0 +1,51 @@
+"""Pace of a process: the feed, and how fast joints and tool may turn along the path.
+
+For a feed v a joint of speed q̇_max may move by ``|dq/ds| ≤ η q̇_max / v`` for a length s of the path, and the
+tool may turn by ``|dφ/ds| ≤ ρ``. Where feed or speed is unknown, no joint moves faster than ρ either.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+
+RATE: Final = float(np.radians(1.0) * 1e3)
+"""Greatest turn of the tool for a length of the path, unless the request states another [rad/m]."""
+PART: Final = 0.5
+"""Part of a joint's speed that turning may use: the rest is the controller's."""
+REFERENCE_FEED: Final = 0.05
+"""Feed for which needed speeds are stated if no feed is known [m/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pace:
+    """Feed of the tool along a path of m points, and limits of the speeds there."""
+
+    feed: FloatArray  #: (m,) speed of the tool's centre on the line to each point [m/s]; NaN if unknown
+    speeds: FloatArray  #: (n,) greatest speeds of the model's joints [rad/s or m/s]; NaN if unknown
+    rate: float = RATE  #: greatest turn about the spindle for a length of the path [rad/m]
+    part: float = PART  #: part of the joints' speeds that may be used
+
+    def limits(self) -> FloatArray:
+        """Return the greatest motion (m, n) of each joint for a length of the path [rad/m or m/m]."""
+        limits = self.part * self.speeds / self.feed[:, None]
+        return np.where(np.isnan(limits), self.rate, limits)
+
+    def shares(self, motion: FloatArray) -> FloatArray:
+        """Return the parts (m, n) of the joints' speeds that motions (m, n) for a length [rad/m] need.
+
+        Without a feed, the shares are those at `REFERENCE_FEED`; NaN for joints of unknown speed.
+        """
+        feed = np.where(np.isnan(self.feed), REFERENCE_FEED, self.feed)
+        return np.asarray(np.abs(motion) * feed[:, None] / self.speeds)
+
+    def select(self, points: IndexArray) -> Pace:
+        """Return the pace of some points (k,) of a path: longer lines, each with its greatest feed."""
+        feed = np.where(np.isnan(self.feed), -1.0, self.feed)
+        starts = np.append(0, points[:-1] + 1) if len(points) else points
+        greatest = np.maximum.reduceat(feed, np.minimum(starts, points))
+        return Pace(np.where(greatest < 0.0, np.nan, greatest), self.speeds, self.rate, self.part)

@@ -1,0 +1,443 @@
+"""Turns along a path as a smooth function of its length: cubic splines, by a sequence of convex programs.
+
+Each program states the squared deflection at places along the path as parabolas of the turn, and the limits
+of speeds, positions and singularity as linear functions of turn and rate (method.md §16). On a line between
+two points the controller turns the tool evenly, so that the turn there is the straight line between those of
+the points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.sparse import block_diag, csr_array, diags_array, vstack
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
+from jointstiff.solver.predict.forward import ForwardModel
+from jointstiff.solver.process.candidates import ROOM
+from jointstiff.solver.process.path import ProcessPath
+
+if TYPE_CHECKING:
+    from jointstiff.solver.fit.programs import TurnProgram
+
+_PLACES: Final = 0.01
+"""Greatest distance of the places at which a program holds the limits [m]."""
+_SPREAD: Final = 1.2
+"""Distance of the spline's knots, relative to that of the knots of the choice."""
+_ROUNDS: Final = 5
+_STEP: Final = float(np.radians(2.0))
+"""Turn by which a parabola is stated [rad]."""
+_TRUST: Final = float(np.radians(15.0))
+_LEAST_TRUST: Final = float(np.radians(3.0))
+_MOST_TRUST: Final = float(np.radians(120.0))
+"""Turn from the one before that a program may choose [rad]: of the first one, the least, and the greatest."""
+_FARTHEST: Final = 1.2
+"""Motion of a joint in a round [rad] beyond which the round is repeated with less trust."""
+_SETTLED: Final = float(np.radians(0.1))
+"""Greatest change of a turn after which no further round is needed [rad]."""
+_LEAST_CURVATURE: Final = 0.05
+_AT_END: Final = 1e-6
+"""Distance of a turn from the end of its range that is the tolerance of a program [rad]."""
+_CLEARANCE_ROOM: Final = 1.05
+"""Least singular value in a program, relative to the clearance."""
+_NEAR: Final = 4.0
+"""Singular values within this factor of the clearance are limited."""
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """Cost of a rough turn, and the part of the limits that a program may use."""
+
+    cost: float  #: of the mean square of d²φ/ds², relative to the mean square of the deflections [m⁴/rad²]
+    part: float  #: of the limits of speed and rate
+
+
+ROUGHNESS: Final = (
+    Roughness(1e-7, 0.97),
+    Roughness(1e-7, 0.9),
+    Roughness(1e-6, 0.95),
+    Roughness(1e-6, 0.85),
+    Roughness(1e-5, 0.8),
+)
+"""Tried in this order, until a turn keeps all limits."""
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothTurn:
+    """A turn along a path of m points."""
+
+    turn: FloatArray  #: (m,) turn about the spindle axis [rad]
+    angles: FloatArray  #: (m, 6) start of the search for the arm's joints [rad]
+
+
+@dataclass(frozen=True, eq=False)
+class TurnSmoother:
+    """Smooth turns along a path of m points."""
+
+    model: ForwardModel
+    inverse: InverseKinematics
+    path: ProcessPath
+    limits: FloatArray  #: (m, n) greatest motion of each of the model's joints for a length [rad/m or m/m]
+    rate: float  #: greatest turn for a length of the path [rad/m]
+    clearance: float  #: least singular value of the flange's Jacobian, in m and rad
+    spacing: float  #: distance of the knots of the choice [m]
+    knots: IndexArray  #: (k,) points that are knots of the choice
+    first: IndexArray  #: (m,) index of the first point that is the same target, for each point
+    range: tuple[float, float] | None  #: least and greatest turn [rad]; None for any turn
+    corrects: bool
+    greatest: bool
+
+    def smooth(self, turn: FloatArray, angles: FloatArray, roughness: Roughness) -> SmoothTurn | None:
+        """Return the best smooth turn near another; None if none is found.
+
+        Args:
+            turn: (m,) turns where the search starts, without jumps along a line [rad].
+            angles: (m, 6) the arm's joints there [rad].
+            roughness: cost of a rough turn.
+        """
+        from jointstiff.solver.fit.programs import solve_turns
+
+        places = self._places
+        here = self._interpolate(turn)
+        q, reached = self.inverse.refine(places.turn(np.arange(len(places)), here), self._between(angles))
+        if not reached.all():
+            return None
+        trust, found = _TRUST, False
+        for _ in range(_ROUNDS):
+            program = self._state(turn, here, q, roughness, trust)
+            x = None if program is None else solve_turns(program, greatest=self.greatest)
+            if x is None and (found or trust > _MOST_TRUST):
+                break
+            if x is None:  # the first turn is farther from a smooth one than the trust
+                trust *= 2.5
+                continue
+            next_turn = self._basis @ x
+            next_here = self._interpolate(next_turn)
+            poses = places.turn(np.arange(len(places)), next_here)
+            next_q, reached = self.inverse.refine(poses, q)
+            if not reached.all() or np.abs(next_q - q).max() > _FARTHEST:
+                trust *= 0.4
+                continue
+            change = float(np.abs(next_here - here).max())
+            turn, here, q, found = next_turn, next_here, next_q, True
+            trust = max(0.6 * trust, _LEAST_TRUST)
+            if change < _SETTLED:
+                break
+        if not found:
+            return None
+        shift = self._at_points(q - self._between(angles))
+        return SmoothTurn(self._snap(turn), angles + shift)
+
+    def _snap(self, turn: FloatArray) -> FloatArray:
+        """Return turns (m,) whose ends of the range are exact: a program's tolerance misses them."""
+        for end in self.range or ():
+            turn = np.where(np.abs(turn - end) < _AT_END, end, turn)
+        return turn
+
+    @cached_property
+    def _lines(self) -> tuple[IndexArray, FloatArray]:
+        """Places along the lines: (k,) points to which the lines lead, and (k,) fractions of the lines.
+
+        A point without a line is a place of its own, at the end of no line.
+        """
+        path = self.path
+        lengths, last, fraction = path.lengths, list[int](), list[float]()
+        is_knot = np.zeros(len(path), dtype=np.bool_)
+        is_knot[self.knots] = True
+        for part in path.stretches:
+            reached = -np.inf
+            last.append(part.start)
+            fraction.append(1.0)
+            for i in range(part.start + 1, part.stop):
+                step = path.steps[i]
+                if step <= 0.0:
+                    continue
+                if reached == -np.inf or is_knot[i - 1]:  # a line begins anew behind a knot
+                    last.append(i)
+                    fraction.append(0.0)
+                    reached = lengths[i - 1]
+                while reached + _PLACES < lengths[i] - 1e-9:
+                    reached = reached + _PLACES
+                    last.append(i)
+                    fraction.append(float(np.clip((reached - lengths[i - 1]) / step, 0.0, 1.0)))
+                if is_knot[i]:
+                    last.append(i)
+                    fraction.append(1.0)
+                    reached = lengths[i]
+        return np.array(last, dtype=np.intp), np.array(fraction)
+
+    @cached_property
+    def _is_line(self) -> BoolArray:
+        """(k,) mask of the places that are on a line."""
+        return np.asarray(self.path.steps[self._lines[0]] > 0.0)
+
+    @cached_property
+    def _places(self) -> ProcessPath:
+        """The path at the places."""
+        return self.path.interpolate(*self._lines)
+
+    @cached_property
+    def _weights(self) -> FloatArray:
+        """(k,) weights of the places, with the sum 1: by the length around each place, under load."""
+        last, fraction = self._lines
+        at = self.path.lengths[last] - (1.0 - fraction) * self.path.steps[last]
+        number = np.cumsum(~self.path.continuous)[last]
+        gap = np.where(number[1:] == number[:-1], np.diff(at), 0.0)
+        weight = 0.5 * (np.append(0.0, gap) + np.append(gap, 0.0))
+        places = self._places
+        counted = places.loaded if places.loaded.any() else np.ones(len(places), dtype=np.bool_)
+        alone = np.bincount(number)[number] == 1
+        mean = weight[counted & ~alone].mean() if (counted & ~alone).any() else 1.0
+        weight = np.where(alone, mean, weight) * counted
+        total = weight.sum()
+        return np.asarray(weight / total if total > 0.0 else np.full(len(weight), 1.0 / len(weight)))
+
+    @cached_property
+    def _splines(self) -> tuple[csr_array, csr_array]:
+        """Matrix (m, p) from the unknowns to the turns at the points, and rows (r, p) of the roughness."""
+        bases, rough = [], []
+        whole = max(float(self.path.lengths[-1]), 1e-9)
+        for part in self.path.stretches:
+            lengths = self.path.lengths[part]
+            lengths = lengths - lengths[0]
+            end = float(lengths[-1])
+            distinct, which = np.unique(np.round(lengths, 12), return_inverse=True)
+            count = int(np.ceil(end / (_SPREAD * self.spacing))) + 3
+            if len(distinct) <= max(count, 4):  # few points: their turns are the unknowns
+                identity = np.eye(len(distinct))
+                bases.append(csr_array(identity[which]))
+                rough.append(csr_array(_second_differences(distinct, whole)))
+                continue
+            inner = np.linspace(0.0, end, count - 2)
+            ends = [0.0] * 3, [end] * 3
+            spline = BSpline(np.concatenate([ends[0], inner, ends[1]]), np.eye(count), 3)
+            bases.append(csr_array(spline(lengths)))
+            at = np.linspace(0.0, end, 2 * count)
+            rows = spline.derivative(2)(at) * np.sqrt(end / len(at) / whole)
+            rough.append(csr_array(rows))
+        return csr_array(block_diag(bases)), csr_array(block_diag(rough))
+
+    @property
+    def _basis(self) -> csr_array:
+        """(m, p) matrix from the unknowns to the turns at the points [rad]."""
+        return self._splines[0]
+
+    @cached_property
+    def _place_bases(self) -> tuple[csr_array, csr_array]:
+        """Matrices (k, p) from the unknowns to turn and rate at the places [rad, rad/m]."""
+        last, fraction = self._lines
+        before = np.maximum(last - 1, 0)
+        start, end = self._basis[before], self._basis[last]
+        turn = diags_array(1.0 - fraction) @ start + diags_array(fraction) @ end
+        step = self.path.steps[last]
+        inverse = np.divide(1.0, step, out=np.zeros(len(step)), where=step > 0.0)
+        return csr_array(turn), csr_array(diags_array(inverse) @ (end - start))
+
+    def _interpolate(self, values: FloatArray) -> FloatArray:
+        """Return values (k,) at the places from those (m,) at the points."""
+        last, fraction = self._lines
+        before = np.where(self._is_line, last - 1, last)
+        return np.asarray((1.0 - fraction) * values[before] + fraction * values[last])
+
+    def _between(self, angles: FloatArray) -> FloatArray:
+        """Return angles (k, 6) at the places from those (m, 6) at the points."""
+        return np.stack([self._interpolate(column) for column in angles.T], axis=1)
+
+    def _at_points(self, shift: FloatArray) -> FloatArray:
+        """Return values (m, 6) at the points, interpolated from those (k, 6) at the places."""
+        last, fraction = self._lines
+        at = self.path.lengths[last] - (1.0 - fraction) * self.path.steps[last]
+        number = np.cumsum(~self.path.continuous)
+        # Lines behind a motion of the joints are moved apart, so that nothing is interpolated across it.
+        apart = 1.0 + float(self.path.lengths[-1])
+        return np.stack(
+            [np.interp(self.path.lengths + apart * number, at + apart * number[last], c) for c in shift.T],
+            axis=1,
+        )
+
+    def _state(
+        self, turn: FloatArray, here: FloatArray, q: FloatArray, roughness: Roughness, trust: float
+    ) -> TurnProgram | None:
+        """Return the convex program about a turn; None where the arm is singular or does not follow."""
+        from jointstiff.solver.fit.programs import TurnProgram
+
+        places, arm = self._places, self.inverse.arm
+        numbers = np.arange(len(places))
+        at = Postures(arm, q)
+        jacobian = at.pose_jacobian_at(at.to_base(places.place[:, None]))
+        try:
+            by_turn, along = self._differentiate(jacobian)
+        except np.linalg.LinAlgError:
+            return None
+        plus, plus_reached = self.inverse.refine(places.turn(numbers, here + _STEP), q + _STEP * by_turn)
+        minus, minus_reached = self.inverse.refine(places.turn(numbers, here - _STEP), q - _STEP * by_turn)
+        if not (plus_reached & minus_reached).all():
+            return None
+        sizes = [np.square(self._sizes(each)) for each in (minus, q, plus)]
+        mean = max(float(self._weights @ sizes[1]), np.finfo(float).tiny)
+        slope = (sizes[2] - sizes[0]) / (2.0 * _STEP * mean)
+        curvature = (sizes[2] - 2.0 * sizes[1] + sizes[0]) / (_STEP**2 * mean)
+        basis, rate_basis = self._place_bases
+        limits = _Rows()
+        lines = self._is_line
+        self._limit_speeds(limits, turn, by_turn, along, roughness.part)
+        limits.keep(rate_basis[lines], np.full(int(lines.sum()), roughness.part * self.rate))
+        self._limit_positions(limits, here, q, by_turn, trust)
+        self._limit_singularity(limits, here, (minus, q, plus))
+        limits.within(basis, here - trust, here + trust)
+        if self.range is not None:
+            low, high = self.range
+            limits.within(basis, np.minimum(low, here), np.maximum(high, here))
+        equal, values = self._equations(turn)
+        rough = np.sqrt(roughness.cost) * self._splines[1]
+        return TurnProgram(
+            basis=basis,
+            turn=here,
+            size=sizes[1] / mean,
+            slope=slope,
+            curvature=np.maximum(curvature, _LEAST_CURVATURE),
+            weight=self._weights,
+            roughness=rough,
+            rows=limits.matrix(basis.shape[1]),
+            bounds=limits.bound(),
+            equal=equal,
+            values=values,
+        )
+
+    def _differentiate(self, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the motions (k, 6) of the joints by the turn [rad/rad], and along the path [rad/m].
+
+        `jacobian` (k, 6, 6) is that of the tool's centres.
+        """
+        path, places = self.path, self._places
+        last = self._lines[0]
+        before = np.where(self._is_line, last - 1, last)
+        step = np.where(self._is_line, path.steps[last], 1.0)[:, None]
+        motion = np.zeros((len(last), 6, 2))
+        motion[:, 3:, 0] = places.axes
+        motion[:, :3, 1] = (path.centres[last] - path.centres[before]) / step
+        rotation = path.poses[:, :3, :3]
+        motion[:, 3:, 1] = rotation_vectors(rotation[last], rotation[before]) / step
+        solved = np.linalg.solve(jacobian, motion)
+        return np.asarray(solved[..., 0], np.float64), np.asarray(solved[..., 1], np.float64)
+
+    def _sizes(self, q: FloatArray) -> FloatArray:
+        """Return the lengths (k,) of the deflections at the places, to first order in the load [m]."""
+        robot = self.model.robot
+        angles = self.inverse.insert_held_joints(q, of_model=True)
+        cases = self._places.cases(np.arange(len(q)), robot.joint_map.controller_angles(angles))
+        return np.asarray(
+            np.linalg.norm(self.model.linear_displacement(cases, Postures(robot, angles)), axis=1)
+        )
+
+    def _limit_speeds(
+        self, limits: _Rows, turn: FloatArray, by_turn: FloatArray, along: FloatArray, part: float
+    ) -> None:
+        """Limit ``|∂q/∂s + ∂q/∂φ φ'|``; where the path needs more, not beyond what it needs now."""
+        last = self._lines[0]
+        before = np.where(self._is_line, last - 1, last)
+        rate = np.where(self._is_line, turn[last] - turn[before], 0.0)
+        rate = rate / np.where(self._is_line, self.path.steps[last], 1.0)
+        rate_basis = self._place_bases[1]
+        allowed = part * self.limits[last][:, self.inverse.revolute]
+        for j in range(by_turn.shape[1]):
+            needed = np.minimum(np.abs(along[:, j]), np.abs(along[:, j] + by_turn[:, j] * rate))
+            most = np.maximum(allowed[:, j], needed)
+            matters = np.abs(along[:, j]) + np.abs(by_turn[:, j]) * self.rate > most
+            rows = np.flatnonzero(self._is_line & matters)
+            matrix = diags_array(by_turn[rows, j]) @ rate_basis[rows]
+            limits.within(matrix, -most[rows] - along[rows, j], most[rows] - along[rows, j])
+
+    def _limit_positions(
+        self, limits: _Rows, here: FloatArray, q: FloatArray, by_turn: FloatArray, trust: float
+    ) -> None:
+        """Keep joints, and corrected joints, within their limits with room."""
+        robot = self.model.robot
+        shift = np.zeros_like(q)
+        if self.corrects:
+            angles = self.inverse.insert_held_joints(q, of_model=True)
+            cases = self._places.cases(np.arange(len(q)), robot.joint_map.controller_angles(angles))
+            goal = Postures(robot, angles)
+            commanded = self.model.compute_commands(cases, goal, np.ones(len(q)))
+            shift = self.inverse.select_arm_joints(commanded) - q
+        low, high = self.inverse.arm.limits.T
+        least = low + 1.1 * ROOM - np.minimum(shift, 0.0) - q
+        most = high - 1.1 * ROOM - np.maximum(shift, 0.0) - q
+        basis = self._place_bases[0]
+        for j in range(q.shape[1]):
+            reach = np.abs(by_turn[:, j]) * 1.5 * trust
+            rows = np.flatnonzero((least[:, j] > -reach) | (most[:, j] < reach))
+            offset = by_turn[rows, j] * here[rows]
+            matrix = diags_array(by_turn[rows, j]) @ basis[rows]
+            lower, upper = np.minimum(least[rows, j], 0.0), np.maximum(most[rows, j], 0.0)
+            limits.within(matrix, lower + offset, upper + offset)
+
+    def _limit_singularity(
+        self, limits: _Rows, here: FloatArray, q: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> None:
+        """Keep the least singular value beyond the clearance, to first order in the turn."""
+        minus, value, plus = (self.inverse.least_singular_value(each) for each in q)
+        slope = (plus - minus) / (2.0 * _STEP)
+        rows = np.flatnonzero(value < _NEAR * self.clearance)
+        room = np.maximum(value[rows] - _CLEARANCE_ROOM * self.clearance, 0.0)
+        matrix = diags_array(-slope[rows]) @ self._place_bases[0][rows]
+        limits.add(matrix, room - slope[rows] * here[rows])
+
+    def _equations(self, turn: FloatArray) -> tuple[csr_array, FloatArray]:
+        """Return rows (e, p) and values (e,): equal turns at equal targets, and those of given joints."""
+        basis = self._basis
+        again = np.flatnonzero(self.first != np.arange(len(self.first)))
+        given = np.flatnonzero(~np.isnan(self.path.given[:, 0]))
+        again = np.setdiff1d(again, given)
+        difference = turn[again] - turn[self.first[again]]
+        rows = vstack([basis[again] - basis[self.first[again]], basis[given]])
+        values = np.concatenate([difference, turn[given]])
+        return csr_array(rows), 2.0 * np.pi * np.round(values / (2.0 * np.pi))
+
+
+class _Rows:
+    """Linear limits ``A x ≤ b`` that are collected."""
+
+    def __init__(self) -> None:
+        self._matrices = list[csr_array]()
+        self._bounds = list[FloatArray]()
+
+    def add(self, matrix: csr_array, bound: FloatArray) -> None:
+        """Add ``matrix @ x ≤ bound``."""
+        if len(bound):
+            self._matrices.append(csr_array(matrix))
+            self._bounds.append(bound)
+
+    def within(self, matrix: csr_array, low: FloatArray, high: FloatArray) -> None:
+        """Add ``low ≤ matrix @ x ≤ high``."""
+        self.add(matrix, high)
+        self.add(-matrix, -low)
+
+    def keep(self, matrix: csr_array, most: FloatArray) -> None:
+        """Add ``|matrix @ x| ≤ most``."""
+        self.within(matrix, -most, most)
+
+    def matrix(self, columns: int) -> csr_array:
+        """Return A."""
+        return csr_array(vstack(self._matrices)) if self._matrices else csr_array((0, columns))
+
+    def bound(self) -> FloatArray:
+        """Return b."""
+        return np.concatenate(self._bounds) if self._bounds else np.zeros(0)
+
+
+def _second_differences(lengths: FloatArray, whole: float) -> FloatArray:
+    """Return rows (k − 2, k) of the second derivatives of k values by length, weighted by length."""
+    rows = np.zeros((max(len(lengths) - 2, 1), len(lengths)))
+    for i in range(len(lengths) - 2):
+        before, after = np.diff(lengths[i : i + 3])
+        weight = np.sqrt(0.5 * (before + after) / whole)
+        slopes = np.array([1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after])
+        rows[i, i : i + 3] = weight * slopes * 2.0 / (before + after)
+    return rows

@@ -1,0 +1,109 @@
+"""Feeds as programs and tables state them, and the moves that carry no force."""
+
+import numpy as np
+import pytest
+from support.programs import exact_run, options
+
+from jointstiff.schemas.process import ProcessRequest
+from jointstiff.service.kinds.process.feeds import read_feeds
+from jointstiff.service.kinds.process.tables import turns_sheet
+from jointstiff.service.kinds.process.work import ProcessWork
+from jointstiff.service.kinds.program.files import compress_file, decompress_file
+from robotprograms.formats import read_program
+
+POSE = "{X 1809.6,Y 139.9,Z %d,A -168.3,B 42.4,C -162.9}"
+KRL = "\n".join(
+    [
+        "DEF path()",
+        "$TOOL=TOOL_DATA[1]",
+        "$BASE=BASE_DATA[1]",
+        "$VEL.CP=0.2",
+        f"LIN {POSE % 1577}",
+        "$VEL.CP = 0.02 ; m/s",
+        f"LIN {POSE % 1560}",
+        f"LIN {POSE % 1540}",
+        "BAS(#VEL_CP,0.2)",
+        f"LIN {POSE % 1578}",
+        "END\n",
+    ]
+)
+PROGRAMS = {
+    "p.src": (KRL, [0.2, 0.02, 0.02, 0.2]),
+    "p.mod": (
+        "MODULE m\nCONST speeddata vCut:=[30,500,5000,1000];\nPROC main()\n"
+        "MoveL [[1500,0,900],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,fine,tool0;\n"
+        "MoveL [[1500,0,880],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],vCut,z1,tool0;\n"
+        "MoveL [[1500,0,870],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200\\V:=12,z1,tool0;\n"
+        "MoveL [[1500,0,860],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],vmax,z1,tool0;\n"
+        "ENDPROC\nENDMODULE\n",
+        [0.2, 0.03, 0.012, np.nan],
+    ),
+    "p.script": (
+        "def p():\n  movel(p[0.5,0,0.4,0,3.1,0], a=1.2, v=0.05)\n  movel(p[0.5,0.1,0.4,0,3.1,0])\nend\n",
+        [0.05, np.nan],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_feed_of_each_move_is_what_the_program_states(name):
+    text, expected = PROGRAMS[name]
+    np.testing.assert_allclose(read_feeds(read_program([(name, text.encode())])), expected)
+
+
+def work(text=KRL, files=(), **changes):
+    robot, run = exact_run()
+    sent = [compress_file("p.src", text.encode()), *(compress_file(*each) for each in files)]
+    stated = options("krl", spindle=[0.6, 0.0, 0.8], axes="robot") | changes
+    request = ProcessRequest.model_validate({"run_id": "r", "files": sent, **stated})
+    return ProcessWork(robot, "robot", run, request)
+
+
+def forces(result):
+    table = turns_sheet(decompress_file(result.choice)).columns
+    return np.asarray(table["turned [mm]"]) > 1e-3
+
+
+def test_approach_and_retract_carry_no_force_unless_their_lines_state_it():
+    result = work().conclude(())
+    assert result.feed == pytest.approx(0.02)
+    assert not forces(result)[[0, 3]].any()
+    assert any(
+        each.startswith("approaches and retracts carry no force: lines 5, 10") for each in result.remarks
+    )
+    stated = options("krl")["load"] | {"first_line": 1, "last_line": 10}
+    assert forces(work(load=stated).conclude(())).all()
+
+
+def test_a_feed_of_the_request_tells_cuts_from_approaches():
+    """At 0.2 m/s nothing is faster, so that all lines are cuts."""
+    result = work(feed=200.0).conclude(())
+    assert forces(result).all()
+    assert result.feed == pytest.approx(0.2)
+
+
+def test_the_table_of_loads_states_the_feed_of_each_point():
+    table = b"point,Fx [N],Fy [N],Fz [N],feed [mm/s]\n2,300,400,-1400,15\n3,300,400,-1400,30\n"
+    result = work(files=[("loads.csv", table)], loads="loads.csv", load=None).conclude(())
+    assert result.feed == pytest.approx(0.2), "the approaches keep the program's feed"
+    assert forces(result).tolist() == [False, True, True, False]
+
+
+def test_without_a_feed_the_result_says_what_the_joints_need_at_50_mm_per_second():
+    text = "\n".join(line for line in KRL.split("\n") if "VEL" not in line)
+    result = work(text).conclude(())
+    assert result.feed is None
+    assert len(result.needed_speeds) == 6
+    assert any("at 50 mm/s they need joint_1" in each for each in result.remarks)
+
+
+def test_a_program_that_is_too_fast_as_it_was_sent_is_named():
+    fast = KRL.replace("0.02 ;", "2.0 ;").replace("$VEL.CP=0.2", "$VEL.CP=2.0")
+    robot, run = exact_run()
+    slow = robot.with_speeds(np.full(6, 0.05))
+    sent = [compress_file("p.src", fast.encode())]
+    stated = options("krl", spindle=[0.6, 0.0, 0.8])
+    request = ProcessRequest.model_validate({"run_id": "r", "files": sent, **stated})
+    result = ProcessWork(slow, "robot", run, request).conclude(())
+    assert "too_fast" in {each.code for each in result.assessment.reasons}
+    assert max(result.sent_speed_shares) > 1.0
