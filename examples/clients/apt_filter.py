@@ -16,9 +16,24 @@ from pathlib import Path
 
 import numpy as np
 
-NOT_FOLLOWED = (
-    "ARC CIRCLE COPY CUTCOM CYCLE GODLTA GOHOME HELIX INDEX NURBS ROTABL ROTATE ROTHED SPLINE TRACUT TRANS"
-).split()
+NOT_FOLLOWED = [
+    "ARC",
+    "CIRCLE",
+    "COPY",
+    "CUTCOM",
+    "CYCLE",
+    "GODLTA",
+    "GOHOME",
+    "HELIX",
+    "INDEX",
+    "NURBS",
+    "ROTABL",
+    "ROTATE",
+    "ROTHED",
+    "SPLINE",
+    "TRACUT",
+    "TRANS",
+]
 """Words that move the tool, or transform its points, in a way that is not followed."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?")
 _INCH = 25.4
@@ -102,7 +117,7 @@ def _read_system(numbers, unit, line):
 
 
 def make_poses(points, turn):
-    """Return poses (N, 4, 4) of the tool: z from spindle to tip, x near `turn`, a direction or "feed" [mm]."""
+    """Return poses (N, 4, 4) of the tool: z from spindle to tip, x near `turn` [mm]."""
     places = np.array([point.place for point in points])
     feeds = np.gradient(places, axis=0) if len(points) > 1 else np.tile([1.0, 0.0, 0.0], (1, 1))
     poses = np.tile(np.eye(4), (len(points), 1, 1))
