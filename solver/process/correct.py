@@ -55,7 +55,7 @@ _CHECKED_AT_ONCE: Final = 64
 
 
 class RowStatus(IntEnum):
-    """What became of a row. Rows up to `UNCERTAIN` have poses and joints; the others have none."""
+    """Status of a row. Rows up to `UNCERTAIN` have poses and joints; the others have none."""
 
     CORRECTED = 0
     NO_LOAD = 1  # the pose as sent: nothing deflects
@@ -290,7 +290,7 @@ class CorrectedCases(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CorrectionSettings:
-    """How a correction is made."""
+    """Limits of a correction, and the confidence of its bands."""
 
     limits: CorrectionLimits = field(default_factory=CorrectionLimits)
     confidence: float = 0.95  #: level of the bound of the model error

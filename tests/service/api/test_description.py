@@ -64,7 +64,8 @@ def test_the_description_is_small(openapi):
     """Few operations, one message for one thing: an integrator reads it in an afternoon."""
     assert len(operations(openapi)) <= 42
     assert len(openapi["components"]["schemas"]) <= 150
-    assert len(json.dumps(openapi, ensure_ascii=False, separators=(",", ":")).encode()) <= 260_000
+    # 260,000 bytes, and 6,000 for `POST /v1/corrections` with its columns and statuses.
+    assert len(json.dumps(openapi, ensure_ascii=False, separators=(",", ":")).encode()) <= 266_000
 
 
 def parts(node):
