@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
@@ -109,7 +109,7 @@ class PoseTable:
                     where="columns",
                     remedy=f"use x, y, z, rx, ry, rz, j1 to j{robot.n}, fx, fy, fz, mx, my, mz",
                 )
-        orientation = next((each for each in _ORIENTATIONS if each[0] in names), _ROTATION_VECTOR)
+        orientation = _choose_orientation(names)
         required = [*_POSITION, *orientation]
         for group in (joint_names, _FORCE, _MOMENT):
             required += group if names.keys() & {*group} else ()
@@ -135,6 +135,22 @@ class PoseTable:
             moment = stack(_MOMENT) if "mx" in names else np.zeros((len(poses), 3))
             loads = np.concatenate([force, moment_factor(units, moment) * moment], axis=1)
         return cls(poses, orientation, joints, loads)
+
+
+def _choose_orientation(names: Collection[str]) -> tuple[str, ...]:
+    """Return the columns that state the orientation.
+
+    Raises:
+        RequestError: columns of two forms are stated.
+    """
+    stated = [each for each in _ORIENTATIONS if {*each} & {*names}]
+    if len(stated) > 1:
+        raise RequestError(
+            "the orientation is stated twice",
+            where="columns",
+            remedy="give either rx, ry, rz, or a, b, c, or q1 to q4",
+        )
+    return stated[0] if stated else _ROTATION_VECTOR
 
 
 def _read_orientation(names: tuple[str, ...], numbers: FloatArray, units: Units) -> FloatArray:
