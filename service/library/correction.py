@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
@@ -17,7 +16,7 @@ from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.arguments import complete_units
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.problems import as_campaign_error, naming_missing_extra
+from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import parse_document
 from jointstiff.service.runs.correction import (
     PoseTable,
@@ -26,7 +25,7 @@ from jointstiff.service.runs.correction import (
     make_sheet,
     read_table,
 )
-from jointstiff.service.tables.files import make_data_frame, write_sheet
+from jointstiff.service.tables.files import make_data_frame, parquet_bytes, read_parquet, write_sheet
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.process.correct import place_forces
@@ -115,12 +114,7 @@ class Correction:
         if target.suffix == ".csv":
             target.write_bytes(write_sheet(sheet, "csv"))
         elif target.suffix == ".parquet":
-            with naming_missing_extra("a Parquet file"):
-                import pyarrow
-                from pyarrow import parquet
-            content = BytesIO()
-            parquet.write_table(pyarrow.table(dict(sheet.columns)), content)
-            target.write_bytes(content.getvalue())
+            target.write_bytes(parquet_bytes(sheet))
         else:
             raise ValueError(f"'{target}' must end in .csv or .parquet")
 
@@ -273,15 +267,7 @@ def read_columns(path: Path) -> Mapping[str, Any]:
     """
     if path.suffix.lower() != ".parquet":
         return read_table(path.read_text(encoding="utf-8-sig", errors="replace"))
-    with naming_missing_extra("a Parquet file"):
-        from pyarrow import ArrowInvalid, parquet
-    try:
-        table = parquet.read_table(path)
-        return {name: table.column(name).to_numpy().astype(np.float64) for name in table.column_names}
-    except (ArrowInvalid, ValueError) as error:
-        raise RequestError(
-            "the file is no Parquet table of numbers", where=path.name, remedy="write columns of numbers"
-        ) from error
+    return read_parquet(path)
 
 
 def _read_poses(array: FloatArray, units: Units) -> FloatArray:
