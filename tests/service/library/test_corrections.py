@@ -71,8 +71,9 @@ def test_a_file_that_was_written_is_read_again(tmp_path, ending):
 
 def test_an_arm_without_a_campaign_is_corrected_by_its_prior():
     robot = js.robot(robot_document(ARM), payload=210)
-    done = js.correct(robot, IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    done = robot.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
     assert done.counts == {"corrected": 20}
+    assert (done.joints == js.correct(robot, IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE).joints).all()
     assert done.assessment.verdict == "use_with_care"
     assert "not measured, but guessed" in done.summary()
 
