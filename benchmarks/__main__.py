@@ -45,6 +45,9 @@ BENCHMARKS = {
     "width": Benchmark("performance.width", "1,000 campaigns on two processes beside one; 10 minutes"),
     "plan": Benchmark("performance.plan", "optimal designs beside cvxpy"),
     "maps": Benchmark("performance.maps", "beside a loop of Pinocchio calls"),
+    "corrections": Benchmark(
+        "performance.corrections", "arrays of poses beside EAIK; wrong frames, branches"
+    ),
     "year": Benchmark(
         "performance.year", "lists, searches and trends of 100,000 runs; 10 minutes", in_parts=True
     ),

@@ -56,7 +56,16 @@ LIMITED_MEMORY: Final = 512 * 1024 * 1024
 """Memory that the child may take for one body [bytes]."""
 _PATHS: Final = frozenset(
     f"/v1/{name}"
-    for name in ("robots", "kinematics", "measurement-sets", "campaigns", "imports", "plans", "deflections")
+    for name in (
+        "robots",
+        "kinematics",
+        "measurement-sets",
+        "campaigns",
+        "imports",
+        "plans",
+        "deflections",
+        "corrections",
+    )
 )
 """Paths of the API whose large request bodies are handled in the child process."""
 _ALWAYS_IN_CHILD: Final = frozenset({"/v1/geometries", "/v1/programs"})

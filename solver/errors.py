@@ -5,6 +5,7 @@
     │   ├── RobotError             ... the robot's description
     │   └── MeasurementError       ... the measurement set
     ├── RequestError               ask for something else
+    │   ├── CasesError             ... or without the load cases that fail
     │   └── UnsupportedMethodError ... another method or weighting: the readings cannot support this one
     ├── NotObservableError         measure more: no joint can be determined from these readings
     └── SolverError                nobody's input is wrong: report it with the data
@@ -14,6 +15,12 @@ needs to parse a message.
 """
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 
 class JointstiffError(Exception):
@@ -57,6 +64,29 @@ class MeasurementError(InputError):
 
 class RequestError(JointstiffError):
     """The request cannot be carried out, such as a bound on a joint that the robot does not have."""
+
+
+class CasesError(RequestError):
+    """Some load cases cannot be computed; the others can.
+
+    Attributes:
+        failed: (B,) mask of the load cases that fail; there may be more among the others.
+        cause: the load is too great for the model, it twists a joint that the readings do not determine, or
+            no posture reaches the place.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        *,
+        remedy: str,
+        failed: npt.NDArray[np.bool_],
+        cause: Literal["overloaded", "unseen_joint", "not_reached"],
+        where: str | None = None,
+    ) -> None:
+        first = int(failed.argmax())
+        super().__init__(reason, remedy=remedy, where=f"cases[{first}]" if where is None else where)
+        self.failed, self.cause = failed, cause
 
 
 class UnsupportedMethodError(RequestError):

@@ -15,6 +15,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, File, Form, HTTPException, Request, Response, UploadFile
 from pydantic import Json, JsonValue, TypeAdapter, ValidationError
 
+from jointstiff.schemas.correction import CorrectionRequest, CorrectionResult
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message, Name, content_key
 from jointstiff.schemas.finding import AdvisedAction
@@ -48,8 +49,10 @@ from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.problems import NotFoundError, find_path_in_document
 from jointstiff.service.resources.proposals import import_or_propose
 from jointstiff.service.resources.stored import load_job, robot_from_record
+from jointstiff.service.runs.correction import correct_request
 from jointstiff.service.runs.deflection import predict_by_run
 from jointstiff.service.runs.mending import apply_action_to_campaign, fill_in_payload
+from jointstiff.service.runs.verdicts import refuse_unaccepted
 from jointstiff.service.security.access import OPERATOR
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.tables import IdempotencyKey, JobRecord
@@ -293,6 +296,44 @@ def _predict_as_json(parts: Parts, body: DeflectionRequest) -> str:
     except NotFoundError as error:
         raise RequestError(error.reason, remedy=error.remedy, where="run_id") from error
     return predict_by_run(robot, run, body).model_dump_json()
+
+
+@deflections.post("/v1/corrections", dependencies=[OPERATOR], response_model=CorrectionResult)
+async def compute_corrections(
+    request: Request,
+    parts: InjectedParts,
+    body: Annotated[CorrectionRequest, json_body(EXAMPLES["corrections"])],
+) -> Response:
+    """Correct poses for the deflection under load by the model of a run, or by a prior. Nothing is stored.
+
+    The answer has the columns of the request, corrected, and the status of each row. With joints, a wrong
+    tool, base or unit is refused, and frames that fit are proposed.
+    """
+    return json_response(
+        await run_sync(_correct_as_json, parts, body, limiter=limiter_of_large_work(request))
+    )
+
+
+def _correct_as_json(parts: Parts, body: CorrectionRequest) -> str:
+    """Correct poses with the model of a stored run, or of a robot; return the result as JSON text.
+
+    Raises:
+        RequestError: run or robot do not exist, or the request cannot be carried out.
+    """
+    if body.run_id is None:
+        try:
+            robot = parts.robots.find(body.robot_id, None)
+        except NotFoundError as error:
+            raise RequestError(error.reason, remedy=error.remedy, where="robot_id") from error
+        return correct_request(robot, None, body).model_dump_json()
+    try:
+        run = load_job(parts.store, Run, body.run_id)
+        robot = parts.sets.prepared(run.request.measurement_set_id).robot
+    except NotFoundError as error:
+        raise RequestError(error.reason, remedy=error.remedy, where="run_id") from error
+    if run.result is not None:
+        refuse_unaccepted(run.result.assessment, body.accept_verdict, f"run '{run.id}'")
+    return correct_request(robot, run, body).model_dump_json()
 
 
 @imports.post(

@@ -22,6 +22,7 @@ _LATE_COMMANDS = {room.command: room.summary for room in ROOMS.values()} | {
     "measure": "Measure live until a goal is reached.",
     "import": "Import files of readings as a campaign.",
     "predict": "Predict deflections in given postures under given loads.",
+    "correct": "Correct a table of poses for the deflection under load.",
 }
 """Help texts, by name, of the commands that are built only when called: importing messages takes time."""
 _SETTINGS: Any = {
@@ -42,6 +43,8 @@ class _Commands(typer.core.TyperGroup):
                 from jointstiff.service.cli.measure import build_measure_command as build
             elif args[0] == "predict":
                 from jointstiff.service.cli.kinds import build_predict_command as build
+            elif args[0] == "correct":
+                from jointstiff.service.cli.kinds import build_correct_command as build
             else:
                 from jointstiff.service.cli.kinds import build_command
 

@@ -1,4 +1,4 @@
-"""Commands of the kinds of work, such as `identify`, and the command `predict`.
+"""Commands of the kinds of work, such as `identify`, and the commands `predict` and `correct`.
 
 A command is made from the declaration and the options of its kind when it is called.
 """
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Union, get_arg
 import typer
 from typing_extensions import TypeAliasType
 
+from jointstiff.schemas.correction import CorrectionOptions
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message, Terminal, parse_names
 from jointstiff.schemas.options import METHODS_IN_SHORT
@@ -242,6 +243,47 @@ def build_predict_command() -> Callable[..., None]:
     output = _make_optional_parameter(cli.output_option("CSV file to write all numbers to."))
     output_options = {"output": output, "overwrite": (cli.Overwrite, False), "as_json": (cli.AsJson, False)}
     cli.set_signature(command, sources | fields | output_options)
+    return command
+
+
+_Poses = Annotated[
+    Path,
+    cli.file_argument(
+        "POSES",
+        "CSV or Parquet of poses, with units in the headers: x [mm], …, rx [deg], …; if known J1 [deg], …; "
+        "Fx [N], …",
+    ),
+]
+
+
+def build_correct_command() -> Callable[..., None]:
+    """Return the function of the command `correct`, with an option for each field of its request."""
+
+    def command(file: str, poses: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
+        """Correct a table of poses for the deflection under load."""
+        from jointstiff.service.cli.models import read_or_identify_run
+        from jointstiff.service.library import correction
+
+        if values["output"] is not None:
+            cli.check_ending(values["output"], [".csv", ".parquet"])
+            cli.refuse_existing(values["output"], overwrite=values["overwrite"])
+        stated = gather_stated_fields(CorrectionOptions, values)
+        source = file if values["run"] is None else read_or_identify_run(Path(file), values["run"])
+        with naming_options(CorrectionOptions):
+            result = correction.correct(source, poses, **stated)
+        if values["output"] is not None:
+            result.save(values["output"])
+            cli.warn(f"wrote {values['output']}")
+        typer.echo(result.summary())
+
+    sources = {
+        "file": (_ARGUMENTS["run_or_robot"]["source"], ...),
+        "poses": (_Poses, ...),
+        "run": (cli.RunFile, None),
+    }
+    fields = {key: (annotation, None) for key, annotation in field_options(CorrectionOptions)}
+    output = _make_optional_parameter(cli.output_option("File to write the rows to: .csv or .parquet."))
+    cli.set_signature(command, sources | fields | {"output": output, "overwrite": (cli.Overwrite, False)})
     return command
 
 

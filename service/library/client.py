@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.run.verb import IdentifyFields
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
+    from jointstiff.service.library.correction import AnyPoses, CorrectFields, Correction
     from jointstiff.service.library.imported import ImportedReadings, ImportFields
     from jointstiff.service.library.measure import LiveMeasurement
 
@@ -181,6 +182,35 @@ class Client(Verbs):
         with as_campaign_error("prediction"):
             request = to_json_object(make_load_cases(postures, joints, forces, options)) | {"run_id": run_id}
         return parse_resource(self.send("POST", "/v1/deflections", None, request), Prediction)
+
+    def correct(
+        self,
+        source: Any,  # noqa: ANN401 - a run, a campaign, or a robot
+        poses: AnyPoses,
+        /,
+        joints: Any = None,  # noqa: ANN401 - an array
+        **options: Unpack[CorrectFields],
+    ) -> Correction:
+        """Correct up to 5,000 poses in the service; arguments and result as of `jointstiff.correct`."""
+        from jointstiff.schemas.correction import CorrectionResult
+        from jointstiff.service.library.correction import prepare_call
+        from jointstiff.service.library.robots import prepare_once
+        from jointstiff.service.resources.documents import read_plan_source
+
+        described = source if isinstance(source, RobotDocument) else read_plan_source(source)
+        if isinstance(described, RobotDocument):
+            document: RobotDocument = described
+            request: dict[str, Any] = {"robot_id": self.prepare_robot(described)}
+        else:
+            run = self.runs.get(self.prepare_run(described))
+            document, request = run.campaign.robot, {"run_id": run.id}
+        with as_campaign_error("robot"):
+            robot = prepare_once(document).robot
+        call = prepare_call(robot, poses, joints, options)
+        request |= to_json_object(call.options)
+        request["columns"] = {name: column.tolist() for name, column in call.columns.items()}
+        answer = self.send("POST", "/v1/corrections", None, request)
+        return call.read_answer(robot, parse_resource(answer, CorrectionResult))
 
     def import_files(
         self,
@@ -756,6 +786,7 @@ class AsyncClient:
         compensate = _as_awaited(Client.compensate)
         process = _as_awaited(Client.process)
         predict = _as_awaited(Client.predict)
+        correct = _as_awaited(Client.correct)
         import_files = _as_awaited(Client.import_files)
 
     async def __aenter__(self) -> AsyncClient:

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.joints import JointKind
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
+    from jointstiff.service.library.correction import AnyPoses, CorrectFields, Correction
     from jointstiff.service.reports.exports import ExportedModel
 
 
@@ -250,6 +251,35 @@ class Here(Verbs):
             kinds = dict(zip(robot.joint_names, robot.joint_kinds, strict=True))
             request = make_load_cases(postures, kinds, forces, options)
             return Prediction.model_validate(dict(predict_by_run(robot, measured_run.run, request)))
+
+    @one_thread()
+    def correct(
+        self,
+        source: Any,  # noqa: ANN401 - a run, a campaign, or a robot
+        poses: AnyPoses,
+        /,
+        joints: Any = None,  # noqa: ANN401 - an array
+        **options: Unpack[CorrectFields],
+    ) -> Correction:
+        """Correct poses by the model of a run, or by the prior of a robot; as `jointstiff.correct`."""
+        from jointstiff.service.library.correction import prepare_call
+        from jointstiff.service.resources.documents import read_plan_source
+        from jointstiff.service.runs.verdicts import refuse_unaccepted
+
+        described = source if isinstance(source, RobotDocument) else read_plan_source(source)
+        run = None
+        if isinstance(described, RobotDocument):
+            with as_campaign_error("robot"):
+                robot = prepare_once(described).robot
+        else:
+            measured_run = self.inputs.run(self.prepare_run(described), "run_id")
+            run, robot = measured_run.run, measured_run.prepared.robot
+        call = prepare_call(robot, poses, joints, options)
+        with as_campaign_error("correction"):
+            if run is not None and run.result is not None:
+                accepted = call.options.accept_verdict
+                refuse_unaccepted(run.result.assessment, accepted, f"run '{run.id}'")
+            return call.correct(robot, run)
 
     def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
         """Return the report of a job as PDF or HTML, or the calibration certificate of a run as XML."""

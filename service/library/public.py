@@ -6,6 +6,7 @@
     run.joints["joint_2"].stiffness                          # [N·m/rad]
     runs = jointstiff.identify_many(files, executor=pool)    # by processes or a cluster
     jointstiff.predict(run, "postures.csv")                  # plan, map, compensate, process, compare
+    run.correct(poses, tool=tool, forces=(0, 0, -500))       # arrays of poses and joints
     run.save("run.json")                                     # with its campaign; every verb reads the file
     run = jointstiff.load("run.json")
 
@@ -23,6 +24,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jointstiff.schemas.comparison import CampaignComparison
+    from jointstiff.schemas.correction import CorrectionOptions
     from jointstiff.schemas.deflection import DeflectionOptions, LoadCase, MapOptions
     from jointstiff.schemas.geometry import GeometryRequest
     from jointstiff.schemas.measurement import Noise, Units
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.library.campaigns import Campaign
     from jointstiff.service.library.client import AsyncClient, Client
+    from jointstiff.service.library.correction import Correction, correct
     from jointstiff.service.library.here import Here, predict
     from jointstiff.service.library.imported import ImportedReadings, import_files
     from jointstiff.service.library.many import identify_many
@@ -60,6 +63,8 @@ _HOMES = {
     "CampaignComparison": "schemas.comparison",
     "CampaignError": "service.problems",
     "Client": "service.library.client",
+    "Correction": "service.library.correction",
+    "CorrectionOptions": "schemas.correction",
     "DeflectionOptions": "schemas.deflection",
     "GeometryRequest": "schemas.geometry",
     "LoadCase": "schemas.deflection",
@@ -79,6 +84,7 @@ _HOMES = {
     "RobotTrend": "service.library.results",
     "identify_many": "service.library.many",
     "import_files": "service.library.imported",
+    "correct": "service.library.correction",
     "load": "service.library.saved",
     "measure": "service.library.measure",
     "Rehearsal": "service.library.rehearse",
@@ -95,6 +101,8 @@ __all__ = [
     "CampaignComparison",
     "CampaignError",
     "Client",
+    "Correction",
+    "CorrectionOptions",
     "DeflectionOptions",
     "GeometryRequest",
     "ImportedReadings",
@@ -115,6 +123,7 @@ __all__ = [
     "Units",
     "compare",
     "compensate",
+    "correct",
     "fleet",
     "geometry",
     "identify",

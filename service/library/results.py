@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.process import Process
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import AnyPostures, PredictFields
+    from jointstiff.service.library.correction import AnyPoses, CorrectFields, Correction
     from jointstiff.service.reports.plots import AnyAxes, PlotStyle
     from jointstiff.solver.arrays import FloatArray
     from jointstiff.solver.mechanics.robot import Robot
@@ -85,6 +86,16 @@ class Backend(verb.Backend, Protocol):
         **options: Unpack[PredictFields],
     ) -> Prediction:
         """Predict deflections with the model of a run or a campaign; arguments as of `jointstiff.predict`."""
+
+    def correct(
+        self,
+        source: Any,  # noqa: ANN401 - a run, a campaign, or a robot
+        poses: AnyPoses,
+        /,
+        joints: Any = None,  # noqa: ANN401 - an array
+        **options: Unpack[CorrectFields],
+    ) -> Correction:
+        """Correct poses; arguments as of `jointstiff.correct`."""
 
     def apply(self, run: TabledRun, action: str, payload: float | None = None) -> TabledRun:
         """Apply an action that the run's assessment recommends; return the run of the changed campaign."""
@@ -485,6 +496,16 @@ class TabledRun(PresentedJob, Run):
     ) -> Prediction:
         """Predict deflections with the model of this run; arguments as of `jointstiff.predict`."""
         return self._require_origin().predict(self, postures, forces, **options)
+
+    def correct(
+        self,
+        poses: AnyPoses,
+        /,
+        joints: Any = None,  # noqa: ANN401 - an array
+        **options: Unpack[CorrectFields],
+    ) -> Correction:
+        """Correct poses with the model of this run; arguments as of `jointstiff.correct`."""
+        return self._require_origin().correct(self, poses, joints, **options)
 
     def process(self, *path: Any, **options: Any) -> Process:  # noqa: ANN401 - as of the verb
         """Find the least deflection along a path with this run; arguments as of `jointstiff.process`.

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from pydantic import PrivateAttr
 
@@ -21,9 +21,34 @@ if TYPE_CHECKING:
     from jointstiff.schemas.joints import JointKind
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.conversion.prepared import PreparedRobot
+    from jointstiff.service.library.correction import AnyJoints, AnyPoses, CorrectFields, Correction
 
 
-class ModelledRobot(RobotDocument):
+class DescribedRobot(RobotDocument):
+    """Robot document that `robot` returns: equal to the plain document, with the work that needs no run."""
+
+    def correct(
+        self,
+        poses: AnyPoses,
+        /,
+        joints: AnyJoints = None,
+        **options: Unpack[CorrectFields],
+    ) -> Correction:
+        """Correct poses by the prior of this robot; arguments as of `jointstiff.correct`."""
+        from jointstiff.service.library.here import Here
+
+        return Here().correct(self, poses, joints, **options)
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether another document, of any class, has the same fields."""
+        return isinstance(other, RobotDocument) and dict(self) == dict(other)
+
+    def __hash__(self) -> int:
+        """Return the hash of the document."""
+        return hash(self.model_dump_json())
+
+
+class ModelledRobot(DescribedRobot):
     """Robot document made from a Pinocchio model; files contain the document, computations use the model."""
 
     _model: Any = PrivateAttr()
@@ -92,7 +117,7 @@ def robot(
     units: AnyUnits = None,
     joint_map: JointMap | Mapping[str, Any] | None = None,
     payload: float | None = None,
-) -> RobotDocument:
+) -> DescribedRobot:
     """Return the document of a robot, from any form of description.
 
     Args:
@@ -139,7 +164,7 @@ def robot(
         )
     if payload is not None:
         document["payload"] = payload
-    parsed = parse_document({"name": "robot", **document, **({"name": name} if name else {})}, RobotDocument)
+    parsed = parse_document({"name": "robot", **document, **({"name": name} if name else {})}, DescribedRobot)
     return ModelledRobot.from_model(parsed, source, flange) if hasattr(source, "jointPlacements") else parsed
 
 

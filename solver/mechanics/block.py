@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, cross
-from jointstiff.solver.errors import RequestError, SolverError
+from jointstiff.solver.errors import CasesError, RequestError, SolverError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements, whitened
 from jointstiff.solver.mechanics.postures import Postures, skew
@@ -127,7 +127,7 @@ def find_balance(
         The loaded postures, the torques, and the stiffness due to load and weight.
 
     Raises:
-        RequestError: a load has no stable equilibrium near the unloaded posture.
+        CasesError: a load has no stable equilibrium near the unloaded posture.
     """
     unloaded_weight: FloatArray | float = 0.0  # g(q), by which the own weight already bends the arm
     if weight is not None and not weight.absolute:
@@ -154,7 +154,8 @@ def find_balance(
             np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1))
         )
         loaded = Postures(robot, unloaded.q + deflection)
-    raise _build_no_balance_error(int(np.argmax(np.abs(step).max(axis=1))))
+    step_sizes = np.abs(step).max(axis=1)
+    raise _build_no_balance_error(step_sizes > _LAST_STEP, int(np.argmax(step_sizes)))
 
 
 def wrench_stiffness(
@@ -191,7 +192,7 @@ def _invert_softening(softening: FloatArray) -> FloatArray:
     """Return ``(I − E)⁻¹`` for matrices E (B, n, n), using the series ``(I + E)(I + E²)…`` if all are small.
 
     Raises:
-        RequestError: a matrix is singular, so that a load case has no balance.
+        CasesError: a matrix is singular, so that a load case has no balance.
     """
     identity = np.eye(softening.shape[1])
     size = float(_infinity_norms(softening).max(initial=0.0))
@@ -230,18 +231,20 @@ def _is_unstable(softening: FloatArray) -> BoolArray:
 
 
 def _refuse_cases_without_balance(failed: BoolArray) -> None:
-    """Raise a `RequestError` that names the first load case that failed, if any failed.
+    """Raise a `CasesError` that names the first load case that failed, if any failed.
 
     `failed` (B,) marks the load cases without a balance.
     """
     if failed.any():
-        raise _build_no_balance_error(int(np.argmax(failed)))
+        raise _build_no_balance_error(failed, int(np.argmax(failed)))
 
 
-def _build_no_balance_error(case: int) -> RequestError:
-    """Return the error for the load case with this index, which has no stable equilibrium."""
-    return RequestError(
+def _build_no_balance_error(failed: BoolArray, case: int) -> CasesError:
+    """Return the error for the load cases of a mask (B,) without a stable equilibrium; it names one case."""
+    return CasesError(
         "the robot has no stable equilibrium under this load near the unloaded posture",
+        failed=failed,
+        cause="overloaded",
         where=f"cases[{case}]",
         remedy="check the units of force, moment and length, or reduce the load",
     )

@@ -11,6 +11,7 @@ a program states decide between them; without such ranges the posture before dec
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
@@ -18,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.errors import CasesError, RobotError
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot, fix_prismatic_joints
 
@@ -52,6 +53,8 @@ _POSES_AT_ONCE: Final = 4096
 """Poses of a path whose solutions are held at a time."""
 _LONGEST_RUN: Final = 256
 """Poses along which a branch is followed at a time."""
+_SURE_STEP: Final = 0.5 * np.pi
+"""Step of a joint [rad] up to which it is clear which of several full turns is meant."""
 
 
 class InverseKinematics:
@@ -148,16 +151,17 @@ class InverseKinematics:
         All positions are the model's [rad or m].
 
         Raises:
-            RequestError: the arm does not reach a pose without moving a prismatic joint.
+            CasesError: the arm does not reach a pose without moving a prismatic joint.
         """
         if self.arm is robot:
             return commanded
         angles, reached = self.refine(flange_poses(robot, commanded), self.select_arm_joints(commanded))
         if not reached.all():
-            raise RequestError(
+            raise CasesError(
                 "the arm does not reach the corrected target while the linear axis stays in place",
+                failed=~reached,
+                cause="not_reached",
                 remedy="move the part away from the singularity",
-                where=f"cases[{int(np.argmin(reached))}]",
             )
         return self.insert_held_joints(angles, of_model=True)
 
@@ -372,6 +376,51 @@ def choose_postures(
         RobotError: the joint map lets a model joint depend on the controller's angle of a joint farther from
             the base.
     """
+    chosen = _choose(inverse, poses, joint_targets, ranges, ranges_decide, start)
+    return chosen.joints, chosen.unreached
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedPoses:
+    """Postures along m poses, each the nearest to the posture before."""
+
+    joints: FloatArray  #: (m, n) controller's joint positions [rad or m]; NaN without a posture
+    unreached: IndexArray  #: (m,) values of `Unreached`
+    #: (m,) mask of poses where the nearest branch is not surely that of the posture before: the step is long,
+    #: or another branch is close
+    doubtful: BoolArray
+    #: (m,) difference between the posture and the nearest other posture that reaches the pose [rad]; inf if
+    #: there is no other
+    apart: FloatArray
+
+
+def follow_poses(inverse: InverseKinematics, poses: FloatArray, start: FloatArray | None) -> FollowedPoses:
+    """Choose a posture for each pose of a path: the nearest to the posture before.
+
+    Args:
+        inverse: kinematics of the robot.
+        poses: (m, 4, 4) poses of the flange in R0 [m].
+        start: (n,) controller's joint positions near the first pose [rad or m]; None if unknown.
+
+    Raises:
+        RobotError: the joint map lets a model joint depend on the controller's angle of a joint farther from
+            the base.
+    """
+    count = len(poses)
+    free = np.full((count, _JOINTS), np.nan)
+    unlimited = np.broadcast_to([-np.inf, np.inf], (count, _JOINTS, 2))
+    return _choose(inverse, poses, free, unlimited, np.zeros(count, dtype=np.bool_), start)
+
+
+def _choose(
+    inverse: InverseKinematics,
+    poses: FloatArray,
+    joint_targets: FloatArray,
+    ranges: FloatArray,
+    ranges_decide: BoolArray,
+    start: FloatArray | None,
+) -> FollowedPoses:
+    """Choose a posture for each target of a path, as `choose_postures` describes."""
     robot = inverse.arm
     if np.triu(robot.joint_map.matrix, 1).any():
         raise RobotError(
@@ -380,6 +429,7 @@ def choose_postures(
             where="joint_map.matrix",
         )
     joints, unreached = joint_targets.copy(), np.zeros(len(poses), dtype=np.intp)
+    doubtful, apart = np.zeros(len(poses), dtype=np.bool_), np.full(len(poses), np.inf)
     previous_angles = None if start is None else inverse.select_arm_joints(start)
     for first in range(0, len(poses), _POSES_AT_ONCE):
         block = slice(first, first + _POSES_AT_ONCE)
@@ -387,12 +437,13 @@ def choose_postures(
             inverse, poses[block], joint_targets[block], ranges[block], ranges_decide[block]
         )
         previous_angles = posture_choice.follow(joints[block], unreached[block], previous_angles)
+        doubtful[block], apart[block] = posture_choice.doubtful, posture_choice.apart
     is_known: BoolArray = np.asarray(np.isfinite(joints).all(axis=1))
     angles = robot.joint_map.model_angles(np.where(is_known[:, None], joints, 0.0))
     lower, upper = robot.limits.T
     beyond_limits = np.maximum(lower - angles, angles - upper).max(axis=1) > _TOLERANCE
     unreached[is_known & beyond_limits & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
-    return inverse.insert_held_joints(joints), unreached
+    return FollowedPoses(inverse.insert_held_joints(joints), unreached, doubtful, apart)
 
 
 class _PostureChoice:
@@ -425,6 +476,8 @@ class _PostureChoice:
         # Solutions (m, 8, 6) of each pose, and a mask (m,) of poses with all solutions found
         self._branches, self._complete = np.full((len(poses), 8, 6), np.nan), np.ones(len(poses), np.bool_)
         self._branches[self._is_pose], self._complete[self._is_pose] = inverse.solve(poses[self._is_pose])
+        # As of `FollowedPoses`
+        self.doubtful, self.apart = np.zeros(len(poses), dtype=np.bool_), np.full(len(poses), np.inf)
 
     def follow(
         self, joints: FloatArray, unreached: IndexArray, previous: FloatArray | None
@@ -499,7 +552,8 @@ class _PostureChoice:
         """
         joint_map = self._robot.joint_map
         previous_angles = joint_map.model_angles(previous[None])[0]
-        b = int(np.nanargmin(compute_angle_gaps(self._branches[run[0]], previous_angles)))  # nearest branch
+        gaps = compute_angle_gaps(self._branches[run[0]], previous_angles)
+        b = int(np.nanargmin(gaps))  # nearest branch
         if (
             not self._complete[run[0]]
             and not self._continues_branch(self._branches[run[:1], b], previous_angles[None])[0]
@@ -507,17 +561,23 @@ class _PostureChoice:
             # The branch of the posture before may be missing among the solutions: follow it by Newton steps
             found, known = self._inverse.follow_branches(self._poses[run[:1]], previous_angles[None])
             return joint_map.controller_angles(found), Unreached.NO if known[0] else Unreached.NOT_FOLLOWED
+        first_apart = compute_angle_gaps(self._branches[run[0]], self._branches[run[0], b])
+        first_apart[b] = np.inf
+        self.apart[run[0]] = np.nanmin(first_apart)
+        self.doubtful[run[0]] = gaps[b] > _SURE_STEP or 2.0 * gaps[b] >= self.apart[run[0]]
         followed = self._branches[run, b]  # (m, 6) solutions on one branch
         step = compute_angle_gaps(followed[1:], followed[:-1])
         others = compute_angle_gaps(self._branches[run[1:]], followed[1:, None])
         others[:, b] = np.inf
         # A solution that is more than twice as far from all others as from the posture before is the nearest
         # to that posture, by the triangle inequality.
-        is_sure = 2.0 * step < np.where(np.isnan(others), np.inf, others).min(axis=1)
+        apart = np.where(np.isnan(others), np.inf, others).min(axis=1)
+        is_sure = 2.0 * step < apart
         incomplete = np.flatnonzero(~self._complete[run[1:]])
         is_sure[incomplete] &= self._continues_branch(followed[1:][incomplete], followed[:-1][incomplete])
         breaks = np.flatnonzero(~is_sure)
         count = int(breaks[0]) + 1 if len(breaks) else len(run)
+        self.apart[run[1:count]] = apart[: count - 1]
         angles = np.unwrap(np.vstack([previous_angles, followed[:count]]), axis=0)[1:]
         return joint_map.controller_angles(angles), Unreached.NO
 

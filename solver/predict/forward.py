@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar, Final
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from jointstiff.solver.arrays import (
     fix_axis_signs,
     greatest_eigenvalue,
 )
-from jointstiff.solver.errors import RequestError
+from jointstiff.solver.errors import CasesError, RequestError
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
@@ -426,6 +426,30 @@ def compensate(
 ) -> Compensation:
     """Compute commanded angles with which the deflected robot brings the tool to its places.
 
+    Arguments and errors are those of `compensate_postures`.
+
+    Returns:
+        The commands, the corrections, and the deviations that remain.
+    """
+    return compensate_postures(model, cases, limits, ramp, keep_fixed_joints).compensation
+
+
+class CompensatedPostures(NamedTuple):
+    """A compensation, and the unloaded postures of its commands."""
+
+    compensation: Compensation
+    postures: Postures  #: m postures
+
+
+def compensate_postures(
+    model: ForwardModel,
+    cases: LoadCases,
+    limits: CorrectionLimits | None = None,
+    ramp: FloatArray | None = None,
+    keep_fixed_joints: Callable[[FloatArray], FloatArray] | None = None,
+) -> CompensatedPostures:
+    """Compute commanded angles as `compensate` does, and return their postures, too.
+
     Args:
         model: model of the loaded robot.
         cases: m load cases. `joints` are the controller's angles that would bring the tool to its places if
@@ -436,11 +460,8 @@ def compensate(
         keep_fixed_joints: function that changes commands (m, n) so that fixed joints keep their angles and
             the other joints reach the same poses; None if no joint is fixed.
 
-    Returns:
-        The commands, the corrections, and the deviations that remain.
-
     Raises:
-        RequestError: a load twists a joint of unknown compliance, has no stable equilibrium, or cannot be
+        CasesError: a load twists a joint of unknown compliance, has no stable equilibrium, or cannot be
             compensated.
     """
     robot, limits = model.robot, CorrectionLimits() if limits is None else limits
@@ -450,8 +471,10 @@ def compensate(
     uncorrected = model.deflect(cases, goal)
     if uncorrected.unseen.any():
         twisted = ", ".join(np.array(robot.joint_names)[uncorrected.unseen.any(axis=0)])
-        raise RequestError(
+        raise CasesError(
             f"the load or own weight twists {twisted}, which the readings do not determine",
+            failed=np.asarray(uncorrected.unseen.any(axis=1)),
+            cause="unseen_joint",
             where="run_id",
             remedy="choose a run whose readings determine every joint that the process loads",
         )
@@ -474,7 +497,7 @@ def compensate(
     scatter = np.full(len(cases), np.nan)
     if uncorrected.covariance_root is not None:
         scatter = np.linalg.norm(uncorrected.covariance_root[:, :3], axis=(1, 2))
-    return Compensation(
+    compensation = Compensation(
         commanded=robot.joint_map.controller_angles(unloaded.q),
         correction=correction,
         residual=_compute_pose_difference(*goal_poses, reached.place, reached.axes),
@@ -486,6 +509,7 @@ def compensate(
         uncertain=is_uncertain,
         capped=allowed_share < 1.0,
     )
+    return CompensatedPostures(compensation, unloaded)
 
 
 def _compute_pose_difference(

@@ -30,7 +30,7 @@ from scipy.spatial.transform import Rotation
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.choice.held_out import Folds, fit_fold
-from jointstiff.solver.errors import RequestError, SolverError
+from jointstiff.solver.errors import CasesError, RequestError, SolverError
 from jointstiff.solver.evidence.resampling import build_method_stacks, fit_subsets
 from jointstiff.solver.fit.cone import find_diagonal_entries, to_matrix
 from jointstiff.solver.fit.elastic import ElasticFit
@@ -579,9 +579,12 @@ class ElasticPredictor(ForwardModel):
             angles = (
                 angles + (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, deviation[..., None]))[..., 0]
             )
-        raise RequestError(
+        sizes = np.abs(deviation).max(axis=1)
+        raise CasesError(
             "no posture near the given posture brings the loaded tool to its target",
-            where=f"cases[{int(np.argmax(np.abs(deviation).max(axis=1)))}]",
+            failed=sizes > _REACHED,
+            cause="not_reached",
+            where=f"cases[{int(np.argmax(sizes))}]",
             remedy="move the part away from the singularity, or state no load in this posture",
         )
 

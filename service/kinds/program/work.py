@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -64,20 +64,24 @@ from jointstiff.service.runs.verdicts import (
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver import messages
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.errors import RequestError
+from jointstiff.solver.errors import CasesError, RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import (
-    Compensation,
     CorrectionLimits,
     ForwardModel,
-    compensate,
     compute_pose_residuals,
     compute_ramp_shares,
 )
 from jointstiff.solver.predict.models import EXTRAPOLATED
+from jointstiff.solver.process.correct import (
+    CaseCorrections,
+    CorrectionSettings,
+    RowStatus,
+    correct_cases,
+)
 from robotprograms import BLOCK, NUMBERS, ExternalAxes, Rewriting, quote_text
 from robotprograms import Program as ReadProgram
 
@@ -88,8 +92,6 @@ STEP_POINTS: Final = 2_000
 _MAX_REMARKS: Final = 50
 _SINGULAR_TURN: Final = 0.05
 """Turn of a joint by a correction [rad] that indicates a singularity: usual turns are a few milliradians."""
-_TOLERANCE: Final = 1e-4
-"""Angle by which a joint's limit may be exceeded [rad]."""
 _POSTURE_COLUMNS: Final = (*(f"place {axis} [m]" for axis in "xyz"), *(f"J{j} [deg]" for j in range(1, 7)))
 _LOADED_COLUMNS: Final = (
     *(f"deflection {axis} [mm]" for axis in "xyz"),
@@ -119,15 +121,10 @@ _REMARKS: Final = ("", "no load", "capped", _UNCERTAIN)
 
 
 @dataclass(frozen=True, eq=False)
-class Corrections(Compensation):
+class Corrections(CaseCorrections):
     """Corrections of the k points of a path that are under load."""
 
     points: IndexArray  # (k,) indices of points in the path
-    # (k,) bound of the predicted displacement's error, model error included [m]; inf or NaN where unknown
-    model_error: FloatArray
-    # (k,) load or leverage relative to the campaign's: above 1.01 the prediction extrapolates; NaN if the run
-    # has no model error
-    extrapolation: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,7 +363,7 @@ def write_compensated_program(
         FaultsError: a correction leads out of the joints' limits, or a corrected target is not reached.
     """
     robot, program = model.robot, path.program
-    _refuse_out_of_limits(path, robot, corrections)
+    _refuse_out_of_limits(path, corrections)
     targets, rewriting = path.targets[corrections.points], Rewriting(program)
     residual = np.empty((len(targets), 6))
     is_changed = np.zeros(len(targets), dtype=np.bool_)
@@ -499,11 +496,9 @@ def _compute_programmed_positions(path: ProgramPath, robot: Robot) -> FloatArray
     return positions
 
 
-def _refuse_out_of_limits(path: ProgramPath, robot: Robot, corrections: Corrections) -> None:
+def _refuse_out_of_limits(path: ProgramPath, corrections: Corrections) -> None:
     """Raise a `FaultsError` if a correction leads beyond the limits of a joint."""
-    low, high = robot.limits.T
-    angles = robot.joint_map.model_angles(corrections.commanded)
-    outside = ((angles < low - _TOLERANCE) | (angles > high + _TOLERANCE)).any(axis=1)
+    outside = corrections.status == RowStatus.BEYOND_LIMITS
     reason = "the corrected target is outside of the joints' limits"
     remedy = "move the part, or omit its load"
     faults = [
@@ -677,29 +672,30 @@ class ProgramWork(Work):
             FaultsError: the springs have no stable equilibrium under a load.
         """
         path, points = self._path, self._points()[slice(*span)]
-        model, inverse = self._run_model.model, self._inverse
+        settings = CorrectionSettings(self._correction_limits(), self._request.confidence)
+        done, faults, _ = correct_cases(
+            self._run_model.model,
+            self._run_model.error,
+            self._inverse,
+            path.cases[points],
+            settings,
+            self._ramp[points],
+        )
+        self._refuse_faults(faults, points)
+        return {**vars(done), "points": points}
 
-        def hold_linear_axes(commanded: FloatArray) -> FloatArray:
-            """Return commands with which only the arm makes the correction: linear axes do not move."""
-            return inverse.reach_with_held_joints(model.robot, commanded)
+    def _refuse_faults(self, faults: Mapping[int, CasesError], points: IndexArray) -> None:
+        """Refuse a program with points that cannot be corrected; `faults` has their rows in `points`.
 
-        try:
-            cases = path.cases[points]
-            compensation = compensate(
-                model, cases, self._correction_limits(), self._ramp[points], hold_linear_axes
-            )
-        except RequestError as error:
-            if error.where is None or not error.where.startswith("cases["):
-                raise
-            # The solver names a load case by its index: report the line of the program instead.
-            case = int(error.where.partition("[")[2].partition("]")[0])
-            raise FaultsError([path.make_fault(int(points[case]), error.reason, error.remedy)]) from error
-        radius = extrapolation = np.full(len(points), np.nan)
-        if self._run_model.error is not None:
-            bound = self._run_model.error.bound(cases, compensation.leverage, self._request.confidence)
-            radius = bound.radius
-            extrapolation = np.maximum(bound.load_ratio, bound.leverage_ratio)
-        return {**vars(compensation), "points": points, "model_error": radius, "extrapolation": extrapolation}
+        Raises:
+            CasesError: the load twists a joint whose stiffness is unknown.
+            FaultsError: a load has no stable equilibrium, or a corrected target is not reached.
+        """
+        for error in faults.values():
+            if error.cause == "unseen_joint":
+                raise error
+        for row, error in faults.items():
+            raise FaultsError([self._path.make_fault(int(points[row]), error.reason, error.remedy)])
 
     def conclude(self, parts: Sequence[Arrays]) -> ProgramResult:
         """Write the compensated program, and return it with the residuals of its points.

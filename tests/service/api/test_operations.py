@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from jointstiff.schemas.correction import CorrectionRequest
 from jointstiff.schemas.deflection import DeflectionRequest
 from jointstiff.schemas.job import JobSummary
 from jointstiff.schemas.live import MeasurementSetPost
@@ -45,7 +46,7 @@ def test_each_operation_needs_the_role_and_takes_what_the_table_says(openapi):
     described = [(path, method) for path, methods in openapi["paths"].items() for method in methods]
     assert sorted(line_of(openapi, *each) for each in described) == sorted(OPERATIONS.values())
     names = [line.split(" | ")[1] for line in OPERATIONS.values()]
-    assert len(set(names)) == len(names) == 40
+    assert len(set(names)) == len(names) == 41
     assert all(name.isalpha() for name in names)
 
 
@@ -138,6 +139,7 @@ EXAMPLES_OF = {
     Campaign: EXAMPLES["campaigns"],
     MeasurementSetPost: EXAMPLES["measurement_sets"],
     DeflectionRequest: EXAMPLES["deflections"],
+    CorrectionRequest: EXAMPLES["corrections"],
 } | {kind.request: kind.examples for kind in KINDS if not kind.is_form}
 
 

@@ -1,0 +1,554 @@
+"""Correction of arrays: poses of a tool in; corrected poses and joints, bands and a status of each row out.
+
+Programs, posts and tables are clients: they read numbers, call `correct` or its two halves `find_joints` and
+`correct_cases`, and write numbers. No row ends the correction of the others: a row without numbers has a
+status that says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from enum import IntEnum
+from functools import partial
+from types import MappingProxyType
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import CasesError, RequestError
+from jointstiff.solver.mechanics.cases import LoadCases
+from jointstiff.solver.mechanics.inverse import InverseKinematics, Unreached, follow_poses
+from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.predict.forward import (
+    Compensation,
+    CorrectionLimits,
+    ForwardModel,
+    compensate_postures,
+)
+from jointstiff.solver.predict.models import JointModel, ModelError
+from jointstiff.solver.process.frames import FrameGaps, FramesError, propose_frames
+from jointstiff.solver.process.path import find_feed_frames
+
+ROWS_AT_ONCE: Final = 2_000
+"""Rows that are corrected at a time."""
+LIMIT_TOLERANCE: Final = 1e-4
+"""Angle by which a joint's limit may be exceeded [rad]."""
+_MOST_CONTRADICTORY: Final = 0.5
+"""Fraction of rows whose pose and joints contradict each other, above which tool, base or units are wrong."""
+_LARGEST_REFINEMENT: Final = 2e-2
+"""Angle between stated joints and those of their pose above which the postures differ [rad]."""
+_CERTAIN_REFINEMENT: Final = 1e-3
+"""Angle up to which a stated posture and the posture of its pose are the same [rad]."""
+_HELD: Final = 1e-6
+"""Difference of a prismatic joint between rows that is rounding [m]."""
+_SAME_POSTURE: Final = 1e-6
+"""Difference of joints that were found in two ways, which is rounding [rad]."""
+_CLOSE: Final = 0.2
+"""Difference between two postures of a pose below which the path may change from one to the other [rad]."""
+_CLOSE_STEPS: Final = 4.0
+"""The same in steps between neighbouring rows."""
+_CHECKED_AT_ONCE: Final = 64
+"""Doubtful steps of a path that are followed at a time."""
+
+
+class RowStatus(IntEnum):
+    """Status of a row. Rows up to `UNCERTAIN` have poses and joints; the others have none."""
+
+    CORRECTED = 0
+    NO_LOAD = 1  # the pose as sent: nothing deflects
+    CAPPED = 2  # corrected up to the limits of a correction
+    UNCERTAIN = 3  # the pose as sent: the deflection is less than its uncertainty
+    BEYOND_LIMITS = 4  # the posture, or the corrected posture, is outside of the joints' limits
+    NOT_REACHED = 5  # the robot does not reach the pose, or the corrected pose
+    AMBIGUOUS = 6  # the pose does not determine the posture
+    CONTRADICTORY = 7  # pose and joints of the row contradict each other
+    UNSEEN_JOINT = 8  # the load twists a joint that the readings do not determine
+    OVERLOADED = 9  # the load is too great for the model
+    NO_DIRECTION = 10  # the load follows a feed, and the tool does not move across its axis
+
+    @property
+    def has_numbers(self) -> bool:
+        """True if a row with this status has a pose and joints."""
+        return self <= RowStatus.UNCERTAIN
+
+
+_STATUS_OF_UNREACHED: Final[Mapping[Unreached, RowStatus]] = MappingProxyType(
+    {
+        Unreached.NO: RowStatus.CORRECTED,
+        Unreached.OUT_OF_REACH: RowStatus.NOT_REACHED,
+        Unreached.OUT_OF_LIMITS: RowStatus.BEYOND_LIMITS,
+        Unreached.NOT_AS_STATED: RowStatus.NOT_REACHED,
+        Unreached.AMBIGUOUS: RowStatus.AMBIGUOUS,
+        Unreached.NOT_FOLLOWED: RowStatus.AMBIGUOUS,
+    }
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints:
+    """N poses of a tool, in order along a path, with the frames to which they refer."""
+
+    poses: FloatArray  #: (N, 4, 4) poses of the tool in the base [m]
+    tool: FloatArray  #: (4, 4) tool in the flange frame [m]
+    base: FloatArray  #: (4, 4) base in R0 [m]
+    #: (N, n) controller's joints of the poses [rad or m]; None if they follow from the path
+    joints: FloatArray | None = None
+    start: FloatArray | None = None  #: (n,) controller's joints near the first pose; None if unknown
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @property
+    def flange_poses(self) -> FloatArray:
+        """(N, 4, 4) poses of the flange in R0 [m]."""
+        return np.asarray(self.base @ self.poses @ _invert(self.tool))
+
+    @property
+    def lengths(self) -> FloatArray:
+        """(N,) lengths of the path up to each pose [m]."""
+        steps = np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1)
+        return np.append(0.0, np.cumsum(steps))
+
+    def find_axes(self, axes: Literal["robot", "base", "tool", "feed"]) -> FloatArray:
+        """Return the axes (N, 3, 3) along which loads are stated: columns along the axes of R0.
+
+        With `feed`, the axes are feed, normal and tool axis; the first two are NaN where the tool does not
+        move across its axis.
+        """
+        count, tool_in_robot = len(self), self.base[:3, :3] @ self.poses[:, :3, :3]
+        if axes == "robot":
+            return np.broadcast_to(np.eye(3), (count, 3, 3))
+        if axes == "base":
+            return np.broadcast_to(self.base[:3, :3], (count, 3, 3))
+        if axes == "tool":
+            return np.asarray(tool_in_robot)
+        centres = self.poses[:, :3, 3] @ self.base[:3, :3].T + self.base[:3, 3]
+        is_continuous = np.ones(count, dtype=np.bool_)
+        is_continuous[:1] = False
+        return find_feed_frames(centres, tool_in_robot[:, :, 2], is_continuous)
+
+
+@dataclass(frozen=True, eq=False)
+class FoundJoints:
+    """Postures of N poses."""
+
+    joints: FloatArray  #: (N, n) controller's joints [rad or m]; NaN without a posture
+    #: (N,) values of `RowStatus`; `CORRECTED` where a posture was found
+    status: IndexArray
+
+
+def find_joints(inverse: InverseKinematics, robot: Robot, waypoints: Waypoints) -> FoundJoints:
+    """Find the posture of each pose: near the stated joints, or on the branch of the posture before.
+
+    Raises:
+        FramesError: most poses contradict their joints, so that a frame or a unit is wrong.
+        RequestError: a prismatic joint moves.
+    """
+    if waypoints.joints is None:
+        return _follow_path(inverse, waypoints)
+    return _refine_stated_joints(inverse, robot, waypoints, waypoints.joints)
+
+
+def _follow_path(inverse: InverseKinematics, waypoints: Waypoints) -> FoundJoints:
+    """Find postures along the path. Behind a pose whose posture is not certain, no posture is."""
+    poses = waypoints.flange_poses
+    followed = follow_poses(inverse, poses, waypoints.start)
+    status_of_code = np.array([_STATUS_OF_UNREACHED[each] for each in Unreached], dtype=np.intp)
+    status, joints = status_of_code[followed.unreached], followed.joints.copy()
+    is_close = followed.apart < np.minimum(_CLOSE, _CLOSE_STEPS * _find_longest_steps(joints))
+    ambiguous = np.flatnonzero((status == RowStatus.AMBIGUOUS) | is_close)
+    lost = int(ambiguous[0]) if len(ambiguous) else len(poses)
+    doubtful = np.flatnonzero(followed.doubtful[:lost])
+    for begin in range(0, len(doubtful), _CHECKED_AT_ONCE):
+        rows = doubtful[begin : begin + _CHECKED_AT_ONCE]
+        is_sure = _follow_lines(inverse, poses, joints, rows, waypoints.start)
+        if not is_sure.all():
+            lost = int(rows[np.argmin(is_sure)])
+            break
+    is_reached = status[lost:] != RowStatus.NOT_REACHED
+    status[lost:][is_reached] = RowStatus.AMBIGUOUS
+    joints[status != RowStatus.CORRECTED] = np.nan
+    return FoundJoints(joints, status)
+
+
+def _find_longest_steps(joints: FloatArray) -> FloatArray:
+    """Return the longest step of a joint (N,) between each row, the row before and the row behind [rad or m].
+
+    Steps from and to rows of NaN count as zero.
+    """
+    steps = np.nan_to_num(np.abs(np.diff(joints, axis=0)).max(axis=1))
+    return np.asarray(np.maximum(np.append(0.0, steps), np.append(steps, 0.0)))
+
+
+def _follow_lines(
+    inverse: InverseKinematics,
+    poses: FloatArray,
+    joints: FloatArray,
+    rows: IndexArray,
+    start: FloatArray | None,
+) -> BoolArray:
+    """Return whether the straight line from the posture before leads to the posture of each row.
+
+    Args:
+        inverse: kinematics of the robot.
+        poses: (N, 4, 4) poses of the flange in R0 [m].
+        joints: (N, n) controller's joints of the path; NaN without a posture.
+        rows: (k,) rows to check.
+        start: (n,) controller's joints near the first pose.
+    """
+    known = np.flatnonzero(np.isfinite(joints[:, 0]))
+    place = np.searchsorted(known, rows) - 1  # of the last posture before each row
+    before = joints[known[place]]
+    if start is not None:
+        before[place < 0] = start
+    joint_map = inverse.arm.joint_map
+    starts = joint_map.model_angles(inverse.select_arm_joints(before))
+    found, is_certain = inverse.follow_branches(poses[rows], starts)
+    chosen = joint_map.model_angles(inverse.select_arm_joints(joints[rows]))
+    return np.asarray(is_certain & (np.abs(found - chosen).max(axis=1) <= _SAME_POSTURE))
+
+
+def _refine_stated_joints(
+    inverse: InverseKinematics, robot: Robot, waypoints: Waypoints, joints: FloatArray
+) -> FoundJoints:
+    """Find the postures of the poses near their stated joints, and compare both.
+
+    Raises:
+        FramesError: most poses contradict their joints.
+        RequestError: a prismatic joint moves.
+    """
+    _refuse_moving_axes(robot, joints)
+    poses, arm = waypoints.flange_poses, inverse.arm
+    stated = arm.joint_map.model_angles(inverse.select_arm_joints(joints))
+    found, reached = np.empty_like(stated), np.empty(len(stated), dtype=np.bool_)
+    distance, angle = np.empty(len(stated)), np.empty(len(stated))
+    for begin in range(0, len(stated), ROWS_AT_ONCE):
+        block = slice(begin, begin + ROWS_AT_ONCE)
+        postures = Postures(arm, stated[block])
+        gaps = FrameGaps.measure(poses[block], postures)
+        distance[block], angle[block] = gaps.distance, gaps.angle
+        found[block], reached[block] = inverse.refine_from(poses[block], postures)
+    gaps = FrameGaps(distance, angle)
+    agree = gaps.agree
+    if (~agree).mean() > _MOST_CONTRADICTORY:
+        proposal = propose_frames(robot, waypoints.poses, joints, waypoints.tool, waypoints.base)
+        raise FramesError(gaps, proposal)
+    status = np.full(len(stated), RowStatus.CORRECTED, dtype=np.intp)
+    change = np.abs(found - stated).max(axis=1)
+    lower, upper = arm.limits.T
+    is_beyond = np.maximum(lower - found, found - upper).max(axis=1) > LIMIT_TOLERANCE
+    status[is_beyond] = RowStatus.BEYOND_LIMITS
+    doubtful = np.flatnonzero(agree & (change > _CERTAIN_REFINEMENT))
+    is_lost = ~inverse.is_same_branch(found[doubtful], stated[doubtful])
+    status[doubtful[is_lost]] = RowStatus.AMBIGUOUS
+    status[~reached | (change > _LARGEST_REFINEMENT)] = RowStatus.AMBIGUOUS
+    status[~agree] = RowStatus.CONTRADICTORY
+    refined = inverse.insert_held_joints(arm.joint_map.controller_angles(found))
+    refined = np.where((status == RowStatus.CORRECTED)[:, None], refined, np.nan)
+    return FoundJoints(refined, status)
+
+
+def _refuse_moving_axes(robot: Robot, joints: FloatArray) -> None:
+    """Refuse rows between which a prismatic joint moves: corrections hold such joints in place.
+
+    Raises:
+        RequestError: a prismatic joint has different positions.
+    """
+    spread = np.ptp(joints[:, robot.prismatic], axis=0)
+    if (spread > _HELD).any():
+        name = np.array(robot.joint_names)[robot.prismatic][int(np.argmax(spread))]
+        raise RequestError(
+            f"the linear axis {name} moves between the rows by {float(spread.max()):.4g} m",
+            where="joints",
+            remedy="correct the rows of each position of the axis on their own",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CaseCorrections(Compensation):
+    """Corrections of m wanted postures under load. Rows whose status has no numbers are NaN."""
+
+    #: (m,) bound of the predicted displacement's error, model error included [m]; inf or NaN where unknown
+    model_error: FloatArray
+    #: (m,) load or leverage relative to the campaign's: above 1.01 the prediction extrapolates; NaN if there
+    #: is no model error
+    extrapolation: FloatArray
+    status: IndexArray  #: (m,) values of `RowStatus`
+
+
+class CorrectedCases(NamedTuple):
+    """Corrections of load cases, and the errors of the cases that could not be computed."""
+
+    corrections: CaseCorrections
+    #: row → reason why it could not be computed; the first error comes first
+    faults: Mapping[int, CasesError]
+    flange_poses: FloatArray  #: (m, 4, 4) unloaded flange by the commands in R0 [m]; NaN where a row failed
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectionSettings:
+    """Limits of a correction, and the confidence of its bands."""
+
+    limits: CorrectionLimits = field(default_factory=CorrectionLimits)
+    confidence: float = 0.95  #: level of the bound of the model error
+
+
+def correct_cases(
+    model: ForwardModel,
+    error_of_model: ModelError | None,
+    inverse: InverseKinematics,
+    cases: LoadCases,
+    settings: CorrectionSettings,
+    ramp: FloatArray | None = None,
+) -> CorrectedCases:
+    """Compute the commands that bring the loaded tool to its places; a row that fails gets a status.
+
+    Args:
+        model: model of the loaded robot.
+        error_of_model: error of the model; None if it is unknown.
+        inverse: inverse kinematics of the same robot; its prismatic joints stay in place.
+        cases: m wanted postures with their loads.
+        settings: limits and confidence.
+        ramp: (m,) fraction of each correction to apply; None for full corrections.
+    """
+    ramp = np.ones(len(cases)) if ramp is None else ramp
+    keep_fixed_joints = partial(inverse.reach_with_held_joints, model.robot)
+    faults, rows = dict[int, CasesError](), np.arange(len(cases))
+    done: Compensation | None = None
+    poses = np.full((len(cases), 4, 4), np.nan)
+    while done is None and len(rows):
+        try:
+            done, postures = compensate_postures(
+                model, cases[rows], settings.limits, ramp[rows], keep_fixed_joints
+            )
+            poses[rows] = postures.flange_pose
+        except CasesError as error:
+            # The others are computed again without the rows that fail.
+            failed = error.failed if error.failed.any() else np.ones(len(rows), dtype=np.bool_)
+            faults |= dict.fromkeys(rows[failed].tolist(), error)
+            rows = rows[~failed]
+    columns = _place_rows(done, rows, len(cases), model.robot.n)
+    radius, extrapolation = np.full(len(cases), np.nan), np.full(len(cases), np.nan)
+    if error_of_model is not None and done is not None:
+        bound = error_of_model.bound(cases[rows], done.leverage, settings.confidence)
+        radius[rows] = bound.radius
+        extrapolation[rows] = np.maximum(bound.load_ratio, bound.leverage_ratio)
+    status = _find_status(model, cases, columns)
+    for row, fault in faults.items():
+        status[row] = _STATUS_OF_CAUSE[fault.cause]
+    corrections = CaseCorrections(**columns, model_error=radius, extrapolation=extrapolation, status=status)
+    return CorrectedCases(corrections, faults, poses)
+
+
+_STATUS_OF_CAUSE: Final = MappingProxyType(
+    {
+        "overloaded": RowStatus.OVERLOADED,
+        "unseen_joint": RowStatus.UNSEEN_JOINT,
+        "not_reached": RowStatus.NOT_REACHED,
+    }
+)
+
+
+def _place_rows(done: Compensation | None, rows: IndexArray, count: int, joints: int) -> dict[str, Any]:
+    """Return the arrays of a compensation of some of m rows by name; NaN or False in the other rows."""
+    if done is not None and len(rows) == count:
+        return dict(vars(done))
+    widths = {"commanded": (joints,), "correction": (6,), "residual": (6,), "uncorrected": (6,)}
+    columns = dict[str, Any]()
+    for each in fields(Compensation):
+        shape = (count, *widths.get(each.name, ()))
+        is_mask = each.name in {"uncertain", "capped"}
+        columns[each.name] = np.zeros(shape, dtype=np.bool_) if is_mask else np.full(shape, np.nan)
+        if done is not None:
+            columns[each.name][rows] = getattr(done, each.name)
+    return columns
+
+
+def _find_status(model: ForwardModel, cases: LoadCases, columns: Mapping[str, Any]) -> IndexArray:
+    """Return the status (m,) of rows that were computed, by the arrays of their compensation."""
+    status = np.full(len(cases), RowStatus.CORRECTED, dtype=np.intp)
+    if not has_weight(model):
+        is_loaded = cases.force.any(axis=1) | cases.moment.any(axis=1)
+        status[~is_loaded] = RowStatus.NO_LOAD
+    status[columns["capped"]] = RowStatus.CAPPED
+    status[columns["uncertain"]] = RowStatus.UNCERTAIN
+    low, high = model.robot.limits.T
+    angles = model.robot.joint_map.model_angles(columns["commanded"])
+    is_beyond = ((angles < low - LIMIT_TOLERANCE) | (angles > high + LIMIT_TOLERANCE)).any(axis=1)
+    status[is_beyond] = RowStatus.BEYOND_LIMITS
+    return status
+
+
+def has_weight(model: ForwardModel) -> bool:
+    """Return whether deflections include the sag under own weight, so that each posture is under load."""
+    return isinstance(model, JointModel) and model.weight is not None and model.weight.absolute
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedRows:
+    """Corrections of N poses; arrays are NaN in rows whose status has no numbers."""
+
+    poses: FloatArray  #: (N, 4, 4) corrected poses of the tool in the base [m]
+    joints: FloatArray  #: (N, n) corrected controller's joints [rad or m]
+    wanted: FloatArray  #: (N, n) controller's joints of the poses as sent [rad or m]
+    deflection: FloatArray  #: (N, 3) deflection of the tool without a correction, axes of the base [m]
+    #: (N,) half-width of the interval of the deflection's length, from the readings [m]; NaN if unknown
+    readings: FloatArray
+    with_model_error: FloatArray  #: (N,) the same with the model error [m]; NaN without a bound
+    residual: FloatArray  #: (N,) predicted distance of the loaded tool from its pose [m]
+    #: (N,) load or leverage relative to the campaign's: above 1.01 the prediction extrapolates
+    extrapolation: FloatArray
+    status: IndexArray  #: (N,) values of `RowStatus`
+    #: (N,) greatest speed of a revolute joint from the row before, at the feed [rad/s]; NaN without a feed
+    joint_speed: FloatArray
+
+
+def correct(
+    model: ForwardModel,
+    error: ModelError | None,
+    inverse: InverseKinematics,
+    waypoints: Waypoints,
+    loads: FloatArray,
+    settings: CorrectionSettings | None = None,
+    *,
+    load_point: FloatArray | None = None,
+    feed: float | None = None,
+) -> CorrectedRows:
+    """Correct N poses of a tool for the deflection under load.
+
+    Args:
+        model: model of the loaded robot.
+        error: error of the model; None if it is unknown.
+        inverse: inverse kinematics of the same robot; its prismatic joints stay in place.
+        waypoints: N poses with their frames.
+        loads: (N, 6) force [N] and moment [N·m] on the tool, axes of R0; NaN where it is not known.
+        settings: limits and confidence.
+        load_point: (3,) point where the force acts, flange frame [m]; None for the tool's centre.
+        feed: speed of the tool along the path [m/s]; None if unknown.
+
+    Raises:
+        FramesError: joints are stated, and most poses contradict their joints.
+        RequestError: a prismatic joint moves.
+    """
+    settings = CorrectionSettings() if settings is None else settings
+    robot, found = model.robot, find_joints(inverse, model.robot, waypoints)
+    status = found.status.copy()
+    has_load = np.isfinite(loads).all(axis=1)
+    status[(status == RowStatus.CORRECTED) & ~has_load] = RowStatus.NO_DIRECTION
+    rows = np.flatnonzero(status == RowStatus.CORRECTED)
+    numbers = _Numbers.empty(len(waypoints), robot.n)
+    from_base, place = _invert(waypoints.base), waypoints.tool[:3, 3]
+    point = place if load_point is None else load_point
+    for begin in range(0, len(rows), ROWS_AT_ONCE):
+        at = rows[begin : begin + ROWS_AT_ONCE]
+        points, places = np.tile(point, (len(at), 1)), np.tile(place, (len(at), 1))
+        cases = LoadCases(found.joints[at], loads[at, :3], loads[at, 3:], points, places)
+        done, _, flange = correct_cases(model, error, inverse, cases, settings)
+        status[at] = done.status
+        numbers.insert(at, done, model.quantile(settings.confidence))
+        numbers.poses[at] = from_base @ flange @ waypoints.tool
+    numbers.deflection[:] = numbers.deflection @ waypoints.base[:3, :3]
+    unchanged = (status == RowStatus.NO_LOAD) | (status == RowStatus.UNCERTAIN)
+    as_sent = found.joints if waypoints.joints is None else waypoints.joints
+    numbers.poses[unchanged], numbers.joints[unchanged] = waypoints.poses[unchanged], as_sent[unchanged]
+    numbers.clear(status > RowStatus.UNCERTAIN)
+    speed = _measure_joint_speeds(robot, waypoints.lengths, numbers.joints, feed)
+    return CorrectedRows(**vars(numbers), wanted=found.joints, status=status, joint_speed=speed)
+
+
+@dataclass(frozen=True, eq=False)
+class _Numbers:
+    """Arrays of `CorrectedRows` while blocks of rows are filled in."""
+
+    poses: FloatArray
+    joints: FloatArray
+    deflection: FloatArray
+    readings: FloatArray
+    with_model_error: FloatArray
+    residual: FloatArray
+    extrapolation: FloatArray
+
+    @classmethod
+    def empty(cls, count: int, joints: int) -> _Numbers:
+        """Return arrays of NaN for a number of rows and of joints."""
+        shapes: list[tuple[int, ...]] = [(4, 4), (joints,), (3,), (), (), (), ()]
+        return cls(*(np.full((count, *shape), np.nan) for shape in shapes))
+
+    def insert(self, rows: IndexArray, done: CaseCorrections, quantile: float) -> None:
+        """Insert the corrections of some rows; `quantile` is the half-width in standard uncertainties."""
+        half_width = quantile * done.uncertainty
+        radius = np.where(np.isfinite(done.model_error), done.model_error, np.nan)
+        self.joints[rows] = done.commanded
+        self.deflection[rows] = done.uncorrected[:, :3]
+        self.readings[rows] = half_width
+        self.with_model_error[rows] = np.where(np.isnan(radius), np.nan, np.fmax(half_width, radius))
+        self.residual[rows] = np.linalg.norm(done.residual[:, :3], axis=1)
+        self.extrapolation[rows] = done.extrapolation
+
+    def clear(self, rows: BoolArray) -> None:
+        """Replace the numbers of masked rows (N,) with NaN."""
+        for array in vars(self).values():
+            array[rows] = np.nan
+
+
+def _invert(pose: FloatArray) -> FloatArray:
+    """Return the inverse of a pose (4, 4)."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = pose[:3, :3].T
+    inverse[:3, 3] = -(pose[:3, :3].T @ pose[:3, 3])
+    return inverse
+
+
+def _measure_joint_speeds(
+    robot: Robot, lengths: FloatArray, joints: FloatArray, feed: float | None
+) -> FloatArray:
+    """Return the greatest speed (N,) of a revolute joint from the row before, at a feed [rad/s].
+
+    NaN for the first row, without a feed, and where the tool rests or a row has no numbers.
+    """
+    speed = np.full(len(joints), np.nan)
+    if feed is None or robot.prismatic.all():
+        return speed
+    steps, turns = np.diff(lengths), np.diff(joints[:, ~robot.prismatic], axis=0)
+    moves = steps > 0.0
+    speed[1:][moves] = feed * np.abs(turns[moves]).max(axis=1) / steps[moves]
+    return speed
+
+
+def turn_loads(axes: FloatArray, loads: FloatArray) -> FloatArray:
+    """Return loads (N, 6) along the axes of R0, given along the columns of `axes` (N, 3, 3).
+
+    NaN where a load needs a direction that its axes do not have.
+    """
+    parts = loads.reshape(-1, 2, 3)
+    known = np.nan_to_num(axes)
+    turned = np.einsum("bij,bkj->bki", known, parts)
+    needs_feed = parts[:, :, :2].any(axis=(1, 2))
+    turned[needs_feed & np.isnan(axes[:, 0, 0])] = np.nan
+    return np.asarray(turned.reshape(-1, 6))
+
+
+def place_forces(forces: FloatArray, lengths: FloatArray, count: int) -> FloatArray:
+    """Return forces (N, 3) of N rows from one force (3,), a force a row, or rows (K, 4) of length and force.
+
+    Forces at lengths are interpolated; before the first and behind the last length there is no force.
+
+    Raises:
+        RequestError: the forces have another shape.
+    """
+    if forces.shape == (3,):
+        return np.tile(forces, (count, 1))
+    if forces.shape == (count, 3):
+        return forces.copy()
+    if forces.ndim == 2 and forces.shape[1] == 4 and len(forces):
+        at = forces[:, 0]
+        columns = [np.interp(lengths, at, column, left=0.0, right=0.0) for column in forces[:, 1:].T]
+        return np.stack(columns, axis=1)
+    raise RequestError(
+        f"the forces have shape {forces.shape}",
+        where="forces",
+        remedy=f"give one force (3,), forces ({count}, 3) of the rows, or rows (K, 4) of length and force",
+    )

@@ -1,0 +1,201 @@
+"""Correction in Python, at the terminal and over HTTP: the same numbers, and refusals with their remedies."""
+
+import json
+
+import httpx2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support.api import post, posted
+from support.programs import FORCE, TOOL, exact_run, loaded_poses, path, tool_poses
+from support.terminal import terminal
+
+import jointstiff as js
+from jointstiff.simulator import default_arm, robot_document, simulate_campaign
+
+ARM = default_arm()
+CAMPAIGN = simulate_campaign(ARM, load="pull", configurations=12, seed=1)
+JOINTS = path(20)
+POSES = tool_poses(JOINTS)
+IN_MM = POSES.copy()
+IN_MM[:, :3, 3] *= 1e3
+TOOL_IN_MM = [*(1e3 * TOOL), 0.0, 0.0, 0.0]
+DEGREES = np.degrees(JOINTS)
+
+
+def test_the_arrays_of_a_run_bring_the_loaded_tool_to_its_poses():
+    _, run = exact_run()
+    done = run.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE, feed=50)
+    assert done.status == ["corrected"] * 20
+    np.testing.assert_allclose(loaded_poses(done.joints), POSES, atol=1e-9)
+    np.testing.assert_allclose(done.poses, tool_poses(done.joints), atol=1e-9)
+    assert np.isfinite(done.joint_speed[1:]).all()
+    in_metres = run.correct(POSES, JOINTS, tool=[*TOOL, 0, 0, 0], forces=FORCE, units="m, rad, N")
+    np.testing.assert_allclose(in_metres.joints, done.joints, atol=1e-12)
+
+
+def test_forces_may_change_from_row_to_row_or_along_the_path():
+    _, run = exact_run()
+    rows = np.tile(FORCE, (20, 1))
+    rows[:5] = 0.0
+    done = run.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=rows)
+    assert done.counts == {"corrected": 15, "no_load": 5}
+    assert done.first == {"corrected": 6, "no_load": 1}
+    length = np.linalg.norm(np.diff(IN_MM[:, :3, 3], axis=0), axis=1).sum()
+    along = [[0.0, *FORCE], [length, *FORCE]]
+    whole = run.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=along)
+    same = run.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    np.testing.assert_allclose(whole.joints, same.joints, atol=1e-12)
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_file_that_was_written_is_read_again(tmp_path, ending):
+    _, run = exact_run()
+    done = run.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    file = tmp_path / f"rows.{ending}"
+    done.save(file)
+    if ending == "parquet":
+        frame = done.to_frame()[[f"{axis} [mm]" for axis in "xyz"] + [f"r{axis} [deg]" for axis in "xyz"]]
+        frame.reset_index(drop=True).to_parquet(file)
+    else:
+        lines = file.read_text().splitlines()
+        kept = [lines[0].split(",").index(name) for name in ("x [mm]", "y [mm]", "z [mm]")]
+        kept += [lines[0].split(",").index(f"r{axis} [deg]") for axis in "xyz"]
+        cells = [line.split(",") for line in lines]
+        file.write_text("\n".join(",".join(row[i] for i in kept) for row in cells))
+    start = np.degrees(done.joints[0])
+    again = run.correct(file, tool=TOOL_IN_MM, forces=(0, 0, 0), start=start)
+    np.testing.assert_allclose(again.poses, done.poses, atol=1e-9)
+    assert again.counts == {"no_load": 20}
+
+
+def test_an_arm_without_a_campaign_is_corrected_by_its_prior():
+    robot = js.robot(robot_document(ARM), payload=210)
+    done = robot.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    assert done.counts == {"corrected": 20}
+    assert (done.joints == js.correct(robot, IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE).joints).all()
+    assert done.assessment.verdict == "use_with_care"
+    assert "not measured, but guessed" in done.summary()
+
+
+REFUSED = {
+    "a wrong tool": ({}, "joints", "all rows agree with `tool` 10, -20, 215.5 mm"),
+    "radians": ({"joints": JOINTS, "tool": TOOL_IN_MM}, "joints", "the numbers are radians where degrees"),
+    "no load": ({"tool": TOOL_IN_MM, "forces": None}, "force", "give `force`"),
+    "forces of another shape": ({"forces": [[1, 2], [3, 4]]}, "forces", "give one force"),
+    "joints of another shape": ({"joints": DEGREES[:3]}, "joints", "(20, 6)"),
+    "twice": ({"accuracy_option": "compensates_load"}, "accuracy_option", "switch"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_refusal_names_place_and_remedy(case):
+    changes, where, remedy = REFUSED[case]
+    _, run = exact_run()
+    call = {"joints": DEGREES, "forces": FORCE} | changes
+    with pytest.raises(js.CampaignError) as caught:
+        run.correct(IN_MM, call.pop("joints"), **call)
+    assert caught.value.problem.where == f"correction.{where}"
+    assert remedy in caught.value.problem.remedy
+
+
+def test_the_terminal_writes_the_rows_of_python(tmp_path):
+    _, run = exact_run()
+    run.save(tmp_path / "run.json")
+    sent = run.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=(0, 0, 0))
+    frame = sent.to_frame().reset_index(drop=True)
+    names = [
+        name for name in frame.columns if name[0] == "J" or name[:2] in {"x ", "y ", "z ", "rx", "ry", "rz"}
+    ]
+    frame[names].to_csv(tmp_path / "poses.csv", index=False)
+    tool = ",".join(f"{each:.6f}" for each in TOOL_IN_MM)
+    options = ["--tool", tool, "--force", "300,400,-1400", "-o", tmp_path / "out.csv"]
+    answer = terminal("correct", tmp_path / "run.json", tmp_path / "poses.csv", *options)
+    assert answer.exit_code == 0, answer.output
+    assert "rows: 20 corrected" in answer.stdout
+    done = run.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    rows = [line.split(",") for line in (tmp_path / "out.csv").read_text().splitlines()]
+    joints = np.array([[float(each) for each in row[7:13]] for row in rows[1:]])
+    np.testing.assert_allclose(np.radians(joints), done.joints, atol=1e-9)
+    wrong = terminal("correct", tmp_path / "run.json", tmp_path / "poses.csv", "--force", "0,0,-500")
+    assert wrong.exit_code == 2
+    assert "poses and joints differ" in wrong.output
+
+
+@pytest.fixture(scope="module")
+def run(service):
+    with httpx2.Client(base_url=service.url, timeout=60.0) as client:
+        return posted(client, CAMPAIGN)
+
+
+class TestService:
+    """Correction by a service."""
+
+    def body(self, run, **changes):
+        columns = dict(zip(("x", "y", "z"), IN_MM[:, :3, 3].T.tolist(), strict=True))
+        columns |= dict(zip(("rx", "ry", "rz"), _rotation_vectors().T.tolist(), strict=True))
+        columns |= {f"j{number}": column.tolist() for number, column in enumerate(DEGREES.T, 1)}
+        return {
+            "run_id": run["id"],
+            "units": {"length": "mm", "angle": "deg", "force": "N"},
+            "tool": TOOL_IN_MM,
+            "force": list(FORCE),
+            "columns": columns,
+        } | changes
+
+    def test_the_columns_come_back_corrected(self, client, run):
+        answer = post(client, "/v1/corrections", self.body(run), status=200)
+        here = js.correct(CAMPAIGN, IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+        joints = np.stack([answer["columns"][f"j{number}"] for number in range(1, 7)], axis=1)
+        np.testing.assert_allclose(np.radians(joints), here.joints, atol=1e-9)
+        assert answer["counts"] == {"corrected": 20}
+        assert answer["columns"]["status"] == ["corrected"] * 20
+
+    def test_a_row_without_numbers_is_null_and_says_why(self, client, run):
+        body = self.body(run)
+        body["columns"]["j1"][4] += 5.0
+        answer = post(client, "/v1/corrections", body, status=200)
+        assert answer["columns"]["status"][4] == "contradictory"
+        assert answer["columns"]["x"][4] is None
+        assert answer["first"]["contradictory"] == 5
+        assert any("row 5: pose and joints differ" in each for each in answer["remarks"])
+
+    @pytest.mark.parametrize(
+        ("changes", "where"),
+        [
+            ({"run_id": "nobody"}, "run_id"),
+            ({"run_id": None}, ""),
+            ({"run_id": None, "robot_id": "nobody"}, "robot_id"),
+            ({"force": None}, "force"),
+            ({"tool": [0.0] * 6}, "joints"),
+            ({"start": [0.0]}, "start"),
+        ],
+    )
+    def test_a_refusal_names_its_field(self, client, run, changes, where):
+        answer = client.request("POST", "/v1/corrections", json=self.body(run, **changes))
+        assert answer.status_code == 422, answer.text
+        assert where in (answer.json()["where"] or "")
+
+    def test_columns_are_checked(self, client, run):
+        for change in ({"x": [1.0]}, {"colour": [0.0] * 20}, {"q1": [1.0] * 20}):
+            body = self.body(run)
+            body["columns"] |= change
+            answer = client.request("POST", "/v1/corrections", json=body)
+            assert answer.status_code == 422, change
+            assert answer.json()["where"].startswith("columns")
+
+
+def _rotation_vectors():
+    """Rotation vectors (20, 3) of the poses [deg]."""
+    return Rotation.from_matrix(POSES[:, :3, :3]).as_rotvec(degrees=True)
+
+
+def test_a_client_corrects_as_this_process_does(service):
+    with js.Client(service.url) as client:
+        run = client.identify(CAMPAIGN)
+        there = run.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+        here = js.correct(CAMPAIGN, IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+        np.testing.assert_allclose(there.joints, here.joints, atol=1e-9)
+        np.testing.assert_allclose(there.poses, here.poses, atol=1e-9)
+        assert there.counts == here.counts
+        assert json.dumps(there.first) == json.dumps(here.first)
