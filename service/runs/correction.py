@@ -99,7 +99,7 @@ class PoseTable:
         """Read the columns of a request.
 
         Raises:
-            RequestError: columns are missing, unknown, or have different lengths.
+            RequestError: columns are missing, unknown, have different lengths, or a number is not finite.
         """
         names = {name.lower(): name for name in columns}
         joint_names = [f"j{number}" for number in range(1, robot.n + 1)]
@@ -119,10 +119,7 @@ class PoseTable:
             raise RequestError(
                 f"the column {missing[0]} is missing", where="columns", remedy="give all columns of a group"
             )
-        if len({len(each) for each in columns.values()}) > 1:
-            raise RequestError(
-                "the columns have different lengths", where="columns", remedy="give each row in each column"
-            )
+        _refuse_bad_numbers(columns)
 
         def stack(group: Sequence[str]) -> FloatArray:
             return np.array([columns[names[each]] for each in group], dtype=np.float64).T
@@ -137,6 +134,26 @@ class PoseTable:
             moment = stack(_MOMENT) if "mx" in names else np.zeros((len(poses), 3))
             loads = np.concatenate([force, moment_factor(units, moment) * moment], axis=1)
         return cls(poses, orientation, joints, loads)
+
+
+def _refuse_bad_numbers(columns: Mapping[str, Any]) -> None:
+    """Refuse columns of different lengths, and numbers that are not finite.
+
+    Raises:
+        RequestError: names the column.
+    """
+    if len({len(each) for each in columns.values()}) > 1:
+        raise RequestError(
+            "the columns have different lengths", where="columns", remedy="give each row in each column"
+        )
+    for name, column in columns.items():
+        is_number = np.isfinite(np.asarray(column, dtype=np.float64))
+        if not is_number.all():
+            raise RequestError(
+                f"row {int(np.argmin(is_number)) + 1} of column {name} has no finite number",
+                where="columns",
+                remedy="give a number in each row, or leave the row out",
+            )
 
 
 def _choose_orientation(names: Collection[str]) -> tuple[str, ...]:

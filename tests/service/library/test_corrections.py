@@ -89,6 +89,22 @@ def test_a_moment_has_the_unit_of_its_header(tmp_path):
         run.correct(file, tool=TOOL_IN_MM)
 
 
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_a_number_that_is_not_finite_names_its_row(number):
+    _, run = exact_run()
+    poses, joints = IN_MM.copy(), DEGREES.copy()
+    poses[2, 0, 3] = number
+    with pytest.raises(js.CampaignError, match="row 3 of column x has no finite number"):
+        run.correct(poses, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    poses = IN_MM.copy()
+    poses[3, 0, 0] = number
+    with pytest.raises(js.CampaignError, match="the rotation of row 4 has no finite number"):
+        run.correct(poses, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    joints[4, 1] = number
+    with pytest.raises(js.CampaignError, match="row 5 of column j2 has no finite number"):
+        run.correct(IN_MM, joints, tool=TOOL_IN_MM, forces=FORCE)
+
+
 def test_an_arm_without_a_campaign_is_corrected_by_its_prior():
     robot = js.robot(robot_document(ARM), payload=210)
     done = robot.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
