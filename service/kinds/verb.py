@@ -117,10 +117,10 @@ class Backend(Protocol):
             TypeError: `monitor` has an executor, but the backend has workers of its own.
         """
 
-    def prepare_set(self, source: Source, _place: str = "") -> tuple[str, RunOptions | None]:
+    def prepare_set(self, source: Source, place: str = "") -> tuple[str, RunOptions | None]:
         """Prepare a campaign; return the id of its measurement set, and its options for a run.
 
-        The options are None if they are not known. `_place`, such as "first.", is put before the place that
+        The options are None if they are not known. `place`, such as "first.", is put before the place that
         an error names.
         """
 

@@ -309,11 +309,12 @@ class Client(Verbs):
             )
         return self
 
-    def prepare_set(self, source: Any, _place: str = "") -> tuple[str, RunOptions | None]:  # noqa: ANN401
+    def prepare_set(self, source: Any, place: str = "") -> tuple[str, RunOptions | None]:  # noqa: ANN401, ARG002
         """Return (id of the measurement set, options of the run) of a run or a campaign.
 
         Args:
             source: run of this service, or a campaign, which is posted first unless it was posted before.
+            place: not used: the service names places in its errors.
         """
         source = self._replace_foreign_run(source)
         if isinstance(source, Run):

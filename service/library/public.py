@@ -141,20 +141,24 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> object:
-    """Return a public name of this package, which is imported when it is first used."""
-    if name == "__version__":
-        return import_module("jointstiff.service.process").jointstiff_version()
-    if name in _HOMES:
-        try:
-            return getattr(import_module(f"jointstiff.{_HOMES[name]}"), name)
-        except ImportError as error:
-            raise import_module("jointstiff.service.problems").explain_missing_library(name, error) from None
-    from jointstiff.service.kinds.rooms import ROOMS
+if not TYPE_CHECKING:  # a misspelt name is an error in an editor
 
-    if any(room.command == name for room in ROOMS.values()):
-        return getattr(import_module("jointstiff.service.library.here").Here(), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    def __getattr__(name: str) -> object:
+        """Return a public name of this package, which is imported when it is first used."""
+        if name == "__version__":
+            return import_module("jointstiff.service.process").jointstiff_version()
+        if name in _HOMES:
+            try:
+                return getattr(import_module(f"jointstiff.{_HOMES[name]}"), name)
+            except ImportError as error:
+                raise import_module("jointstiff.service.problems").explain_missing_library(
+                    name, error
+                ) from None
+        from jointstiff.service.kinds.rooms import ROOMS
+
+        if any(room.command == name for room in ROOMS.values()):
+            return getattr(import_module("jointstiff.service.library.here").Here(), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Final, cast
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, cast, get_args, overload
 
 from pydantic import BeforeValidator, Field
 
@@ -33,6 +33,34 @@ from jointstiff.service.library.results import Prediction, Presented, PresentedJ
 from jointstiff.service.problems import CampaignError, http_problem
 from jointstiff.service.resources.documents import parse_document
 from jointstiff.service.tables.table import Sheet
+
+if TYPE_CHECKING:
+    from jointstiff.service.kinds.comparison.verb import TabledComparison
+    from jointstiff.service.kinds.fleet.verb import TabledFleet
+    from jointstiff.service.kinds.geometry.verb import TabledGeometry
+    from jointstiff.service.kinds.map.verb import TabledMap
+    from jointstiff.service.kinds.plan.verb import TabledPlan
+    from jointstiff.service.kinds.process.verb import TabledProcess
+    from jointstiff.service.kinds.program.verb import TabledProgram
+    from jointstiff.service.library.imported import ImportedReadings
+    from jointstiff.service.library.rehearse import Rehearsal
+
+LoadedKind = Literal[
+    "run",
+    "comparison",
+    "fleet",
+    "geometry",
+    "map",
+    "plan",
+    "process",
+    "program",
+    "prediction",
+    "rehearsal",
+    "trend",
+    "imported",
+    "campaign",
+]
+"""Kind of a file that `load` reads."""
 
 _MAX_BYTES: Final = 4 * MAX_SET_BYTES  # a run, its campaign, and the places of a map
 
@@ -81,11 +109,41 @@ def _list_classes() -> Mapping[str, type[Presented]]:
     }
 
 
-def load(path: str | PathLike[str]) -> Any:  # noqa: ANN401 - the class depends on the file
+@overload
+def load(path: str | PathLike[str], kind: None = None) -> Any: ...  # noqa: ANN401 - the class depends on the file
+@overload
+def load(path: str | PathLike[str], kind: Literal["run"]) -> TabledRun: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["comparison"]) -> TabledComparison: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["fleet"]) -> TabledFleet: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["geometry"]) -> TabledGeometry: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["map"]) -> TabledMap: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["plan"]) -> TabledPlan: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["process"]) -> TabledProcess: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["program"]) -> TabledProgram: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["prediction"]) -> Prediction: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["rehearsal"]) -> Rehearsal: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["trend"]) -> RobotTrend: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["imported"]) -> ImportedReadings: ...
+@overload
+def load(path: str | PathLike[str], kind: Literal["campaign"]) -> Campaign: ...
+def load(path: str | PathLike[str], kind: LoadedKind | None = None) -> Any:
     """Read a result that `save("….json")` wrote, or a campaign file.
 
     Args:
         path: JSON file of a result of any kind, or of a campaign.
+        kind: kind of the result, such as "run"; another one is refused, and editors know the result's fields.
+            Default: any kind.
 
     Returns:
         The result, an object of the same class with the same numbers. Tables, plots and reports of the result
@@ -93,9 +151,12 @@ def load(path: str | PathLike[str]) -> Any:  # noqa: ANN401 - the class depends 
         or `--json` has written has no campaign: its tables and plots are there, further work is refused.
 
     Raises:
-        CampaignError: the file has neither a result nor a campaign, or exceeds 32 MiB.
+        CampaignError: the file has neither a result nor a campaign, is of another kind, or exceeds 32 MiB.
         OSError: the file cannot be read.
+        TypeError: `kind` is no kind of result.
     """
+    if kind is not None and kind not in get_args(LoadedKind):
+        raise TypeError(f"kind must be one of: {', '.join(get_args(LoadedKind))}; not {kind!r}")
     file = Path(path)
     if file.stat().st_size > _MAX_BYTES:
         limit = f"{_MAX_BYTES // 1024**2} MiB"
@@ -105,12 +166,16 @@ def load(path: str | PathLike[str]) -> Any:  # noqa: ANN401 - the class depends 
         document = json.loads(content)
     except (ValueError, RecursionError):
         document = None
-    kind = recognize_kind(document)
-    if kind is not None and "kind" not in document:
-        document = {"kind": kind} | document
-    if not isinstance(document, dict) or "kind" not in document:
-        return Campaign.read(path)  # the error for any other file names its kind, or its faults
-    return restore(document, str(path))
+    if recognized := recognize_kind(document):
+        document = {"kind": recognized} | document
+    is_result = isinstance(document, dict) and "kind" in document
+    found = document["kind"] if is_result else "campaign"
+    # The error for a file that has neither names the kind of file, or its faults
+    loaded = restore(document, str(path)) if is_result else Campaign.read(path)
+    if kind not in (None, found):
+        reason = f"{path} has the kind '{found}', not '{kind}'"
+        raise CampaignError(http_problem(422, reason, f'use `jointstiff.load("{path}", "{found}")`'))
+    return loaded
 
 
 def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # noqa: ANN401 - any result

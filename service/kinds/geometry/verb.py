@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.geometry import GeometryRequest
@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import JointMap, RobotDocument
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Vector
+    from jointstiff.service.library.results import PresentedJob
+
+    class TabledGeometry(PresentedJob, Geometry):
+        """A geometry, with its tables, plots and files."""
 
 
 class GeometryFields(TypedDict, total=False):
@@ -59,7 +63,7 @@ def geometry(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[GeometryFields],
-) -> Geometry:
+) -> TabledGeometry:
     """Identify the geometry of a robot from sweeps or poses.
 
     Args:
@@ -96,7 +100,7 @@ def geometry(
         if options is None and "units" in request:  # the readings state the units of all numbers
             named_options.setdefault("units", request["units"])
         request |= merge_options(GeometryRequest, options, named_options)
-        return backend.carry_out_request(GEOMETRY, request, {}, monitor)
+        return cast("TabledGeometry", backend.carry_out_request(GEOMETRY, request, {}, monitor))
 
 
 describe_fields(geometry, GeometryRequest)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
 
 from jointstiff.schemas.plan import PlanOptions
 from jointstiff.schemas.robot import RobotDocument
@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     )
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, Matrix, OnProgress, Source, Vector
+    from jointstiff.service.library.results import PresentedJob
+
+    class TabledPlan(PresentedJob, Plan):
+        """A plan, with its tables, plots and files."""
 
 
 class PlanFields(TypedDict, total=False):
@@ -73,7 +77,7 @@ def plan(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[PlanFields],
-) -> Plan:
+) -> TabledPlan:
     """Plan which postures and loads to measure.
 
     Args:
@@ -116,7 +120,7 @@ def plan(
                 **{name: value for name, value in inherited.items() if value},
             }
         request |= merge_options(PlanOptions, options, fields, lambda: backend.joint_kinds(planned))
-        return backend.carry_out_request(PLAN, request, {}, monitor)
+        return cast("TabledPlan", backend.carry_out_request(PLAN, request, {}, monitor))
 
 
 describe_fields(plan, PlanOptions)

@@ -23,7 +23,7 @@ class IdentifyFields(TypedDict, total=False):
     """Options of `identify`."""
 
     units: AnyUnits
-    method: Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
+    method: Literal["complete_pose", "partial_pose", "decoupled_partial_pose", "CP", "PP", "DPP"]
     weighting: Literal["covariance", "characteristic_length", "uniform"]
     characteristic_length: float | None
     positive: bool

@@ -233,6 +233,21 @@ def test_a_command_writes_a_result_that_python_reads(document, tmp_path, monkeyp
     assert len(js.load("plan.json").result.readings) == 2
 
 
+def test_a_file_of_another_kind_than_stated_is_refused(document, tmp_path, monkeypatch, in_process):
+    monkeypatch.chdir(tmp_path)
+    in_process["plan"].save("plan.json")
+    Path("campaign.json").write_text(json.dumps(document))
+    assert js.load("plan.json", "plan").result == js.load("plan.json").result
+    assert js.load("campaign.json", "campaign").robot == js.load("campaign.json").robot
+    with pytest.raises(js.CampaignError, match=r"plan\.json has the kind 'plan', not 'run'") as caught:
+        js.load("plan.json", "run")
+    assert caught.value.problem.remedy == 'use `jointstiff.load("plan.json", "plan")`'
+    with pytest.raises(js.CampaignError, match="has the kind 'campaign', not 'run'"):
+        js.load("campaign.json", "run")
+    with pytest.raises(TypeError, match=r"kind must be one of: run, comparison, .*; not 'runs'"):
+        js.load("plan.json", "runs")
+
+
 def test_a_file_without_a_result_is_refused_by_its_name(tmp_path, monkeypatch, in_process):
     monkeypatch.chdir(tmp_path)
     Path("other.json").write_text('{"kind": "song"}')
