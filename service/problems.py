@@ -641,11 +641,30 @@ def reword_fault(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> st
             message = match.expand(wording)
             break
     unknown_name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
-    known_names = parameters if error["loc"][:1] == ("query",) else _list_field_names()
+    is_parameter = error["loc"][:1] == ("query",)
+    known_names = parameters if is_parameter else _list_field_names()
+    if not is_parameter and unknown_name in _NAMES_ELSEWHERE:
+        return f"{message}; did you mean `{_NAMES_ELSEWHERE[unknown_name]}`?"
     if not unknown_name or len(unknown_name) > _LONGEST_NAME or unknown_name in known_names:
         return message
     similar_names = get_close_matches(unknown_name, known_names, n=1, cutoff=0.75)
     return f"{message}; did you mean `{similar_names[0]}`?" if similar_names else message
+
+
+_NAMES_ELSEWHERE: Final = MappingProxyType(
+    {
+        "alpha": "confidence",
+        "bootstrap": "resampling",
+        "bounds": "stiffness_bounds",
+        "constrained": "positive",
+        "constraint": "positive",
+        "exclude": "leave_out",
+        "nonnegative": "positive",
+        "prior": "priors",
+        "robust": "loss",
+    }
+)
+"""Name of an option in other packages → its name here, where the words are not alike."""
 
 
 @cache

@@ -19,6 +19,7 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -158,7 +159,8 @@ if not TYPE_CHECKING:  # a misspelt name is an error in an editor
 
         if any(room.command == name for room in ROOMS.values()):
             return getattr(import_module("jointstiff.service.library.here").Here(), name)
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        module = sys.modules[__name__]  # for Python's own suggestion of a name
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=module)
 
 
 def __dir__() -> list[str]:

@@ -38,13 +38,17 @@ def read_campaign(campaign: AnyCampaign) -> Campaign:
     The file may also be a saved run, which contains its campaign.
 
     Raises:
-        CampaignError: the file is too large, or the content is no campaign.
+        CampaignError: this is no campaign, or the file is too large.
         OSError: the file cannot be read.
     """
     if isinstance(campaign, Campaign):
         return campaign
     if isinstance(campaign, Mapping):
         return parse_document(campaign, Campaign)
+    if not isinstance(campaign, str | PathLike):
+        reason = f"a campaign is a file, a document, a `Campaign` or a run, not `{type(campaign).__name__}`"
+        remedy = "make a campaign of arrays by `jointstiff.Campaign.from_arrays`"
+        raise CampaignError(http_problem(422, reason, remedy))
     return read_document(Path(campaign), Campaign, section="campaign")
 
 

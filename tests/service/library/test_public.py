@@ -509,3 +509,29 @@ def test_the_covariance_matrix_has_the_standard_uncertainties(run):
     true = truth(default_arm(), PULLED)["compliance"]
     off = np.array([joint.compliance for joint in joints]) - true
     assert off @ np.linalg.solve(run.covariance, off) < 22.5  # χ² of 6 joints at 99.9 %
+
+
+@pytest.mark.parametrize("nothing", [None, 5, [1], np.zeros((3, 6))], ids=lambda each: type(each).__name__)
+def test_what_is_no_campaign_is_refused_with_what_a_campaign_is(nothing):
+    for verb in (js.identify, js.compare, js.plan, js.fleet):
+        with pytest.raises(
+            js.CampaignError, match="a campaign is a file, a document, a `Campaign`"
+        ) as caught:
+            verb(nothing)
+        assert type(nothing).__name__ in str(caught.value)
+        assert "`jointstiff.Campaign.from_arrays`" in caught.value.problem.remedy
+
+
+@pytest.mark.parametrize(
+    ("word", "option"),
+    [("constraint", "positive"), ("weigthing", "weighting"), ("bounds", "stiffness_bounds")],
+)
+def test_an_unknown_option_is_answered_with_the_option_that_is_meant(word, option):
+    with pytest.raises(js.CampaignError, match=f"unknown field; did you mean `{option}`"):
+        js.identify(simulate_campaign(default_arm()), **{word: True})
+
+
+def test_a_misspelt_verb_has_what_python_needs_to_name_the_right_one():
+    with pytest.raises(AttributeError, match="no attribute 'identfy'") as caught:
+        js.identfy  # noqa: B018
+    assert (caught.value.name, caught.value.obj) == ("identfy", js)
