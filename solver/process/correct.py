@@ -505,14 +505,19 @@ def turn_loads(axes: FloatArray, loads: FloatArray) -> FloatArray:
     return np.asarray(turned.reshape(-1, 6))
 
 
-def place_forces(forces: FloatArray, lengths: FloatArray, count: int) -> FloatArray:
+def place_forces(forces: FloatArray, lengths: FloatArray) -> FloatArray:
     """Return forces (N, 3) of N rows from one force (3,), a force a row, or rows (K, 4) of length and force.
 
     Forces at lengths are interpolated; before the first and behind the last length there is no force.
 
+    Args:
+        forces: forces in one of the three shapes.
+        lengths: (N,) length of the path up to each row, in the unit of the lengths of the forces.
+
     Raises:
         RequestError: the forces have another shape.
     """
+    count = len(lengths)
     if forces.shape == (3,):
         return np.tile(forces, (count, 1))
     if forces.shape == (count, 3):

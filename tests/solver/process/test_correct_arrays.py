@@ -345,7 +345,7 @@ class TestBranches:
 def test_forces_by_length_are_interpolated():
     lengths = np.array([0.0, 1.0, 2.0, 4.0])
     table = np.array([[0.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, -200.0], [4.0, 0.0, 0.0, -200.0]])
-    assert place_forces(table, lengths, 4)[:, 2].tolist() == [0.0, -100.0, -200.0, -200.0]
+    assert place_forces(table, lengths)[:, 2].tolist() == [0.0, -100.0, -200.0, -200.0]
 
 
 def test_the_joint_speed_follows_from_the_feed():
