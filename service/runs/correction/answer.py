@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jointstiff.schemas.correction import CorrectionOptions, CorrectionRequest, CorrectionResult
+from jointstiff.schemas.correction import MAX_ROWS, CorrectionOptions, CorrectionRequest, CorrectionResult
 from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run
@@ -20,6 +20,7 @@ from jointstiff.service.conversion.robots import (
     refuse_wrong_joint_count,
 )
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
+from jointstiff.service.problems import TooManyRowsError
 from jointstiff.service.runs.correction.columns import DEFLECTION, POSITION, STATUS
 from jointstiff.service.runs.correction.orientation import write_orientation
 from jointstiff.service.runs.correction.poses import PoseTable
@@ -195,8 +196,17 @@ def correct_request(robot: Robot, run: Run | None, request: CorrectionRequest) -
     """Correct the columns of a request; return the answer, with null where a row has no number.
 
     Raises:
+        TooManyRowsError: the request has more than `MAX_ROWS` rows.
         RequestError: the request cannot be carried out.
     """
+    count = max(len(column) for column in request.columns.values())
+    if count > MAX_ROWS:
+        raise TooManyRowsError(
+            f"the table has {count:,} rows, and one request may have {MAX_ROWS:,}",
+            where="columns",
+            remedy="send parts of the path, each with the joints of its first pose in `start`; or correct "
+            "the whole file with `jointstiff correct`",
+        )
     table = PoseTable.from_columns(request.columns, request.units, robot)
     done = correct_table(robot, run, request, table)
     columns = {

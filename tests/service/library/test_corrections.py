@@ -278,6 +278,14 @@ class TestService:
         assert answer.status_code == 422, answer.text
         assert where in (answer.json()["where"] or "")
 
+    def test_too_many_rows_are_refused_with_what_to_do(self, client, run):
+        rows = np.tile(_rotation_vectors().round(3), (251, 1)).T.tolist()
+        columns = dict(zip(("x", "y", "z", "rx", "ry", "rz"), rows + rows, strict=True))
+        answer = client.request("POST", "/v1/corrections", json=self.body(run, columns=columns))
+        assert answer.status_code == 413
+        assert answer.json()["detail"] == "the table has 5,020 rows, and one request may have 5,000"
+        assert "`jointstiff correct`" in answer.json()["remedy"]
+
     def test_columns_are_checked(self, client, run):
         for change in ({"x": [1.0]}, {"colour": [0.0] * 20}, {"q1": [1.0] * 20}):
             body = self.body(run)
