@@ -101,8 +101,8 @@ class CorrectionRequest(CorrectionOptions):
         default=None, description="Id of a robot without a run: its stiffness is a prior."
     )
     columns: Annotated[dict[Name, _Column], Field(min_length=6, max_length=MAX_COLUMNS)] = Field(
-        description="Columns of equal length, at most 5,000 rows: `x`, `y`, `z` of the tool in the base; `rx`, "
-        "`ry`, `rz` (rotation vector), `a`, `b`, `c` (about z, y', x'') or `q1` ... `q4`; if known the "
+        description="Columns of equal length, at most 5,000 rows: `x`, `y`, `z` of the tool in the base; "
+        "`rx`, `ry`, `rz` (rotation vector), `a`, `b`, `c` (about z, y', x'') or `q1` ... `q4`; if known the "
         "controller's joints `j1` ...; `fx` ... `mz`."
     )
 
