@@ -23,7 +23,9 @@ from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import MAX_JOINTS
 
 MAX_ROWS = 5_000
-"""Greatest number of rows in a request."""
+"""Greatest number of rows that a service corrects in one request."""
+_MOST_SENT_ROWS = 100_000
+"""Rows that no body holds: up to here, the answer says what to do with too many rows."""
 MAX_COLUMNS = 64
 
 CorrectionStatus = Literal[
@@ -88,7 +90,7 @@ class CorrectionOptions(AcceptingOptions, PredictionOptions):
     )
 
 
-_Column = Annotated[list[Quantity], Field(min_length=1, max_length=MAX_ROWS), FailFast()]
+_Column = Annotated[list[Quantity], Field(min_length=1, max_length=_MOST_SENT_ROWS), FailFast()]
 
 
 class CorrectionRequest(CorrectionOptions):
@@ -99,9 +101,9 @@ class CorrectionRequest(CorrectionOptions):
         default=None, description="Id of a robot without a run: its stiffness is a prior."
     )
     columns: Annotated[dict[Name, _Column], Field(min_length=6, max_length=MAX_COLUMNS)] = Field(
-        description="Columns of equal length: `x`, `y`, `z` of the tool in the base; `rx`, `ry`, `rz` "
-        "(rotation vector), `a`, `b`, `c` (about z, y', x'') or `q1` ... `q4`; if known the controller's "
-        "joints `j1` ...; `fx` ... `mz`."
+        description="Columns of equal length, at most 5,000 rows: `x`, `y`, `z` of the tool in the base; "
+        "`rx`, `ry`, `rz` (rotation vector), `a`, `b`, `c` (about z, y', x'') or `q1` ... `q4`; if known the "
+        "controller's joints `j1` ...; `fx` ... `mz`."
     )
 
     _one_source = require_exactly_one("run_id", "robot_id")

@@ -27,6 +27,7 @@ ServiceError                   an error whose cause is not in the request: see t
     └── CursorError            the cursor is not that of a page: start from the first page
 
 RequestError of the numerical core
+├── TooManyRowsError           a table with more rows than a request may have: send parts, or use a command
 └── ItemsError                 a request with several faults
     ├── FilesError             files that were not understood: correct the files
     │   └── MovesLeftError     moves that cannot be corrected: correct the program, or leave these moves
@@ -101,6 +102,10 @@ class ItemsError(RequestError):
 
 class FilesError(ItemsError):
     """Files that were not understood; `where` is file:line:column, if there is a single place."""
+
+
+class TooManyRowsError(RequestError):
+    """A table has more rows than one request may have."""
 
 
 class MovesLeftError(FilesError):
@@ -404,6 +409,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         VerdictError: (422, "not-to-be-used", "The result must not be used"),
         FilesError: (422, "invalid-file", "The files were not understood"),
         MovesLeftError: (422, "invalid-file", "Moves cannot be corrected"),
+        TooManyRowsError: (413, "too-many-rows", "The table has too many rows for one request"),
         RequestError: (422, "invalid-request", "The request cannot be carried out"),
         RobotError: (422, "invalid-robot", "The robot's description cannot be used"),
         MeasurementError: (422, "invalid-measurement-set", "The measurement set cannot be used"),

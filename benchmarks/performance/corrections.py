@@ -20,7 +20,7 @@ from jointstiff.service.library.robots import prepare_once
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.predict.models import ModelError
-from jointstiff.solver.process.correct import RowStatus, Waypoints, correct
+from jointstiff.solver.process.correct import CorrectedRows, Waypoints, correct
 from jointstiff.solver.process.frames import FrameProposal, FramesError
 from jointstiff.solver.process.prior import build_prior_model
 
@@ -74,10 +74,10 @@ class Arm:
         stated = joints if has_joints else None
         return Waypoints(poses, self.tool, self.base, stated, joints[0])
 
-    def correct(self, waypoints: Waypoints) -> FloatArray:
-        """Return the status of each row."""
+    def correct(self, waypoints: Waypoints) -> CorrectedRows:
+        """Return the corrected rows."""
         loads = np.tile(_FORCE, (len(waypoints), 1))
-        return np.asarray(correct(self.model, _ERROR, self.inverse, waypoints, loads).status)
+        return correct(self.model, _ERROR, self.inverse, waypoints, loads)
 
 
 def run(*, quick: bool) -> list[Section]:
@@ -107,7 +107,7 @@ def _times(arms: list[Arm], count: int) -> Section:
         for has_joints in (True, False):
             waypoints = arm.waypoints(arm.path(count), has_joints=has_joints)
             call_eaik = partial(_call_eaik, arm.inverse, waypoints.flange_poses)
-            status = arm.correct(waypoints)
+            share = arm.correct(waypoints).has_numbers.mean()
             bare, whole = [], []
             for _ in range(ROUNDS):
                 bare.append(_seconds(call_eaik))
@@ -115,8 +115,7 @@ def _times(arms: list[Arm], count: int) -> Section:
             ratios.append(median(whole) / median(bare))
             given = "poses and joints" if has_joints else "poses"
             cells = (f"{1e6 * median(each) / count:.1f}" for each in (bare, whole))
-            done = f"{(status <= RowStatus.UNCERTAIN).mean():.3f}"
-            rows.append((arm.name, given, *cells, f"{ratios[-1]:.2f}", done))
+            rows.append((arm.name, given, *cells, f"{ratios[-1]:.2f}", f"{share:.3f}"))
     return Section(
         title=f"{count:,} poses corrected, beside a bare loop of EAIK's calls",
         columns=("arm", "given", "EAIK [µs a pose]", "correct [µs a pose]", "ratio", "rows with numbers"),
@@ -197,7 +196,7 @@ def _branches(arms: list[Arm], count: int) -> Section:
                 continue
             joints = arm.robot.joint_map.controller_angles(angles)
             points = arm.waypoints(joints, has_joints=False)
-            done = correct(arm.model, _ERROR, arm.inverse, points, np.tile(_FORCE, (len(points), 1)))
+            done = arm.correct(points)
             known = np.isfinite(done.wanted[:, 0])
             off = np.abs(done.wanted - joints).max(axis=1) > 1e-4
             total, with_numbers = total + len(known), with_numbers + int(known.sum())

@@ -49,7 +49,7 @@ from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.problems import NotFoundError, find_path_in_document
 from jointstiff.service.resources.proposals import import_or_propose
 from jointstiff.service.resources.stored import load_job, robot_from_record
-from jointstiff.service.runs.correction import correct_request
+from jointstiff.service.runs.correction.answer import correct_request
 from jointstiff.service.runs.deflection import predict_by_run
 from jointstiff.service.runs.mending import apply_action_to_campaign, fill_in_payload
 from jointstiff.service.runs.verdicts import refuse_unaccepted

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import numpy as np
 
-from jointstiff.schemas.correction import CorrectionOptions, CorrectionResult
+from jointstiff.schemas.correction import CorrectionOptions, CorrectionResult, CorrectionStatus
 from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run
@@ -18,14 +18,21 @@ from jointstiff.service.conversion.arguments import complete_units
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import parse_document
-from jointstiff.service.runs.correction import (
-    PoseTable,
+from jointstiff.service.runs.correction.answer import correct_table
+from jointstiff.service.runs.correction.columns import (
+    ANSWERED,
+    DEFLECTION,
+    FORCES,
+    POSITION,
+    STATUS,
     convert_headers,
-    correct_table,
     make_sheet,
-    read_table,
 )
-from jointstiff.service.tables.files import make_data_frame, parquet_bytes, read_parquet, write_sheet
+from jointstiff.service.runs.correction.orientation import ROTATION_VECTOR
+from jointstiff.service.runs.correction.poses import PoseTable
+from jointstiff.service.runs.correction.verdict import count_statuses, describe_rows, find_first_rows
+from jointstiff.service.tables.files import make_data_frame, parquet_bytes, write_sheet
+from jointstiff.service.tables.reading import LABEL, read_number_table
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.process.correct import place_forces
@@ -125,6 +132,7 @@ class CorrectionCall:
 
     options: CorrectionOptions
     columns: dict[str, FloatArray]  # columns of a request
+    labels: list[str] | None  # (N,) texts of a file's column `label`, which the answer repeats
 
     @classmethod
     def read(
@@ -148,18 +156,20 @@ class CorrectionCall:
             stated[name] = _read_poses(frame, units)[0].tolist()
         for name in stated.keys() & {"start", "load_point", "force"}:
             stated[name] = np.asarray(stated[name], dtype=np.float64).tolist()
+        labels = None
         if isinstance(poses, str | PathLike):
-            columns = convert_headers(read_columns(Path(poses)), units, robot)
+            file = read_number_table(Path(poses).read_bytes())
+            columns, labels = convert_headers(file.columns, units, robot), file.labels
         else:
             rows = _read_poses(np.asarray(poses, dtype=np.float64), units)
-            columns = dict(zip(("x", "y", "z", "rx", "ry", "rz"), rows.T, strict=True))
+            columns = dict(zip((*POSITION, *ROTATION_VECTOR), rows.T, strict=True))
         columns |= _name_joints(joints, len(next(iter(columns.values()))), robot)
         forces = np.asarray(stated.pop("forces", ()), dtype=np.float64)
         if forces.shape == (3,):
             stated["force"] = forces.tolist()
         elif forces.size:
             columns |= _place_forces(forces, columns)
-        return cls(parse_document(stated, CorrectionOptions), columns)
+        return cls(parse_document(stated, CorrectionOptions), columns, labels)
 
     def correct(self, robot: Robot, run: Run | None) -> Correction:
         """Correct the rows in this process.
@@ -180,23 +190,27 @@ class CorrectionCall:
             residual=rows.residual,
             joint_speed=rows.joint_speed,
             status=done.statuses,
-            counts=done.counts,
-            first=done.first,
+            counts=_name_numbers(count_statuses(rows)),
+            first=_name_numbers(find_first_rows(rows)),
             assessment=done.assessment,
-            remarks=[*done.describe_rows(), *done.remarks],
-            _columns=done.list_columns(table, units, robot),
+            remarks=[*describe_rows(rows), *done.remarks],
+            _columns=self._list_labels() | done.list_columns(table, units, robot),
             _units=units,
             _prismatic=robot.prismatic.tolist(),
         )
+
+    def _list_labels(self) -> dict[str, Any]:
+        """Return the column of labels by its name; nothing without labels."""
+        return {} if self.labels is None else {LABEL: self.labels}
 
     def read_answer(self, robot: Robot, result: CorrectionResult) -> Correction:
         """Return the correction in a service's answer to this call."""
         units = self.options.units
         columns: dict[str, Any] = {
-            name: column if name == "status" else np.array(column, dtype=np.float64)
+            name: column if name == STATUS else np.array(column, dtype=np.float64)
             for name, column in result.columns.items()
         }
-        sent = {name for name in columns if name not in _NOT_SENT}
+        sent = {name for name in columns if name not in ANSWERED}
         known = np.isfinite(columns["x"])
         table = PoseTable.from_columns({name: columns[name][known] for name in sent}, units, robot)
         poses = np.full((len(known), 4, 4), np.nan)
@@ -207,24 +221,25 @@ class CorrectionCall:
         return Correction(
             poses=poses,
             joints=joints,
-            deflection=length * np.stack([columns[name] for name in ("dx", "dy", "dz")], axis=1),
+            deflection=length * np.stack([columns[name] for name in DEFLECTION], axis=1),
             readings=length * columns["readings"],
             with_model_error=length * columns["model_error"],
             residual=length * columns["residual"],
             joint_speed=ANGLE[units.angle] * columns["joint_speed"],
-            status=columns["status"],
-            counts={str(name): count for name, count in result.counts.items()},
-            first={str(name): row for name, row in result.first.items()},
+            status=columns[STATUS],
+            counts=_name_numbers(result.counts),
+            first=_name_numbers(result.first),
             assessment=result.assessment,
             remarks=result.remarks,
-            _columns=columns,
+            _columns=self._list_labels() | columns,
             _units=units,
             _prismatic=robot.prismatic.tolist(),
         )
 
 
-_NOT_SENT = frozenset({"status", "dx", "dy", "dz", "readings", "model_error", "residual", "joint_speed"})
-"""Columns of an answer that a request does not have."""
+def _name_numbers(numbers: Mapping[CorrectionStatus, int]) -> dict[str, int]:
+    """Return numbers by the names of statuses, as texts."""
+    return {str(name): number for name, number in numbers.items()}
 
 
 def _name_joints(joints: AnyJoints, count: int, robot: Robot) -> dict[str, FloatArray]:
@@ -251,23 +266,10 @@ def _place_forces(forces: FloatArray, columns: Mapping[str, FloatArray]) -> dict
     Raises:
         RequestError: the array has another shape.
     """
-    places = np.stack([columns[axis] for axis in "xyz"], axis=1)
+    places = np.stack([columns[axis] for axis in POSITION], axis=1)
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    rows = place_forces(forces, np.append(0.0, np.cumsum(steps)), len(places))
-    return dict(zip(("fx", "fy", "fz"), rows.T, strict=True))
-
-
-def read_columns(path: Path) -> Mapping[str, Any]:
-    """Read the columns of a CSV or Parquet file by header.
-
-    Raises:
-        RequestError: the file is not understood.
-        MissingExtraError: the library for Parquet is not installed.
-        OSError: the file cannot be read.
-    """
-    if path.suffix.lower() != ".parquet":
-        return read_table(path.read_text(encoding="utf-8-sig", errors="replace"))
-    return read_parquet(path)
+    rows = place_forces(forces, np.append(0.0, np.cumsum(steps)))
+    return dict(zip(FORCES, rows.T, strict=True))
 
 
 def _read_poses(array: FloatArray, units: Units) -> FloatArray:

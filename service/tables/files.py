@@ -13,14 +13,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.service.problems import naming_missing_extra
 from jointstiff.service.tables.table import Sheet, Value
-from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import numpy as np
 
-    from jointstiff.solver.arrays import FloatArray
 
 _FORMULA_STARTS: Final = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20", "\t", "\r")
 """First characters of texts that a spreadsheet takes for formulas; some languages have full-width ones."""
@@ -142,25 +138,6 @@ def parquet_bytes(sheet: Sheet) -> bytes:
     content = io.BytesIO()
     parquet.write_table(pyarrow.table(dict(sheet.columns)), content)
     return content.getvalue()
-
-
-def read_parquet(path: Path) -> dict[str, FloatArray]:
-    """Read a Parquet file of numbers; return its columns by header.
-
-    Raises:
-        MissingExtraError: pyarrow is not installed.
-        RequestError: the file is not a table of numbers.
-    """
-    with naming_missing_extra("a Parquet file"):
-        from pyarrow import ArrowInvalid, parquet
-
-    try:
-        table = parquet.read_table(path)
-        return {name: table.column(name).to_numpy().astype(float) for name in table.column_names}
-    except (ArrowInvalid, ValueError) as error:
-        raise RequestError(
-            "the file is no Parquet table of numbers", where=path.name, remedy="write columns of numbers"
-        ) from error
 
 
 def split_header(header: str) -> tuple[str, str]:

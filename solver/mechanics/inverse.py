@@ -42,6 +42,8 @@ _SINGULAR: Final = 2e-3
 """Least singular value up to which branches cannot be distinguished."""
 _LEAST_STEP: Final = 1.0 / 1024.0
 """Smallest fraction of a straight line that is followed in one step."""
+_WORKERS: Final = 1
+"""Threads of EAIK; more would take the processor from other work."""
 _TURN: Final = 2.0 * np.pi
 _TURNS: Final = np.arange(-2, 3) * _TURN
 """Full turns that are tried about an angle [rad]."""
@@ -197,7 +199,7 @@ class InverseKinematics:
 
         `poses` (m, 4, 4) are of the flange in R0 [m]; the mask (m,) is true where no solution is missing.
         """
-        solutions = [self._solver.calculate_IK(pose_of_solution) for pose_of_solution in poses]
+        solutions = self._solver.calculate_IK_batched(poses, _WORKERS)
         branches = [solution.Q for solution in solutions]
         counts = np.array([len(each) for each in branches])
         if not counts.any():

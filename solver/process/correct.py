@@ -69,11 +69,6 @@ class RowStatus(IntEnum):
     OVERLOADED = 9  # the load is too great for the model
     NO_DIRECTION = 10  # the load follows a feed, and the tool does not move across its axis
 
-    @property
-    def has_numbers(self) -> bool:
-        """True if a row with this status has a pose and joints."""
-        return self <= RowStatus.UNCERTAIN
-
 
 _STATUS_OF_UNREACHED: Final[Mapping[Unreached, RowStatus]] = MappingProxyType(
     {
@@ -132,15 +127,58 @@ class Waypoints:
 
 
 @dataclass(frozen=True, eq=False)
-class FoundJoints:
-    """Postures of N poses."""
+class CorrectedRows:
+    """Postures and corrections of N poses; arrays are NaN in rows that have no such numbers."""
 
-    joints: FloatArray  #: (N, n) controller's joints [rad or m]; NaN without a posture
-    #: (N,) values of `RowStatus`; `CORRECTED` where a posture was found
-    status: IndexArray
+    wanted: FloatArray  #: (N, n) controller's joints of the poses as sent [rad or m]
+    status: IndexArray  #: (N,) values of `RowStatus`; `CORRECTED` also where only the posture is found
+    poses: FloatArray  #: (N, 4, 4) corrected poses of the tool in the base [m]
+    joints: FloatArray  #: (N, n) corrected controller's joints [rad or m]
+    deflection: FloatArray  #: (N, 3) deflection of the tool without a correction, axes of the base [m]
+    #: (N,) half-width of the interval of the deflection's length, from the readings [m]; NaN if unknown
+    readings: FloatArray
+    with_model_error: FloatArray  #: (N,) the same with the model error [m]; NaN without a bound
+    residual: FloatArray  #: (N,) predicted distance of the loaded tool from its pose [m]
+    #: (N,) load or leverage relative to the campaign's: above 1.01 the prediction extrapolates
+    extrapolation: FloatArray
+    #: (N,) greatest speed of a revolute joint from the row before, at the feed [rad/s]; NaN without a feed
+    joint_speed: FloatArray
+
+    @classmethod
+    def from_postures(cls, wanted: FloatArray, status: IndexArray) -> CorrectedRows:
+        """Return rows with postures (N, n) and statuses (N,), and without corrections."""
+        shapes = {"poses": (4, 4), "joints": wanted.shape[1:], "deflection": (3,)}
+        names = [each.name for each in fields(cls)[2:]]
+        numbers = {name: np.full((len(wanted), *shapes.get(name, ())), np.nan) for name in names}
+        return cls(wanted, status, **numbers)
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    @property
+    def has_numbers(self) -> BoolArray:
+        """(N,) mask of the rows with a pose and joints."""
+        return np.asarray(self.status <= RowStatus.UNCERTAIN)
+
+    def insert(self, rows: IndexArray, done: CaseCorrections, quantile: float) -> None:
+        """Insert corrections of some rows; `quantile` is the half-width in standard uncertainties."""
+        half_width = quantile * done.uncertainty
+        radius = np.where(np.isfinite(done.model_error), done.model_error, np.nan)
+        self.status[rows] = done.status
+        self.joints[rows] = done.commanded
+        self.deflection[rows] = done.uncorrected[:, :3]
+        self.readings[rows] = half_width
+        self.with_model_error[rows] = np.where(np.isnan(radius), np.nan, np.fmax(half_width, radius))
+        self.residual[rows] = np.linalg.norm(done.residual[:, :3], axis=1)
+        self.extrapolation[rows] = done.extrapolation
+
+    def clear_rows_without_numbers(self) -> None:
+        """Replace the corrections of rows whose status has no numbers with NaN."""
+        for each in fields(self)[2:]:
+            getattr(self, each.name)[~self.has_numbers] = np.nan
 
 
-def find_joints(inverse: InverseKinematics, robot: Robot, waypoints: Waypoints) -> FoundJoints:
+def find_joints(inverse: InverseKinematics, robot: Robot, waypoints: Waypoints) -> CorrectedRows:
     """Find the posture of each pose: near the stated joints, or on the branch of the posture before.
 
     Raises:
@@ -152,7 +190,7 @@ def find_joints(inverse: InverseKinematics, robot: Robot, waypoints: Waypoints) 
     return _refine_stated_joints(inverse, robot, waypoints, waypoints.joints)
 
 
-def _follow_path(inverse: InverseKinematics, waypoints: Waypoints) -> FoundJoints:
+def _follow_path(inverse: InverseKinematics, waypoints: Waypoints) -> CorrectedRows:
     """Find postures along the path. Behind a pose whose posture is not certain, no posture is."""
     poses = waypoints.flange_poses
     followed = follow_poses(inverse, poses, waypoints.start)
@@ -171,7 +209,7 @@ def _follow_path(inverse: InverseKinematics, waypoints: Waypoints) -> FoundJoint
     is_reached = status[lost:] != RowStatus.NOT_REACHED
     status[lost:][is_reached] = RowStatus.AMBIGUOUS
     joints[status != RowStatus.CORRECTED] = np.nan
-    return FoundJoints(joints, status)
+    return CorrectedRows.from_postures(joints, status)
 
 
 def _find_longest_steps(joints: FloatArray) -> FloatArray:
@@ -213,7 +251,7 @@ def _follow_lines(
 
 def _refine_stated_joints(
     inverse: InverseKinematics, robot: Robot, waypoints: Waypoints, joints: FloatArray
-) -> FoundJoints:
+) -> CorrectedRows:
     """Find the postures of the poses near their stated joints, and compare both.
 
     Raises:
@@ -248,7 +286,7 @@ def _refine_stated_joints(
     status[~agree] = RowStatus.CONTRADICTORY
     refined = inverse.insert_held_joints(arm.joint_map.controller_angles(found))
     refined = np.where((status == RowStatus.CORRECTED)[:, None], refined, np.nan)
-    return FoundJoints(refined, status)
+    return CorrectedRows.from_postures(refined, status)
 
 
 def _refuse_moving_axes(robot: Robot, joints: FloatArray) -> None:
@@ -387,25 +425,6 @@ def has_weight(model: ForwardModel) -> bool:
     return isinstance(model, JointModel) and model.weight is not None and model.weight.absolute
 
 
-@dataclass(frozen=True, eq=False)
-class CorrectedRows:
-    """Corrections of N poses; arrays are NaN in rows whose status has no numbers."""
-
-    poses: FloatArray  #: (N, 4, 4) corrected poses of the tool in the base [m]
-    joints: FloatArray  #: (N, n) corrected controller's joints [rad or m]
-    wanted: FloatArray  #: (N, n) controller's joints of the poses as sent [rad or m]
-    deflection: FloatArray  #: (N, 3) deflection of the tool without a correction, axes of the base [m]
-    #: (N,) half-width of the interval of the deflection's length, from the readings [m]; NaN if unknown
-    readings: FloatArray
-    with_model_error: FloatArray  #: (N,) the same with the model error [m]; NaN without a bound
-    residual: FloatArray  #: (N,) predicted distance of the loaded tool from its pose [m]
-    #: (N,) load or leverage relative to the campaign's: above 1.01 the prediction extrapolates
-    extrapolation: FloatArray
-    status: IndexArray  #: (N,) values of `RowStatus`
-    #: (N,) greatest speed of a revolute joint from the row before, at the feed [rad/s]; NaN without a feed
-    joint_speed: FloatArray
-
-
 def correct(
     model: ForwardModel,
     error: ModelError | None,
@@ -434,64 +453,27 @@ def correct(
         RequestError: a prismatic joint moves.
     """
     settings = CorrectionSettings() if settings is None else settings
-    robot, found = model.robot, find_joints(inverse, model.robot, waypoints)
-    status = found.status.copy()
+    rows = find_joints(inverse, model.robot, waypoints)
     has_load = np.isfinite(loads).all(axis=1)
-    status[(status == RowStatus.CORRECTED) & ~has_load] = RowStatus.NO_DIRECTION
-    rows = np.flatnonzero(status == RowStatus.CORRECTED)
-    numbers = _Numbers.empty(len(waypoints), robot.n)
+    rows.status[(rows.status == RowStatus.CORRECTED) & ~has_load] = RowStatus.NO_DIRECTION
+    found = np.flatnonzero(rows.status == RowStatus.CORRECTED)
+    quantile = model.quantile(settings.confidence)
     from_base, place = invert_poses(waypoints.base), waypoints.tool[:3, 3]
     point = place if load_point is None else load_point
-    for begin in range(0, len(rows), ROWS_AT_ONCE):
-        at = rows[begin : begin + ROWS_AT_ONCE]
+    for begin in range(0, len(found), ROWS_AT_ONCE):
+        at = found[begin : begin + ROWS_AT_ONCE]
         points, places = np.tile(point, (len(at), 1)), np.tile(place, (len(at), 1))
-        cases = LoadCases(found.joints[at], loads[at, :3], loads[at, 3:], points, places)
+        cases = LoadCases(rows.wanted[at], loads[at, :3], loads[at, 3:], points, places)
         done, _, flange = correct_cases(model, error, inverse, cases, settings)
-        status[at] = done.status
-        numbers.insert(at, done, model.quantile(settings.confidence))
-        numbers.poses[at] = from_base @ flange @ waypoints.tool
-    numbers.deflection[:] = numbers.deflection @ waypoints.base[:3, :3]
-    unchanged = (status == RowStatus.NO_LOAD) | (status == RowStatus.UNCERTAIN)
-    as_sent = found.joints if waypoints.joints is None else waypoints.joints
-    numbers.poses[unchanged], numbers.joints[unchanged] = waypoints.poses[unchanged], as_sent[unchanged]
-    numbers.clear(status > RowStatus.UNCERTAIN)
-    speed = _measure_joint_speeds(robot, waypoints.lengths, numbers.joints, feed)
-    return CorrectedRows(**vars(numbers), wanted=found.joints, status=status, joint_speed=speed)
-
-
-@dataclass(frozen=True, eq=False)
-class _Numbers:
-    """Arrays of `CorrectedRows` while blocks of rows are filled in."""
-
-    poses: FloatArray
-    joints: FloatArray
-    deflection: FloatArray
-    readings: FloatArray
-    with_model_error: FloatArray
-    residual: FloatArray
-    extrapolation: FloatArray
-
-    @classmethod
-    def empty(cls, count: int, joints: int) -> _Numbers:
-        """Return arrays of NaN for a number of rows and of joints."""
-        shapes: list[tuple[int, ...]] = [(4, 4), (joints,), (3,), (), (), (), ()]
-        return cls(*(np.full((count, *shape), np.nan) for shape in shapes))
-
-    def insert(self, rows: IndexArray, done: CaseCorrections, quantile: float) -> None:
-        """Insert the corrections of some rows; `quantile` is the half-width in standard uncertainties."""
-        half_width = quantile * done.uncertainty
-        radius = np.where(np.isfinite(done.model_error), done.model_error, np.nan)
-        self.joints[rows] = done.commanded
-        self.deflection[rows] = done.uncorrected[:, :3]
-        self.readings[rows] = half_width
-        self.with_model_error[rows] = np.where(np.isnan(radius), np.nan, np.fmax(half_width, radius))
-        self.residual[rows] = np.linalg.norm(done.residual[:, :3], axis=1)
-        self.extrapolation[rows] = done.extrapolation
-
-    def clear(self, rows: BoolArray) -> None:
-        """Replace the numbers of masked rows (N,) with NaN."""
-        for array in vars(self).values():
-            array[rows] = np.nan
+        rows.insert(at, done, quantile)
+        rows.poses[at] = from_base @ flange @ waypoints.tool
+    rows.deflection[:] = rows.deflection @ waypoints.base[:3, :3]
+    unchanged = (rows.status == RowStatus.NO_LOAD) | (rows.status == RowStatus.UNCERTAIN)
+    as_sent = rows.wanted if waypoints.joints is None else waypoints.joints
+    rows.poses[unchanged], rows.joints[unchanged] = waypoints.poses[unchanged], as_sent[unchanged]
+    rows.clear_rows_without_numbers()
+    rows.joint_speed[:] = _measure_joint_speeds(model.robot, waypoints.lengths, rows.joints, feed)
+    return rows
 
 
 def _measure_joint_speeds(
@@ -523,14 +505,19 @@ def turn_loads(axes: FloatArray, loads: FloatArray) -> FloatArray:
     return np.asarray(turned.reshape(-1, 6))
 
 
-def place_forces(forces: FloatArray, lengths: FloatArray, count: int) -> FloatArray:
+def place_forces(forces: FloatArray, lengths: FloatArray) -> FloatArray:
     """Return forces (N, 3) of N rows from one force (3,), a force a row, or rows (K, 4) of length and force.
 
     Forces at lengths are interpolated; before the first and behind the last length there is no force.
 
+    Args:
+        forces: forces in one of the three shapes.
+        lengths: (N,) length of the path up to each row, in the unit of the lengths of the forces.
+
     Raises:
         RequestError: the forces have another shape.
     """
+    count = len(lengths)
     if forces.shape == (3,):
         return np.tile(forces, (count, 1))
     if forces.shape == (count, 3):

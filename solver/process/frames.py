@@ -10,8 +10,10 @@ robot-world/hand-eye calibration problem using the Kronecker product*, 2013).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Final, Literal
+from dataclasses import dataclass, replace
+from itertools import product
+from math import ceil, log10
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -64,6 +66,47 @@ class FrameGaps:
         return np.asarray((self.distance <= AGREED_DISTANCE) & (self.angle <= AGREED_ANGLE))
 
 
+class Decimals(NamedTuple):
+    """Decimals with which a pose is shown."""
+
+    lengths: int  # of lengths in mm
+    angles: int  # of angles in degrees
+
+    @classmethod
+    def from_gaps(cls, gaps: FrameGaps) -> Decimals:
+        """Return the decimals above the residual: digits below it are noise of the rows."""
+        distance = 1e3 * np.sqrt(np.mean(np.square(gaps.distance)))
+        angle = np.degrees(np.sqrt(np.mean(np.square(gaps.angle))))
+        return cls(_count_decimals(distance, FINEST.lengths), _count_decimals(angle, FINEST.angles))
+
+    def list_finer(self) -> list[Decimals]:
+        """Return these decimals and all finer ones, those with fewest digits first."""
+        finer = [
+            Decimals(lengths, angles)
+            for lengths, angles in product(
+                range(self.lengths, FINEST.lengths + 1), range(self.angles, FINEST.angles + 1)
+            )
+        ]
+        return sorted(finer, key=lambda each: (each.lengths + each.angles, each.angles))
+
+    def round_pose(self, pose: FloatArray) -> FloatArray:
+        """Return the rounded numbers (6,) of a pose (4, 4) [m]: position [mm], rotation vector [deg]."""
+        position = np.round(1e3 * pose[:3, 3], self.lengths)
+        vector = np.round(Rotation.from_matrix(pose[:3, :3]).as_rotvec(degrees=True), self.angles)
+        return np.concatenate([position, vector]) + 0.0  # no negative zero
+
+
+FINEST: Final = Decimals(lengths=4, angles=5)
+"""Decimals that a controller shows at most."""
+
+
+def _count_decimals(size: float, most: int) -> int:
+    """Return the most decimals, up to `most`, whose last digit is not less than a size."""
+    if size < 10.0**-most:
+        return most
+    return max(0, -ceil(log10(size)))
+
+
 @dataclass(frozen=True, eq=False)
 class FrameProposal:
     """Tool, base and units with which poses and joints agree."""
@@ -73,6 +116,7 @@ class FrameProposal:
     tool: FloatArray  #: (4, 4) tool in the flange frame [m]
     base: FloatArray  #: (4, 4) base in R0 [m]
     unit: str = ""  #: words for the units, such as `mm where m are stated`, if a unit is wrong
+    decimals: Decimals = FINEST  #: decimals that the rows determine
 
     @property
     def remedy(self) -> str:
@@ -83,9 +127,9 @@ class FrameProposal:
             return f"correct the unit of the lengths: the numbers are {self.unit}"
         stated = []
         if self.cause != "tool":
-            stated.append(f"`base` {describe_pose(self.base)}")
+            stated.append(f"`base` {describe_pose(self.decimals.round_pose(self.base))}")
         if self.cause != "base":
-            stated.append(f"`tool` {describe_pose(self.tool)}")
+            stated.append(f"`tool` {describe_pose(self.decimals.round_pose(self.tool))}")
         return f"all rows agree with {' and '.join(stated)}: check, and state these numbers"
 
 
@@ -108,12 +152,10 @@ class FramesError(RequestError):
         )
 
 
-def describe_pose(pose: FloatArray) -> str:
-    """Return position [mm] and rotation vector [deg] of a pose (4, 4) [m] as text."""
-    position = [figure(round(1e3 * each, 4) + 0.0, ".9g") for each in pose[:3, 3].tolist()]
-    vector = Rotation.from_matrix(pose[:3, :3]).as_rotvec(degrees=True)
-    rotation = [figure(round(each, 5) + 0.0, ".9g") for each in vector.tolist()]
-    return f"{', '.join(position)} mm, rotation vector {', '.join(rotation)}°"
+def describe_pose(numbers: FloatArray) -> str:
+    """Return the numbers (6,) of a pose, position [mm] and rotation vector [deg], as text."""
+    texts = [figure(each, ".9g") for each in numbers.tolist()]
+    return f"{', '.join(texts[:3])} mm, rotation vector {', '.join(texts[3:])}°"
 
 
 def propose_frames(
@@ -136,9 +178,37 @@ def propose_frames(
         return proposal
     reached = Postures(robot, robot.joint_map.model_angles(joints)).flange_pose
     for candidate in _list_frames(reached, poses, tool, base):
-        if _agree(robot, joints, poses, candidate.tool, candidate.base):
-            return candidate
+        gaps = _measure_gaps(robot, joints, poses, candidate.tool, candidate.base)
+        if gaps.agree.all():
+            decimals = _find_decimals(robot, joints, poses, candidate, gaps)
+            return replace(candidate, decimals=decimals)
     return None
+
+
+def _find_decimals(
+    robot: Robot, joints: FloatArray, poses: FloatArray, proposal: FrameProposal, gaps: FrameGaps
+) -> Decimals:
+    """Return the decimals above the residual, or more if all rows agree only then.
+
+    A base far from its poses needs more decimals of its rotation than the residual has.
+    """
+    for decimals in Decimals.from_gaps(gaps).list_finer():
+        tool, base = proposal.tool, proposal.base
+        if proposal.cause != "base":
+            tool = _read_pose(decimals.round_pose(tool))
+        if proposal.cause != "tool":
+            base = _read_pose(decimals.round_pose(base))
+        if _agree(robot, joints, poses, tool, base):
+            return decimals
+    return FINEST
+
+
+def _read_pose(numbers: FloatArray) -> FloatArray:
+    """Return the pose (4, 4) [m] of six numbers: position [mm], rotation vector [deg]."""
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec(numbers[3:], degrees=True).as_matrix()
+    pose[:3, 3] = 1e-3 * numbers[:3]
+    return pose
 
 
 def _try_units(
@@ -172,8 +242,15 @@ def _list_frames(
 
 def _agree(robot: Robot, joints: FloatArray, poses: FloatArray, tool: FloatArray, base: FloatArray) -> bool:
     """Return whether all poses agree with their joints."""
+    return bool(_measure_gaps(robot, joints, poses, tool, base).agree.all())
+
+
+def _measure_gaps(
+    robot: Robot, joints: FloatArray, poses: FloatArray, tool: FloatArray, base: FloatArray
+) -> FrameGaps:
+    """Measure how far poses (N, 4, 4) of a tool in a base are from their joints (N, n)."""
     postures = Postures(robot, robot.joint_map.model_angles(joints))
-    return bool(FrameGaps.measure(base @ poses @ invert_poses(tool), postures).agree.all())
+    return FrameGaps.measure(base @ poses @ invert_poses(tool), postures)
 
 
 def _scale(poses: FloatArray, factor: float) -> FloatArray:

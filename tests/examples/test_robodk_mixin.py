@@ -9,7 +9,7 @@ from support.clients import JointPost, LinePost, Mat, load_client
 from support.programs import TOOL, exact_run, loaded_poses, path, tool_poses
 
 from jointstiff.schemas.correction import CorrectionRequest
-from jointstiff.service.runs.correction import correct_request
+from jointstiff.service.runs.correction.answer import correct_request
 
 MIXIN = load_client("robodk_mixin")
 FORCE = (100.0, 200.0, -900.0)

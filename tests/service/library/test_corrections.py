@@ -1,9 +1,11 @@
 """Correction in Python, at the terminal and over HTTP: the same numbers, and refusals with their remedies."""
 
 import json
+import re
 
 import httpx2
 import numpy as np
+import pandas
 import pytest
 from scipy.spatial.transform import Rotation
 from support.api import post, posted
@@ -87,6 +89,70 @@ def test_a_moment_has_the_unit_of_its_header(tmp_path):
     file.write_text(file.read_text().replace("Mx [N.mm]", "Mx"))
     with pytest.raises(js.CampaignError, match="has no unit"):
         run.correct(file, tool=TOOL_IN_MM)
+
+
+class TestFiles:
+    """Files with headers that are wrong are refused by name; labels are repeated."""
+
+    HEADER = "label,x [mm],y [mm],z [mm],rx [deg],ry [deg],rz [deg]"
+
+    def rows(self, count=20):
+        rows = np.column_stack([IN_MM[:, :3, 3], _rotation_vectors()])[:count]
+        return [f"P{i}," + ",".join(map(repr, row)) for i, row in enumerate(rows.tolist(), 1)]
+
+    def corrected(self, tmp_path, header, rows):
+        file = tmp_path / "poses.csv"
+        file.write_text("\n".join([header, *rows]))
+        return exact_run()[1].correct(file, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+
+    def test_labels_are_repeated(self, tmp_path):
+        done = self.corrected(tmp_path, self.HEADER, self.rows())
+        done.save(tmp_path / "out.csv")
+        lines = (tmp_path / "out.csv").read_text().splitlines()
+        assert lines[0].startswith("label,status,x [mm]")
+        assert [line.split(",")[0] for line in lines[1:]] == [f"P{i}" for i in range(1, 21)]
+        done.save(tmp_path / "out.parquet")
+        assert list(pandas.read_parquet(tmp_path / "out.parquet")["label"])[:2] == ["P1", "P2"]
+
+    def test_semicolons_come_with_decimal_commas(self, tmp_path):
+        rows = [row.replace(",", ";").replace(".", ",") for row in self.rows()]
+        done = self.corrected(tmp_path, self.HEADER.replace(",", ";"), rows)
+        assert done.counts == {"corrected": 20}
+
+    @pytest.mark.parametrize(
+        ("change", "words"),
+        [
+            (("rz [deg]", "rx [rad]"), "line 1.*'rx \\[rad\\]' occurs twice"),
+            (("rz [deg]", "RX [deg]"), "line 1.*'RX \\[deg\\]' occurs twice"),
+            (("rz [deg]", ""), "line 1.*column 7 has no header"),
+            (("rz [deg]", "colour"), "columns.*'colour' is not known"),
+            (("rz [deg]", "rz"), "line 1.*'rz' has no unit"),
+            ((",rz [deg]", ""), "line 2.*the row has 7 cells, and the header has 6"),
+        ],
+    )
+    def test_a_wrong_header_is_refused_by_name(self, tmp_path, change, words):
+        with pytest.raises(js.CampaignError) as caught:
+            self.corrected(tmp_path, self.HEADER.replace(*change), self.rows())
+        assert re.search(words, f"{caught.value.problem.where}: {caught.value}")
+
+    def test_a_cell_that_is_no_number_is_named(self, tmp_path):
+        rows = self.rows()
+        rows[3] = rows[3].replace(",", ",much ", 1)
+        with pytest.raises(js.CampaignError, match=r"the cell 'much .*' of the column 'x \[mm\]'"):
+            self.corrected(tmp_path, self.HEADER, rows)
+
+    def test_a_text_in_parquet_is_named(self, tmp_path):
+        file = tmp_path / "poses.parquet"
+        pandas.DataFrame({"x [mm]": [1.0], "y [mm]": ["far"]}).to_parquet(file)
+        with pytest.raises(js.CampaignError, match=r"the column 'y \[mm\]' has cells that are not numbers"):
+            exact_run()[1].correct(file, forces=FORCE)
+
+    def test_names_that_differ_in_capitals_are_refused(self, client, run):
+        body = TestService().body(run)
+        body["columns"]["X"] = body["columns"]["x"]
+        answer = client.request("POST", "/v1/corrections", json=body)
+        assert answer.status_code == 422
+        assert "'X' occurs twice" in answer.text
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf])
@@ -211,6 +277,14 @@ class TestService:
         answer = client.request("POST", "/v1/corrections", json=self.body(run, **changes))
         assert answer.status_code == 422, answer.text
         assert where in (answer.json()["where"] or "")
+
+    def test_too_many_rows_are_refused_with_what_to_do(self, client, run):
+        rows = np.tile(_rotation_vectors().round(3), (251, 1)).T.tolist()
+        columns = dict(zip(("x", "y", "z", "rx", "ry", "rz"), rows + rows, strict=True))
+        answer = client.request("POST", "/v1/corrections", json=self.body(run, columns=columns))
+        assert answer.status_code == 413
+        assert answer.json()["detail"] == "the table has 5,020 rows, and one request may have 5,000"
+        assert "`jointstiff correct`" in answer.json()["remedy"]
 
     def test_columns_are_checked(self, client, run):
         for change in ({"x": [1.0]}, {"colour": [0.0] * 20}, {"q1": [1.0] * 20}):

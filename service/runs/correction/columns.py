@@ -1,0 +1,94 @@
+"""Names and units of the columns of corrected poses: of requests, of files, and of answers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+
+from jointstiff.schemas.measurement import Units
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
+from jointstiff.service.runs.correction.orientation import EULER_ANGLES, ROTATION_VECTOR
+from jointstiff.service.runs.deflection import parse_unit_factor
+from jointstiff.service.runs.verdicts import moment_factor
+from jointstiff.service.tables.reading import LABEL
+from jointstiff.service.tables.table import Sheet
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.mechanics.robot import Robot
+
+POSITION: Final = ("x", "y", "z")
+FORCES: Final = ("fx", "fy", "fz")
+MOMENTS: Final = ("mx", "my", "mz")
+DEFLECTION: Final = ("dx", "dy", "dz")
+STATUS: Final = "status"
+ANSWERED: Final = frozenset({STATUS, *DEFLECTION, "readings", "model_error", "residual", "joint_speed"})
+"""Columns of an answer that a request does not have."""
+_LENGTHS: Final = frozenset({*POSITION, *DEFLECTION, "readings", "model_error", "residual"})
+_ANGLES: Final = frozenset({*ROTATION_VECTOR, *EULER_ANGLES})
+_FACTORS: Final = MappingProxyType({"length": LENGTH, "angle": ANGLE, "force": FORCE, "moment": MOMENT})
+"""Quantity → unit of its headers → factor to SI units."""
+
+
+def convert_headers(columns: Mapping[str, Any], units: Units, robot: Robot) -> dict[str, FloatArray]:
+    """Return columns by their names in the API and in `units`, from columns with units in their headers.
+
+    Raises:
+        RequestError: a header has no unit, or another quantity's.
+    """
+    converted = dict[str, FloatArray]()
+    own = {"length": LENGTH[units.length], "angle": ANGLE[units.angle], "force": FORCE[units.force]}
+    for header, column in columns.items():
+        name = header.partition("[")[0].strip().lower()
+        numbers = np.asarray(column, dtype=np.float64)
+        quantity = _find_quantity(name, robot)
+        if quantity == "moment":
+            own[quantity] = moment_factor(units, numbers)
+        if quantity is not None:
+            numbers = numbers * (parse_unit_factor(header, _FACTORS[quantity]) / own[quantity])
+        converted[name] = numbers
+    return converted
+
+
+def _find_quantity(name: str, robot: Robot) -> str | None:
+    """Return the quantity in a column; None if its numbers have no unit."""
+    joint = re.fullmatch(r"j(\d+)", name)
+    if joint is not None:
+        number = int(joint[1])
+        is_prismatic = 1 <= number <= robot.n and robot.prismatic[number - 1]
+        return "length" if is_prismatic else "angle"
+    if name in POSITION:
+        return "length"
+    if name in _ANGLES:
+        return "angle"
+    if name in FORCES:
+        return "force"
+    return "moment" if name in MOMENTS else None
+
+
+def make_sheet(columns: Mapping[str, Any], units: Units, prismatic: Sequence[bool]) -> Sheet:
+    """Return the columns of an answer as a sheet whose headers have units.
+
+    `prismatic` tells for each joint whether it is prismatic.
+    """
+    headers = dict[str, Any]()
+    for name, column in columns.items():
+        is_joint = re.fullmatch(r"j\d+", name) is not None
+        title = name.upper() if is_joint else name.replace("_", " ")
+        unit = _find_unit(name, units, prismatic)
+        headers[f"{title} [{unit}]" if unit else title] = column
+    return Sheet(headers, texts=frozenset({STATUS, LABEL} & columns.keys()), digits=".10g")
+
+
+def _find_unit(name: str, units: Units, prismatic: Sequence[bool]) -> str:
+    """Return the unit of the numbers in a column of an answer; empty if they have no unit."""
+    joint = re.fullmatch(r"j(\d+)", name)
+    if joint is not None:
+        return units.length if prismatic[int(joint[1]) - 1] else units.angle
+    if name in _LENGTHS:
+        return units.length
+    if name in _ANGLES:
+        return units.angle
+    return f"{units.angle}/s" if name == "joint_speed" else ""

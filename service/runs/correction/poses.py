@@ -1,0 +1,116 @@
+"""Columns of a request as poses, joints and loads in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jointstiff.schemas.measurement import Units
+from jointstiff.service.conversion.robots import joint_factors
+from jointstiff.service.conversion.units import FORCE, LENGTH
+from jointstiff.service.runs.correction.columns import FORCES, MOMENTS, POSITION
+from jointstiff.service.runs.correction.orientation import ORIENTATIONS, choose_orientation, read_orientation
+from jointstiff.service.runs.verdicts import moment_factor
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTable:
+    """Columns of a table of N poses, in SI units."""
+
+    poses: FloatArray  # (N, 4, 4) poses of the tool in the base [m]
+    orientation: tuple[str, ...]  # names of the columns with the orientation
+    joints: FloatArray | None  # (N, n) controller's joints [rad or m]; None if there are none
+    loads: FloatArray | None  # (N, 6) force [N] and moment [N·m]; None if there are none
+
+    @classmethod
+    def from_columns(cls, columns: Mapping[str, Any], units: Units, robot: Robot) -> PoseTable:
+        """Read the columns of a request.
+
+        Raises:
+            RequestError: columns are missing, unknown, have different lengths, or a number is not finite.
+        """
+        names = _fold_names(columns)
+        joint_names = [f"j{number}" for number in range(1, robot.n + 1)]
+        _refuse_unknown_names(names, joint_names, robot)
+        orientation = choose_orientation(names.keys())
+        required = [*POSITION, *orientation]
+        for group in (joint_names, FORCES, MOMENTS):
+            required += group if names.keys() & {*group} else ()
+        if missing := [each for each in required if each not in names]:
+            raise RequestError(
+                f"the column {missing[0]} is missing", where="columns", remedy="give all columns of a group"
+            )
+        _refuse_bad_numbers(columns)
+
+        def stack(group: Sequence[str]) -> FloatArray:
+            return np.array([columns[names[each]] for each in group], dtype=np.float64).T
+
+        poses = np.tile(np.eye(4), (len(columns[names["x"]]), 1, 1))
+        poses[:, :3, 3] = LENGTH[units.length] * stack(POSITION)
+        poses[:, :3, :3] = read_orientation(orientation, stack(orientation), units)
+        joints = joint_factors(robot, units) * stack(joint_names) if "j1" in names else None
+        loads = None
+        if "fx" in names or "mx" in names:
+            force = FORCE[units.force] * stack(FORCES) if "fx" in names else np.zeros((len(poses), 3))
+            moment = stack(MOMENTS) if "mx" in names else np.zeros((len(poses), 3))
+            loads = np.concatenate([force, moment_factor(units, moment) * moment], axis=1)
+        return cls(poses, orientation, joints, loads)
+
+
+def _fold_names(columns: Mapping[str, Any]) -> dict[str, str]:
+    """Return the names of columns by the same names in small letters.
+
+    Raises:
+        RequestError: two names differ only in capitals.
+    """
+    names = dict[str, str]()
+    for name in columns:
+        if name.lower() in names:
+            raise RequestError(
+                f"the column {name[:40]!r} occurs twice", where="columns", remedy="give each column once"
+            )
+        names[name.lower()] = name
+    return names
+
+
+def _refuse_unknown_names(names: Mapping[str, str], joint_names: Sequence[str], robot: Robot) -> None:
+    """Refuse a column with another name than those of poses, joints and loads.
+
+    Raises:
+        RequestError: names the column.
+    """
+    known = {*POSITION, *FORCES, *MOMENTS, *joint_names}
+    known.update(*ORIENTATIONS)
+    for name in names:
+        if name not in known:
+            raise RequestError(
+                f"the column {name[:40]!r} is not known",
+                where="columns",
+                remedy=f"use x, y, z, rx, ry, rz, j1 to j{robot.n}, fx, fy, fz, mx, my, mz",
+            )
+
+
+def _refuse_bad_numbers(columns: Mapping[str, Any]) -> None:
+    """Refuse columns of different lengths, and numbers that are not finite.
+
+    Raises:
+        RequestError: names the column.
+    """
+    if len({len(each) for each in columns.values()}) > 1:
+        raise RequestError(
+            "the columns have different lengths", where="columns", remedy="give each row in each column"
+        )
+    for name, column in columns.items():
+        is_number = np.isfinite(np.asarray(column, dtype=np.float64))
+        if not is_number.all():
+            raise RequestError(
+                f"row {int(np.argmin(is_number)) + 1} of column {name} has no finite number",
+                where="columns",
+                remedy="give a number in each row, or leave the row out",
+            )

@@ -1,0 +1,90 @@
+"""What a correction of rows is worth: reasons and remedies of its statuses, and its assessment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Final, get_args
+
+import numpy as np
+
+from jointstiff.schemas.correction import CorrectionStatus
+from jointstiff.schemas.finding import Finding
+from jointstiff.service.runs.verdicts import (
+    PriorModel,
+    RunModel,
+    find_beyond_campaign,
+    find_far_points,
+    find_implausible_deflection,
+    find_missing_numbers,
+    make_reason,
+)
+from jointstiff.solver.predict.models import EXTRAPOLATED
+from jointstiff.solver.process.correct import CorrectedRows, RowStatus
+
+NAMES: Final[tuple[CorrectionStatus, ...]] = get_args(CorrectionStatus)
+"""Names of the statuses, in the order of `RowStatus`."""
+REASONS: Final[Mapping[CorrectionStatus, tuple[str, str]]] = MappingProxyType(
+    {
+        "capped": ("the limits reduce the correction", "check the load, then raise the limits"),
+        "uncertain": ("the deflection is less than its uncertainty", "measure more if it matters"),
+        "beyond_limits": ("a joint would leave its limits", "move the part"),
+        "not_reached": ("the robot does not reach the pose", "check tool, base and units"),
+        "ambiguous": ("the posture is not certain from here on", "give joints, or `start` for the first row"),
+        "contradictory": ("pose and joints differ", "correct the pose or the joints"),
+        "unseen_joint": (
+            "the load twists a joint that the readings do not determine",
+            "choose a run that determines this joint",
+        ),
+        "overloaded": ("the load is too great for the model", "check the units of force and length"),
+        "no_direction": ("the tool does not move, so the load has no direction", "state other `axes`"),
+    }
+)
+"""Status → reason and remedy, for statuses of rows that are not corrected in full."""
+
+
+def count_statuses(rows: CorrectedRows) -> dict[CorrectionStatus, int]:
+    """Return the number of rows by status, in order of the statuses; only statuses that occur."""
+    counts = np.bincount(rows.status, minlength=len(RowStatus)).tolist()
+    return {NAMES[each]: counts[each] for each in RowStatus if counts[each]}
+
+
+def find_first_rows(rows: CorrectedRows) -> dict[CorrectionStatus, int]:
+    """Return the first row, from 1, of each status that occurs."""
+    statuses, first = np.unique(rows.status, return_index=True)
+    return {NAMES[status]: row + 1 for status, row in zip(statuses.tolist(), first.tolist(), strict=True)}
+
+
+def describe_rows(rows: CorrectedRows) -> list[str]:
+    """Return a line for each status of rows that are not corrected in full: count, reason, remedy."""
+    first, lines = find_first_rows(rows), list[str]()
+    for name, count in count_statuses(rows).items():
+        if name in REASONS:
+            reason, remedy = REASONS[name]
+            lines.append(f"{count} of {len(rows)} rows, first row {first[name]}: {reason}; {remedy}")
+    return lines
+
+
+def find_reasons(
+    rows: CorrectedRows, points: Sequence[Sequence[float]], model: RunModel | PriorModel
+) -> list[Finding]:
+    """Return reasons to doubt a correction, in addition to those of its run."""
+    count = len(rows)
+    has_numbers = rows.has_numbers
+    lengths = np.linalg.norm(rows.deflection[has_numbers], axis=1)
+    extrapolated = int((rows.extrapolation[has_numbers] > EXTRAPOLATED).sum())
+    unseen = bool((rows.status == RowStatus.UNSEEN_JOINT).any())
+    reasons = [
+        *find_missing_numbers(count - int(has_numbers.sum()), count, "rows", unseen=unseen),
+        *find_implausible_deflection(float(lengths.max(initial=0.0)), model.result),
+        *find_far_points(points),
+        *find_beyond_campaign(extrapolated, count, "rows"),
+    ]
+    if capped := int((rows.status == RowStatus.CAPPED).sum()):
+        reason, remedy = REASONS["capped"]
+        message = f"{reason} in {capped} of {count} rows"
+        reasons.append(make_reason("corrections_capped", "use_with_care", message, remedy))
+    if not ((rows.status == RowStatus.CORRECTED) | (rows.status == RowStatus.CAPPED)).any():
+        message, remedy = "no row is corrected", "read the status of the rows"
+        reasons.append(make_reason("nothing_corrected", "use_with_care", message, remedy))
+    return reasons
