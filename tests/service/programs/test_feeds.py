@@ -1,15 +1,13 @@
-"""Feeds as programs and tables state them, and the moves that carry no force."""
+"""Feeds of programs, tables and requests, and the moves that carry no force."""
 
 import numpy as np
 import pytest
 from support.programs import exact_run, options
 
 from jointstiff.schemas.process import ProcessRequest
-from jointstiff.service.kinds.process.feeds import read_feeds
 from jointstiff.service.kinds.process.tables import turns_sheet
 from jointstiff.service.kinds.process.work import ProcessWork
 from jointstiff.service.kinds.program.files import compress_file, decompress_file
-from robotprograms.formats import read_program
 
 POSE = "{X 1809.6,Y 139.9,Z %d,A -168.3,B 42.4,C -162.9}"
 KRL = "\n".join(
@@ -27,28 +25,6 @@ KRL = "\n".join(
         "END\n",
     ]
 )
-PROGRAMS = {
-    "p.src": (KRL, [0.2, 0.02, 0.02, 0.2]),
-    "p.mod": (
-        "MODULE m\nCONST speeddata vCut:=[30,500,5000,1000];\nPROC main()\n"
-        "MoveL [[1500,0,900],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,fine,tool0;\n"
-        "MoveL [[1500,0,880],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],vCut,z1,tool0;\n"
-        "MoveL [[1500,0,870],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200\\V:=12,z1,tool0;\n"
-        "MoveL [[1500,0,860],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],vmax,z1,tool0;\n"
-        "ENDPROC\nENDMODULE\n",
-        [0.2, 0.03, 0.012, np.nan],
-    ),
-    "p.script": (
-        "def p():\n  movel(p[0.5,0,0.4,0,3.1,0], a=1.2, v=0.05)\n  movel(p[0.5,0.1,0.4,0,3.1,0])\nend\n",
-        [0.05, np.nan],
-    ),
-}
-
-
-@pytest.mark.parametrize("name", PROGRAMS)
-def test_the_feed_of_each_move_is_what_the_program_states(name):
-    text, expected = PROGRAMS[name]
-    np.testing.assert_allclose(read_feeds(read_program([(name, text.encode())])), expected)
 
 
 def work(text=KRL, files=(), **changes):
