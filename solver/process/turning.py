@@ -24,7 +24,7 @@ from jointstiff.solver.process.knots import find_knots, find_spacing
 from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import ProcessPath
 from jointstiff.solver.process.sequence import LineLimits, Trellis
-from jointstiff.solver.process.smooth import ROUGHNESS, TurnSmoother
+from jointstiff.solver.process.smooth import ROUGHNESS, Parts, TurnSmoother
 
 NO_GAIN: Final = 0.02
 """Relative difference of the fixed turns' deflections up to which turning gains nothing."""
@@ -40,6 +40,8 @@ _KEPT: Final = 1.0 + 1e-6
 """Part of a limit that counts as kept: rounding."""
 _DOUBT: Final = 1.01
 """Relative error of the deflection at the knots: fixed turns within it are compared at all points."""
+_ATTEMPTS: Final = 4
+"""Smooth turns of one roughness that are tried, each with lower limits where the one before exceeds them."""
 _MOST_FIXED: Final = 8
 """Fixed turns that are followed at all points."""
 
@@ -415,14 +417,25 @@ class _Choice:
     def _smooth(self, turn: FloatArray, angles: FloatArray) -> list[TurnedMotion]:
         """Return the first smooth turn near another that keeps all limits; [] if there is none."""
         for roughness in ROUGHNESS:
-            found = self._smoother.smooth(turn, angles, roughness)
-            if found is None:
-                continue
-            turn, angles = found.turn, found.angles  # what is nearly legal is a good start
-            for motion in self._follow(found.turn, found.angles):
+            parts = Parts.full(len(self.path))
+            for attempt in range(_ATTEMPTS):
+                found = self._smoother.smooth(turn, angles, roughness, parts, again=attempt > 0)
+                if found is None:
+                    break
+                turn, angles = found.turn, found.angles  # what is nearly legal is a good start
+                motion = next(self._follow(found.turn, found.angles), None)
+                if motion is None:
+                    break
                 if motion.excess <= _KEPT:
                     return [motion]
+                parts = parts.lower(*self._find_needs(motion.inspection))
         return []
+
+    def _find_needs(self, inspection: Inspection) -> tuple[FloatArray, FloatArray]:
+        """Return what the lines (m,) of a motion need of the joints' speeds, and of the rate of turn."""
+        with np.errstate(invalid="ignore"):
+            speed = np.nan_to_num(inspection.motion / self._limits).max(axis=1, initial=0.0)
+        return speed, inspection.turn / self.task.pace.rate
 
     def _follow(self, turn: FloatArray, near: FloatArray) -> Iterator[TurnedMotion]:
         """Yield the motion with turns (m,) [rad] at all points, near the arm's joints (m, 6) [rad], if any.
@@ -443,9 +456,7 @@ class _Choice:
         inspection = self._inspector.inspect(angles, turn)
         if inspection.beyond.any():
             return
-        with np.errstate(invalid="ignore"):
-            speed = np.nan_to_num(inspection.motion / self._limits).max(initial=0.0)
-        excess = max(float(speed), float(inspection.turn.max() / self.task.pace.rate))
+        excess = max(float(each.max(initial=0.0)) for each in self._find_needs(inspection))
         yield TurnedMotion(angles, turn, self._measure(angles), inspection, excess)
 
     def _measure(self, angles: FloatArray) -> float:
