@@ -8,7 +8,7 @@ The best turn that is the same along the whole path is the last resort (method.m
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -23,6 +23,7 @@ from jointstiff.solver.process.inspection import Inspection, Inspector
 from jointstiff.solver.process.knots import find_knots, find_spacing
 from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import ProcessPath
+from jointstiff.solver.process.roll import steady_roll
 from jointstiff.solver.process.sequence import LineLimits, Trellis
 from jointstiff.solver.process.smooth import ROUGHNESS, Parts, TurnSmoother
 
@@ -80,6 +81,16 @@ class TurnTask:
         """Least difference of two turns [rad]; a full turn if there is one turn."""
         return float(np.diff(self.angles).min()) if len(self.angles) > 1 else 2.0 * np.pi
 
+    def steady(self, path: ProcessPath, first: IndexArray) -> tuple[ProcessPath, FloatArray]:
+        """Return a path whose roll has no jumps, if the turn is free, and the turns (m,) to it [rad].
+
+        `first` (m,) is the index of the first point that is the same target, for each point.
+        """
+        if not self.closed or len(self.angles) == 1:
+            return path, np.zeros(len(path))
+        roll = steady_roll(path, self.pace.rate, first)
+        return (replace(path, poses=path.turn(np.arange(len(path)), roll)) if roll.any() else path), roll
+
     @property
     def range(self) -> tuple[float, float] | None:
         """Least and greatest turn [rad]; None for any turn."""
@@ -102,13 +113,15 @@ class TurnChoice:
     """Chosen postures along a path of m points, and what fixed turns would give."""
 
     joints: FloatArray  #: (m, n) controller's joints [rad or m]
-    turn: FloatArray  #: (m,) turn about the spindle axis [rad]; NaN where the posture was given
+    #: (m,) turn about the spindle axis from the programmed orientation [rad]; NaN where the posture was given
+    turn: FloatArray
     size: float  #: root mean square, or greatest, of the exact deflections under load [m]
     #: (T,) the same for each fixed turn along the whole path, with its best branch, at the knots [m]; inf
     #: where no posture or motion is allowed
     fixed: FloatArray
     best_fixed: FloatArray | None  #: (m, n) controller's joints of the best fixed turn; None if there is none
-    unturned: FloatArray | None  #: (m, n) controller's joints at turn zero; None if it is not allowed
+    #: (m, n) controller's joints at turn zero; None if it is not allowed, or the programmed roll jumps
+    unturned: FloatArray | None
     motion: FloatArray  #: (m, n) motion of the model's joints for a length of the line to each point [rad/m]
 
     @property
@@ -138,7 +151,8 @@ def choose_turns(
 
     Candidates are compared by their deflections to first order in the load, at the knots. The smooth turn and
     the best fixed turns are then compared by their exact deflections at all points, so that the choice is
-    never worse than a fixed turn.
+    never worse than a fixed turn. A free turn does not follow jumps of the programmed roll: fixed turns are
+    those of a tool that is carried along without them.
 
     Args:
         model: model of the loaded robot.
@@ -151,9 +165,13 @@ def choose_turns(
         RequestError: a point has no posture, or no motion keeps the limits of the joints.
     """
     first = np.arange(len(path)) if first is None else first
+    path, roll = task.steady(path, first)
     spacing = find_spacing(path, task.pace, task.step)
     lattice = Lattice.build(model, inverse, path, task, first, find_knots(path, spacing, first))
-    return _Choice(model, inverse, path, task, first, spacing, lattice).find()
+    choice = _Choice(model, inverse, path, task, first, spacing, lattice).find()
+    if not roll.any():
+        return choice
+    return replace(choice, turn=choice.turn + roll, unturned=None)
 
 
 def estimate_least(

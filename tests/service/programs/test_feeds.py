@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.programs import exact_run, options
 
 from jointstiff.schemas.process import ProcessRequest
@@ -83,3 +84,19 @@ def test_a_program_that_is_too_fast_as_it_was_sent_is_named():
     result = ProcessWork(slow, "robot", run, request).conclude(())
     assert "too_fast" in {each.code for each in result.assessment.reasons}
     assert max(result.sent_speed_shares) > 1.0
+
+
+def test_a_roll_that_jumps_is_named_and_not_followed():
+    """At the third target the tool, which has the flange's axes, is turned about the spindle by 40°."""
+    rotation = Rotation.from_euler("ZYX", [-168.3, 42.4, -162.9], degrees=True)
+    turned = rotation * Rotation.from_rotvec(np.radians(40.0) * np.array([0.6, 0.0, 0.8]))
+    a, b, c = turned.as_euler("ZYX", degrees=True)
+    rolled = KRL.replace(f"LIN {POSE % 1540}", f"LIN {{X 1809.6,Y 139.9,Z 1540,A {a},B {b},C {c}}}")
+    found = [work(text, turn="free", feed=20.0).conclude(()) for text in (KRL, rolled)]
+    named = [[each for each in result.remarks if "faster than `rate`" in each] for result in found]
+    assert named[0] == []
+    assert named[1] == [
+        "the program turns the tool about the spindle faster than `rate` on the way to lines 8, 10: the chosen "
+        "turn does not follow there"
+    ]
+    assert found[1].turned.value == pytest.approx(found[0].turned.value, rel=1e-3)
