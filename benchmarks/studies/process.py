@@ -70,16 +70,30 @@ UNSEEN = ((0,), (0, 5), (3,))
 """Joints, from 0, that a campaign does not see."""
 
 
-def _zigzag(u: FloatArray) -> FloatArray:
-    corners = np.array([(x, 0.012 * r) for r in range(9) for x in ((-0.06, 0.06), (0.06, -0.06))[r % 2]])
-    return _along(corners - [0.0, 0.048], u)
+CORNERS = {
+    "zigzag": np.array(
+        [(x, 0.012 * r - 0.048) for r in range(9) for x in ((-0.06, 0.06), (0.06, -0.06))[r % 2]]
+    ),
+    "trim": np.array([(-0.15, 0.0), (0.1, 0.0), (0.1, 0.2)]),
+}
+"""Corners (c, 2) of paths of lines [m]."""
+
+
+def _find_fractions(corners: FloatArray) -> FloatArray:
+    """Return the fractions (c,) of the length of a line at its corners (c, 2)."""
+    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
+    fractions: FloatArray = lengths / lengths[-1]
+    return fractions
 
 
 def _along(corners: FloatArray, u: FloatArray) -> FloatArray:
     """Return places (k, 3) at fractions u of the length of a line of corners (c, 2)."""
-    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
-    x, y = (np.interp(u * lengths[-1], lengths, corners[:, i]) for i in range(2))
+    x, y = (np.interp(u, _find_fractions(corners), corners[:, i]) for i in range(2))
     return np.column_stack([x, y, 0.0 * u])
+
+
+def _zigzag(u: FloatArray) -> FloatArray:
+    return _along(CORNERS["zigzag"], u)
 
 
 def _spiral(u: FloatArray) -> FloatArray:
@@ -109,7 +123,7 @@ def _blade(u: FloatArray) -> FloatArray:
 
 
 def _trim(u: FloatArray) -> FloatArray:
-    return _along(np.array([(-0.15, 0.0), (0.1, 0.0), (0.1, 0.2)]), u)
+    return _along(CORNERS["trim"], u)
 
 
 def _wave(u: FloatArray) -> FloatArray:
@@ -146,15 +160,15 @@ def _make_path(
     shape: str, angle: int, centre: FloatArray, yaw: float, turn: float, spacing: float
 ) -> ProcessPath:
     """Return the path of a shape at a place, with points `spacing` apart [m]."""
-    fine = SHAPES[shape](np.linspace(0.0, 1.0, 8001))
+    u = np.linspace(0.0, 1.0, 8001)
+    corners = _find_fractions(CORNERS[shape]) if shape in CORNERS else np.zeros(0)
+    u = np.union1d(u, corners)
+    fine = SHAPES[shape](u)
     lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1)))
-    count = round(float(lengths[-1]) / spacing) + 1
-    wanted = np.linspace(0.0, lengths[-1], count)
-    if shape in {"zigzag", "trim"}:  # corners are points of each sampling
-        number = np.flatnonzero(
-            np.append(False, np.abs(np.diff(np.diff(fine, axis=0), axis=0)).sum(axis=1) > 1e-6)
-        )
-        wanted = np.union1d(np.round(wanted, 9), np.round(lengths[number], 9))
+    wanted = np.linspace(0.0, lengths[-1], round(float(lengths[-1]) / spacing) + 1)
+    # Corners are points of each sampling, and no point is near them.
+    apart = np.abs(wanted[:, None] - corners * lengths[-1]).min(axis=1, initial=np.inf)
+    wanted = np.union1d(wanted[apart > 0.3 * spacing], corners * lengths[-1])
     places = np.column_stack([np.interp(wanted, lengths, fine[:, i]) for i in range(3)])
     count = len(places)
     about_z = Rotation.from_euler("z", yaw).as_matrix()

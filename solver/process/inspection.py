@@ -82,7 +82,7 @@ class Inspector:
         return Inspection(motion, turned, beyond)
 
     def _are_within(self, angles: FloatArray) -> BoolArray:
-        """Return a mask (m,) of the points whose postures, and corrected postures, keep the limits."""
+        """Return a mask (m,) of points whose postures keep the limits; if corrected, the clearance, too."""
         robot, path = self.model.robot, self.path
         low, high = robot.limits.T
         within = ((angles >= low) & (angles <= high)).all(axis=1)
@@ -91,6 +91,8 @@ class Inspector:
             goal = Postures(robot, angles)
             commanded = self.model.compute_commands(cases, goal, np.ones(len(path)))
             within &= ((commanded >= low) & (commanded <= high)).all(axis=1)
+            regularity = compute_regularity(self.inverse, Postures(robot, commanded))
+            within &= np.abs(regularity) >= self.clearance
         return np.asarray(within)
 
     @cached_property

@@ -1,7 +1,7 @@
 """Roll of a program: the turn of the tool about the spindle from point to point, and where it jumps.
 
-A program for a round tool often states any roll, such as one that a post-processor chose for each point. A free
-turn need not follow it: the tool is carried along the path without a turn about the spindle (parallel
+A program for a round tool often states any roll, such as one that a post-processor chose for each point. A
+free turn need not follow it: the tool is carried along the path without a turn about the spindle (parallel
 transport) wherever the program turns the tool faster than the limit of the rate.
 """
 
@@ -22,9 +22,10 @@ _OPPOSITE: Final = 1e-9
 
 
 def find_rolls(path: ProcessPath) -> FloatArray:
-    """Return the turn about the spindle (m,) on the line to each of a path's m points [rad]; zero without one.
+    """Return the turns about the spindle (m,) on the lines to the m points of a path [rad].
 
-    The turn is what is left of the rotation once the spindle axis is carried along by the least rotation.
+    A turn is zero without a line. It is what is left of the rotation once the spindle axis is carried along
+    by the least rotation.
     """
     rolls = np.zeros(len(path))
     if len(path) < 2:

@@ -20,7 +20,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
 from jointstiff.solver.predict.forward import ForwardModel
-from jointstiff.solver.process.candidates import ROOM
+from jointstiff.solver.process.candidates import CLEARANCE_ROOM, ROOM
 from jointstiff.solver.process.path import ProcessPath
 
 if TYPE_CHECKING:
@@ -49,8 +49,6 @@ _NEARER: Final = 0.3
 _LEAST_CURVATURE: Final = 0.05
 _AT_END: Final = 1e-6
 """Distance of a turn from the end of its range that is the tolerance of a program [rad]."""
-_CLEARANCE_ROOM: Final = 1.05
-"""Least singular value in a program, relative to the clearance."""
 _NEAR: Final = 4.0
 """Singular values within this factor of the clearance are limited."""
 
@@ -450,7 +448,7 @@ class TurnSmoother:
         minus, value, plus = (self.inverse.least_singular_value(each) for each in q)
         slope = (plus - minus) / (2.0 * _STEP)
         rows = np.flatnonzero(value < _NEAR * self.clearance)
-        room = np.maximum(value[rows] - _CLEARANCE_ROOM * self.clearance, 0.0)
+        room = np.maximum(value[rows] - CLEARANCE_ROOM * self.clearance, 0.0)
         matrix = diags_array(-slope[rows]) @ self._place_bases[0][rows]
         limits.add(matrix, room - slope[rows] * here[rows])
 

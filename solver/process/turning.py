@@ -18,7 +18,7 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.forward import ForwardModel
-from jointstiff.solver.process.candidates import Candidates, keep_room, list_candidates
+from jointstiff.solver.process.candidates import CLEARANCE_ROOM, Candidates, keep_room, list_candidates
 from jointstiff.solver.process.inspection import Inspection, Inspector
 from jointstiff.solver.process.knots import find_knots, find_spacing
 from jointstiff.solver.process.pace import Pace
@@ -227,7 +227,8 @@ class Lattice:
                 remedy="lower `turns`, or split the path",
             )
         part, pace = path.select(knots), task.pace.select(knots)
-        candidates = list_candidates(model, inverse, part, task.angles, task.clearance)
+        clearance = CLEARANCE_ROOM * task.clearance if task.corrects else task.clearance
+        candidates = list_candidates(model, inverse, part, task.angles, clearance)
         candidates = keep_room(model.robot, part, candidates, corrects=task.corrects)
         steps = part.steps
         limits = LineLimits(pace.limits() * steps[:, None], pace.rate * steps, steps, task.closed)

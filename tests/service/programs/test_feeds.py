@@ -96,7 +96,7 @@ def test_a_roll_that_jumps_is_named_and_not_followed():
     named = [[each for each in result.remarks if "faster than `rate`" in each] for result in found]
     assert named[0] == []
     assert named[1] == [
-        "the program turns the tool about the spindle faster than `rate` on the way to lines 8, 10: the chosen "
-        "turn does not follow there"
+        "the program turns the tool about the spindle faster than `rate` on the way to lines 8, 10: the "
+        "chosen turn does not follow there"
     ]
     assert found[1].turned.value == pytest.approx(found[0].turned.value, rel=1e-3)

@@ -92,6 +92,7 @@ def test_places_do_not_depend_on_a_roll_that_jumps():
     sizes = []
     for path in (PATH, rolled(ROLLS["at random"])):
         coarse, task, first = coarsen(path, TASK, EVERY)
-        place = np.array([[*path.middle, 0.0], [*(path.middle + [0.1, 0.1, 0.0]), 0.5]])
+        x, y, z = path.middle
+        place = np.array([[x, y, z, 0.0], [x + 0.1, y + 0.1, z, 0.5]])
         sizes.append(evaluate_places(MODEL, INVERSE, coarse, task, place, first))
     np.testing.assert_allclose(sizes[1], sizes[0], rtol=5e-3)
