@@ -252,7 +252,7 @@ def _draw_case(arm: int, shape: str, angle: int) -> Case:
 
 @dataclass(frozen=True)
 class Trace:
-    """What the controller's joints do at every 0.1 mm of a motion."""
+    """Needs of a motion at every 0.1 mm, for the controller's joints."""
 
     share: float  # greatest part of a joint's speed, apart from the lines at corners
     corner: float  # the same on the lines at corners
