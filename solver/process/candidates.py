@@ -23,6 +23,8 @@ _MOST_VARIANTS: Final = 8
 """Mean number of postures that differ by full turns; beyond it further joints keep one angle each."""
 ROOM: Final = float(np.radians(0.3))
 """Distance that is kept from the limits of the joints [rad]."""
+CLEARANCE_ROOM: Final = 1.05
+"""Least singular value that is chosen, relative to the clearance: corrected postures keep the clearance."""
 _PARALLEL: Final = 1e-2
 """Sine of the angle between axes that count as parallel in all postures."""
 _MOST_TURNING: Final = (5, 3, 0, 4, 2, 1)

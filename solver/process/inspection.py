@@ -22,6 +22,8 @@ _MOST_PARTS: Final = 64
 """Greatest number of parts of a line."""
 _FOLLOWED: Final = 0.3
 """Difference of a joint [rad] from the straight line between two postures that is still the same motion."""
+_SINGULAR: Final = 1e-9
+"""Determinant of a Jacobian, in m and rad, below which the arm is singular."""
 _RESTS: Final = 1e-4
 """Motion of a joint [rad] while the tool rests that is rounding."""
 
@@ -80,7 +82,7 @@ class Inspector:
         return Inspection(motion, turned, beyond)
 
     def _are_within(self, angles: FloatArray) -> BoolArray:
-        """Return a mask (m,) of the points whose postures, and corrected postures, keep the limits."""
+        """Return a mask (m,) of points whose postures keep the limits; if corrected, the clearance, too."""
         robot, path = self.model.robot, self.path
         low, high = robot.limits.T
         within = ((angles >= low) & (angles <= high)).all(axis=1)
@@ -89,6 +91,8 @@ class Inspector:
             goal = Postures(robot, angles)
             commanded = self.model.compute_commands(cases, goal, np.ones(len(path)))
             within &= ((commanded >= low) & (commanded <= high)).all(axis=1)
+            regularity = compute_regularity(self.inverse, Postures(robot, commanded))
+            within &= np.abs(regularity) >= self.clearance
         return np.asarray(within)
 
     @cached_property
@@ -131,8 +135,46 @@ class Inspector:
         along[is_inner] = inner
         moved = np.abs(np.diff(along, axis=0))
         moved[ends[:-1] - 1] = 0.0  # from the end of a line to the start of the next
-        greatest = np.maximum.reduceat(moved, starts)
-        return greatest * (parts / path.steps[lines])[:, None], is_left
+        greatest = np.maximum.reduceat(moved, starts) * (parts / path.steps[lines])[:, None]
+        peaks = self._find_peaks(lines, owner, arm, inner)
+        return np.maximum(greatest, peaks), is_left
+
+    def _find_peaks(
+        self, lines: IndexArray, owner: IndexArray, arm: FloatArray, inner: FloatArray
+    ) -> FloatArray:
+        """Return the greatest motion of the joints for a length (l, 6) [rad/m], at ends of lines and inside.
+
+        Means between two places miss the peaks at the ends of lines. At a singularity, where the motion has
+        no bound, a place counts as at rest: `least_singular_value` finds it.
+
+        Args:
+            lines: (l,) points to which the lines lead.
+            owner: (k,) index of the line of each place inside.
+            arm: (m, 6) the model's joints of the arm at all points [rad].
+            inner: (k, 6) the same at the places inside.
+        """
+        path, robot = self.path, self.inverse.arm
+        at = Postures(robot, np.concatenate([arm, inner]))
+        place = np.concatenate([path.place, path.place[lines][owner]])
+        centre = at.to_base(place[:, None])
+        jacobian = at.pose_jacobian_at(centre)
+        is_regular = np.abs(np.linalg.det(jacobian)) > _SINGULAR
+        inverse = np.linalg.inv(np.where(is_regular[:, None, None], jacobian, np.eye(6)))
+        inverse[~is_regular] = 0.0
+        rotation = at.flange_rotation
+        twist = np.concatenate(
+            [
+                centre[lines, 0] - centre[lines - 1, 0],
+                rotation_vectors(rotation[lines], rotation[lines - 1]),
+            ],
+            axis=1,
+        )
+        twist /= path.steps[lines][:, None]
+        ends = (np.abs(inverse[rows] @ twist[..., None])[..., 0] for rows in (lines - 1, lines))
+        greatest: FloatArray = np.maximum(*ends)
+        inside = np.abs(inverse[len(arm) :] @ twist[owner][..., None])[..., 0]
+        np.maximum.at(greatest, owner, inside)
+        return greatest
 
     def _interpolate(
         self, lines: IndexArray, owner: IndexArray, fraction: FloatArray, arm: FloatArray

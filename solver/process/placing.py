@@ -110,6 +110,7 @@ def coarsen(path: ProcessPath, task: TurnTask, first: IndexArray) -> tuple[Proce
             where="place",
             remedy="send a program with targets that are poses",
         )
+    path, _ = task.steady(path, first)
     part = path.select(free)
     spacing = max(float(part.lengths[-1]) / COARSE_POINTS, 1e-6)
     distinct = np.arange(len(free))

@@ -20,7 +20,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
 from jointstiff.solver.predict.forward import ForwardModel
-from jointstiff.solver.process.candidates import ROOM
+from jointstiff.solver.process.candidates import CLEARANCE_ROOM, ROOM
 from jointstiff.solver.process.path import ProcessPath
 
 if TYPE_CHECKING:
@@ -28,44 +28,64 @@ if TYPE_CHECKING:
 
 _PLACES: Final = 0.01
 """Greatest distance of the places at which a program holds the limits [m]."""
+_PLACES_A_KNOT: Final = 2.0
+"""Least number of these places for each of the spline's knots: between fewer ones the rate has peaks."""
 _SPREAD: Final = 1.2
 """Distance of the spline's knots, relative to that of the knots of the choice."""
-_ROUNDS: Final = 5
+_ROUNDS, _ROUNDS_AGAIN = 5, 3
+"""Programs, each about the turn of the one before: of a first turn, and of one whose limits were lowered."""
 _STEP: Final = float(np.radians(2.0))
 """Turn by which a parabola is stated [rad]."""
 _TRUST: Final = float(np.radians(15.0))
-_LEAST_TRUST: Final = float(np.radians(3.0))
+_TRUST_AGAIN: Final = float(np.radians(3.0))
 _MOST_TRUST: Final = float(np.radians(120.0))
 """Turn from the one before that a program may choose [rad]: of the first one, the least, and the greatest."""
 _FARTHEST: Final = 1.2
 """Motion of a joint in a round [rad] beyond which the round is repeated with less trust."""
 _SETTLED: Final = float(np.radians(0.1))
 """Greatest change of a turn after which no further round is needed [rad]."""
+_NEARER: Final = 0.3
+"""Part of the trust within which a motion that exceeds a limit has to come nearer to this limit."""
 _LEAST_CURVATURE: Final = 0.05
 _AT_END: Final = 1e-6
 """Distance of a turn from the end of its range that is the tolerance of a program [rad]."""
-_CLEARANCE_ROOM: Final = 1.05
-"""Least singular value in a program, relative to the clearance."""
 _NEAR: Final = 4.0
 """Singular values within this factor of the clearance are limited."""
 
 
-@dataclass(frozen=True)
-class Roughness:
-    """Cost of a rough turn, and the part of the limits that a program may use."""
+ROUGHNESS: Final = (1e-7, 1e-6, 1e-5)
+"""Costs of the mean square of d²φ/ds², relative to the mean square of the deflections [m⁴/rad²].
 
-    cost: float  #: of the mean square of d²φ/ds², relative to the mean square of the deflections [m⁴/rad²]
-    part: float  #: of the limits of speed and rate
+They are tried in this order, until a turn keeps all limits."""
+_PART: Final = 0.95
+"""Part of the limits of speed and rate that a program may use at first."""
+_AGAIN: Final = 0.95
+"""Need that a program aims at where a turn exceeded a limit, relative to this limit."""
 
 
-ROUGHNESS: Final = (
-    Roughness(1e-7, 0.97),
-    Roughness(1e-7, 0.9),
-    Roughness(1e-6, 0.95),
-    Roughness(1e-6, 0.85),
-    Roughness(1e-5, 0.8),
-)
-"""Tried in this order, until a turn keeps all limits."""
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Parts of the limits that a program may use, on the line to each of m points.
+
+    A program holds the limits to first order, at places along the path: where the turn exceeds them between
+    these places or to second order, the next program uses less of them there.
+    """
+
+    speed: FloatArray  #: (m,) of the joints' speeds
+    rate: FloatArray  #: (m,) of the rate of turn
+
+    @classmethod
+    def full(cls, points: int) -> Parts:
+        """Return the parts of a first program."""
+        return cls(np.full(points, _PART), np.full(points, _PART))
+
+    def lower(self, speed: FloatArray, rate: FloatArray) -> Parts:
+        """Return the parts after a turn whose needs (m,), relative to the limits, exceed 1 on some lines."""
+        lower = (
+            np.where(need > 1.0, part * _AGAIN / np.maximum(need, 1.0), part)
+            for part, need in ((self.speed, speed), (self.rate, rate))
+        )
+        return Parts(*lower)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,13 +113,17 @@ class TurnSmoother:
     corrects: bool
     greatest: bool
 
-    def smooth(self, turn: FloatArray, angles: FloatArray, roughness: Roughness) -> SmoothTurn | None:
+    def smooth(
+        self, turn: FloatArray, angles: FloatArray, roughness: float, parts: Parts, *, again: bool = False
+    ) -> SmoothTurn | None:
         """Return the best smooth turn near another; None if none is found.
 
         Args:
             turn: (m,) turns where the search starts, without jumps along a line [rad].
             angles: (m, 6) the arm's joints there [rad].
-            roughness: cost of a rough turn.
+            roughness: cost of a rough turn, one of `ROUGHNESS`.
+            parts: parts of the limits that may be used.
+            again: whether the start is a smooth turn, which exceeds limits by little.
         """
         from jointstiff.solver.fit.programs import solve_turns
 
@@ -108,9 +132,9 @@ class TurnSmoother:
         q, reached = self.inverse.refine(places.turn(np.arange(len(places)), here), self._between(angles))
         if not reached.all():
             return None
-        trust, found = _TRUST, False
-        for _ in range(_ROUNDS):
-            program = self._state(turn, here, q, roughness, trust)
+        trust, found = _TRUST_AGAIN if again else _TRUST, False
+        for _ in range(_ROUNDS_AGAIN if again else _ROUNDS):
+            program = self._state(turn, here, q, roughness, parts, trust)
             x = None if program is None else solve_turns(program, greatest=self.greatest)
             if x is None and (found or trust > _MOST_TRUST):
                 break
@@ -126,7 +150,7 @@ class TurnSmoother:
                 continue
             change = float(np.abs(next_here - here).max())
             turn, here, q, found = next_turn, next_here, next_q, True
-            trust = max(0.6 * trust, _LEAST_TRUST)
+            trust *= 0.5
             if change < _SETTLED:
                 break
         if not found:
@@ -140,6 +164,11 @@ class TurnSmoother:
             turn = np.where(np.abs(turn - end) < _AT_END, end, turn)
         return turn
 
+    @property
+    def _gap(self) -> float:
+        """Greatest distance of two places [m]."""
+        return min(_PLACES, _SPREAD * self.spacing / _PLACES_A_KNOT)
+
     @cached_property
     def _lines(self) -> tuple[IndexArray, FloatArray]:
         """Places along the lines: (k,) points to which the lines lead, and (k,) fractions of the lines.
@@ -147,7 +176,7 @@ class TurnSmoother:
         A point without a line is a place of its own, at the end of no line.
         """
         path = self.path
-        lengths, last, fraction = path.lengths, list[int](), list[float]()
+        lengths, last, fraction, gap = path.lengths, list[int](), list[float](), self._gap
         is_knot = np.zeros(len(path), dtype=np.bool_)
         is_knot[self.knots] = True
         for part in path.stretches:
@@ -162,8 +191,8 @@ class TurnSmoother:
                     last.append(i)
                     fraction.append(0.0)
                     reached = lengths[i - 1]
-                while reached + _PLACES < lengths[i] - 1e-9:
-                    reached = reached + _PLACES
+                while reached + gap < lengths[i] - 1e-9:
+                    reached = reached + gap
                     last.append(i)
                     fraction.append(float(np.clip((reached - lengths[i - 1]) / step, 0.0, 1.0)))
                 if is_knot[i]:
@@ -245,6 +274,18 @@ class TurnSmoother:
         before = np.where(self._is_line, last - 1, last)
         return np.asarray((1.0 - fraction) * values[before] + fraction * values[last])
 
+    def _spread(self, parts: FloatArray) -> FloatArray:
+        """Return the least of parts (m,) of the lines up to the next place, for each place (k,)."""
+        last, fraction = self._lines
+        gap = self._gap
+        lengths, steps = self.path.lengths, self.path.steps
+        at = lengths[last] - (1.0 - fraction) * steps[last]
+        least = parts[last]
+        for i in np.flatnonzero(parts < _PART).tolist():
+            near = slice(*np.searchsorted(at, [lengths[i] - steps[i] - gap, lengths[i] + gap]))
+            least[near] = np.minimum(least[near], parts[i])
+        return least
+
     def _between(self, angles: FloatArray) -> FloatArray:
         """Return angles (k, 6) at the places from those (m, 6) at the points."""
         return np.stack([self._interpolate(column) for column in angles.T], axis=1)
@@ -262,22 +303,29 @@ class TurnSmoother:
         )
 
     def _state(
-        self, turn: FloatArray, here: FloatArray, q: FloatArray, roughness: Roughness, trust: float
+        self,
+        turn: FloatArray,
+        here: FloatArray,
+        q: FloatArray,
+        roughness: float,
+        parts: Parts,
+        trust: float,
     ) -> TurnProgram | None:
         """Return the convex program about a turn; None where the arm is singular or does not follow."""
         from jointstiff.solver.fit.programs import TurnProgram
 
-        places, arm = self._places, self.inverse.arm
+        places = self._places
         numbers = np.arange(len(places))
-        at = Postures(arm, q)
-        jacobian = at.pose_jacobian_at(at.to_base(places.place[:, None]))
+        rate = self._find_rates(turn)
         try:
-            by_turn, along = self._differentiate(jacobian)
+            by_turn, along = self._differentiate(q)
+            step = _STEP * by_turn
+            plus, plus_reached = self.inverse.refine(places.turn(numbers, here + _STEP), q + step)
+            minus, minus_reached = self.inverse.refine(places.turn(numbers, here - _STEP), q - step)
+            if not (plus_reached & minus_reached).all():
+                return None
+            change = self._find_motion(plus, rate) - self._find_motion(minus, rate)
         except np.linalg.LinAlgError:
-            return None
-        plus, plus_reached = self.inverse.refine(places.turn(numbers, here + _STEP), q + _STEP * by_turn)
-        minus, minus_reached = self.inverse.refine(places.turn(numbers, here - _STEP), q - _STEP * by_turn)
-        if not (plus_reached & minus_reached).all():
             return None
         sizes = [np.square(self._sizes(each)) for each in (minus, q, plus)]
         mean = max(float(self._weights @ sizes[1]), np.finfo(float).tiny)
@@ -286,8 +334,9 @@ class TurnSmoother:
         basis, rate_basis = self._place_bases
         limits = _Rows()
         lines = self._is_line
-        self._limit_speeds(limits, turn, by_turn, along, roughness.part)
-        limits.keep(rate_basis[lines], np.full(int(lines.sum()), roughness.part * self.rate))
+        motion = _Motion(here, rate, by_turn, along, change / (2.0 * _STEP))
+        self._limit_speeds(limits, motion, self._spread(parts.speed), trust)
+        limits.keep(rate_basis[lines], self._spread(parts.rate)[lines] * self.rate)
         self._limit_positions(limits, here, q, by_turn, trust)
         self._limit_singularity(limits, here, (minus, q, plus))
         limits.within(basis, here - trust, here + trust)
@@ -295,7 +344,7 @@ class TurnSmoother:
             low, high = self.range
             limits.within(basis, np.minimum(low, here), np.maximum(high, here))
         equal, values = self._equations(turn)
-        rough = np.sqrt(roughness.cost) * self._splines[1]
+        rough = np.sqrt(roughness) * self._splines[1]
         return TurnProgram(
             basis=basis,
             turn=here,
@@ -310,22 +359,39 @@ class TurnSmoother:
             values=values,
         )
 
-    def _differentiate(self, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the motions (k, 6) of the joints by the turn [rad/rad], and along the path [rad/m].
-
-        `jacobian` (k, 6, 6) is that of the tool's centres.
-        """
-        path, places = self.path, self._places
+    def _find_rates(self, turn: FloatArray) -> FloatArray:
+        """Return the rates (k,) of turns (m,) at the places [rad/m]; zero without a line."""
         last = self._lines[0]
         before = np.where(self._is_line, last - 1, last)
-        step = np.where(self._is_line, path.steps[last], 1.0)[:, None]
-        motion = np.zeros((len(last), 6, 2))
+        change = np.where(self._is_line, turn[last] - turn[before], 0.0)
+        return np.asarray(change / np.where(self._is_line, self.path.steps[last], 1.0))
+
+    def _differentiate(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the motions (k, 6) of joints q (k, 6) by the turn [rad/rad], and along the path [rad/m]."""
+        places = self._places
+        at = Postures(self.inverse.arm, q)
+        jacobian = at.pose_jacobian_at(at.to_base(places.place[:, None]))
+        motion = np.zeros((len(q), 6, 2))
         motion[:, 3:, 0] = places.axes
-        motion[:, :3, 1] = (path.centres[last] - path.centres[before]) / step
-        rotation = path.poses[:, :3, :3]
-        motion[:, 3:, 1] = rotation_vectors(rotation[last], rotation[before]) / step
+        motion[:, :, 1] = self._twists
         solved = np.linalg.solve(jacobian, motion)
         return np.asarray(solved[..., 0], np.float64), np.asarray(solved[..., 1], np.float64)
+
+    def _find_motion(self, q: FloatArray, rate: FloatArray) -> FloatArray:
+        """Return the motions (k, 6) of joints q (k, 6) for a length, at rates (k,) of turn [rad/m]."""
+        by_turn, along = self._differentiate(q)
+        return along + by_turn * rate[:, None]
+
+    @cached_property
+    def _twists(self) -> FloatArray:
+        """(k, 6) motion of the tool's centre and turn of the tool at turn zero, for a length of the path."""
+        path, last = self.path, self._lines[0]
+        before = np.where(self._is_line, last - 1, last)
+        step = np.where(self._is_line, path.steps[last], 1.0)[:, None]
+        centres, rotation = path.centres, path.poses[:, :3, :3]
+        moved = (centres[last] - centres[before]) / step
+        turned = rotation_vectors(rotation[last], rotation[before]) / step
+        return np.concatenate([moved, turned], axis=1)
 
     def _sizes(self, q: FloatArray) -> FloatArray:
         """Return the lengths (k,) of the deflections at the places, to first order in the load [m]."""
@@ -336,23 +402,20 @@ class TurnSmoother:
             np.linalg.norm(self.model.linear_displacement(cases, Postures(robot, angles)), axis=1)
         )
 
-    def _limit_speeds(
-        self, limits: _Rows, turn: FloatArray, by_turn: FloatArray, along: FloatArray, part: float
-    ) -> None:
-        """Limit ``|∂q/∂s + ∂q/∂φ φ'|``; where the path needs more, not beyond what it needs now."""
-        last = self._lines[0]
-        before = np.where(self._is_line, last - 1, last)
-        rate = np.where(self._is_line, turn[last] - turn[before], 0.0)
-        rate = rate / np.where(self._is_line, self.path.steps[last], 1.0)
-        rate_basis = self._place_bases[1]
-        allowed = part * self.limits[last][:, self.inverse.revolute]
-        for j in range(by_turn.shape[1]):
-            needed = np.minimum(np.abs(along[:, j]), np.abs(along[:, j] + by_turn[:, j] * rate))
+    def _limit_speeds(self, limits: _Rows, motion: _Motion, part: FloatArray, trust: float) -> None:
+        """Limit ``|∂q/∂s + ∂q/∂φ φ'|``, to first order in φ and φ'; where it exceeds the limit, by steps."""
+        basis, rate_basis = self._place_bases
+        allowed = part[:, None] * self.limits[self._lines[0]][:, self.inverse.revolute]
+        for j in range(motion.by_turn.shape[1]):
+            along, by_turn, slope = motion.along[:, j], motion.by_turn[:, j], motion.slope[:, j]
+            present = along + by_turn * motion.rate
+            needed = np.minimum(np.abs(along), np.abs(present)) - _NEARER * trust * np.abs(slope)
             most = np.maximum(allowed[:, j], needed)
-            matters = np.abs(along[:, j]) + np.abs(by_turn[:, j]) * self.rate > most
-            rows = np.flatnonzero(self._is_line & matters)
-            matrix = diags_array(by_turn[rows, j]) @ rate_basis[rows]
-            limits.within(matrix, -most[rows] - along[rows, j], most[rows] - along[rows, j])
+            greatest = np.abs(along) + np.abs(by_turn) * self.rate + np.abs(slope) * trust
+            rows = np.flatnonzero(self._is_line & (greatest > most))
+            matrix = diags_array(by_turn[rows]) @ rate_basis[rows] + diags_array(slope[rows]) @ basis[rows]
+            offset = along[rows] - slope[rows] * motion.here[rows]
+            limits.within(csr_array(matrix), -most[rows] - offset, most[rows] - offset)
 
     def _limit_positions(
         self, limits: _Rows, here: FloatArray, q: FloatArray, by_turn: FloatArray, trust: float
@@ -385,7 +448,7 @@ class TurnSmoother:
         minus, value, plus = (self.inverse.least_singular_value(each) for each in q)
         slope = (plus - minus) / (2.0 * _STEP)
         rows = np.flatnonzero(value < _NEAR * self.clearance)
-        room = np.maximum(value[rows] - _CLEARANCE_ROOM * self.clearance, 0.0)
+        room = np.maximum(value[rows] - CLEARANCE_ROOM * self.clearance, 0.0)
         matrix = diags_array(-slope[rows]) @ self._place_bases[0][rows]
         limits.add(matrix, room - slope[rows] * here[rows])
 
@@ -399,6 +462,17 @@ class TurnSmoother:
         rows = vstack([basis[again] - basis[self.first[again]], basis[given]])
         values = np.concatenate([difference, turn[given]])
         return csr_array(rows), 2.0 * np.pi * np.round(values / (2.0 * np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """Motion of the joints at k places, to first order in the turn and its rate."""
+
+    here: FloatArray  # (k,) turn [rad]
+    rate: FloatArray  # (k,) rate of turn [rad/m]
+    by_turn: FloatArray  # (k, 6) motion by the turn [rad/rad]
+    along: FloatArray  # (k, 6) motion for a length of the path, without a rate of turn [rad/m]
+    slope: FloatArray  # (k, 6) change of the whole motion for a length by the turn [rad/m per rad]
 
 
 class _Rows:

@@ -8,7 +8,7 @@ The best turn that is the same along the whole path is the last resort (method.m
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -18,13 +18,14 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.forward import ForwardModel
-from jointstiff.solver.process.candidates import Candidates, keep_room, list_candidates
+from jointstiff.solver.process.candidates import CLEARANCE_ROOM, Candidates, keep_room, list_candidates
 from jointstiff.solver.process.inspection import Inspection, Inspector
 from jointstiff.solver.process.knots import find_knots, find_spacing
 from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import ProcessPath
+from jointstiff.solver.process.roll import steady_roll
 from jointstiff.solver.process.sequence import LineLimits, Trellis
-from jointstiff.solver.process.smooth import ROUGHNESS, TurnSmoother
+from jointstiff.solver.process.smooth import ROUGHNESS, Parts, TurnSmoother
 
 NO_GAIN: Final = 0.02
 """Relative difference of the fixed turns' deflections up to which turning gains nothing."""
@@ -40,6 +41,8 @@ _KEPT: Final = 1.0 + 1e-6
 """Part of a limit that counts as kept: rounding."""
 _DOUBT: Final = 1.01
 """Relative error of the deflection at the knots: fixed turns within it are compared at all points."""
+_ATTEMPTS: Final = 4
+"""Smooth turns of one roughness that are tried, each with lower limits where the one before exceeds them."""
 _MOST_FIXED: Final = 8
 """Fixed turns that are followed at all points."""
 
@@ -78,6 +81,16 @@ class TurnTask:
         """Least difference of two turns [rad]; a full turn if there is one turn."""
         return float(np.diff(self.angles).min()) if len(self.angles) > 1 else 2.0 * np.pi
 
+    def steady(self, path: ProcessPath, first: IndexArray) -> tuple[ProcessPath, FloatArray]:
+        """Return a path whose roll has no jumps, if the turn is free, and the turns (m,) to it [rad].
+
+        `first` (m,) is the index of the first point that is the same target, for each point.
+        """
+        if not self.closed or len(self.angles) == 1:
+            return path, np.zeros(len(path))
+        roll = steady_roll(path, self.pace.rate, first)
+        return (replace(path, poses=path.turn(np.arange(len(path)), roll)) if roll.any() else path), roll
+
     @property
     def range(self) -> tuple[float, float] | None:
         """Least and greatest turn [rad]; None for any turn."""
@@ -100,13 +113,15 @@ class TurnChoice:
     """Chosen postures along a path of m points, and what fixed turns would give."""
 
     joints: FloatArray  #: (m, n) controller's joints [rad or m]
-    turn: FloatArray  #: (m,) turn about the spindle axis [rad]; NaN where the posture was given
+    #: (m,) turn about the spindle axis from the programmed orientation [rad]; NaN where the posture was given
+    turn: FloatArray
     size: float  #: root mean square, or greatest, of the exact deflections under load [m]
     #: (T,) the same for each fixed turn along the whole path, with its best branch, at the knots [m]; inf
     #: where no posture or motion is allowed
     fixed: FloatArray
     best_fixed: FloatArray | None  #: (m, n) controller's joints of the best fixed turn; None if there is none
-    unturned: FloatArray | None  #: (m, n) controller's joints at turn zero; None if it is not allowed
+    #: (m, n) controller's joints at turn zero; None if it is not allowed, or the programmed roll jumps
+    unturned: FloatArray | None
     motion: FloatArray  #: (m, n) motion of the model's joints for a length of the line to each point [rad/m]
 
     @property
@@ -136,7 +151,8 @@ def choose_turns(
 
     Candidates are compared by their deflections to first order in the load, at the knots. The smooth turn and
     the best fixed turns are then compared by their exact deflections at all points, so that the choice is
-    never worse than a fixed turn.
+    never worse than a fixed turn. A free turn does not follow jumps of the programmed roll: fixed turns are
+    those of a tool that is carried along without them.
 
     Args:
         model: model of the loaded robot.
@@ -149,9 +165,13 @@ def choose_turns(
         RequestError: a point has no posture, or no motion keeps the limits of the joints.
     """
     first = np.arange(len(path)) if first is None else first
+    path, roll = task.steady(path, first)
     spacing = find_spacing(path, task.pace, task.step)
     lattice = Lattice.build(model, inverse, path, task, first, find_knots(path, spacing, first))
-    return _Choice(model, inverse, path, task, first, spacing, lattice).find()
+    choice = _Choice(model, inverse, path, task, first, spacing, lattice).find()
+    if not roll.any():
+        return choice
+    return replace(choice, turn=choice.turn + roll, unturned=None)
 
 
 def estimate_least(
@@ -207,7 +227,8 @@ class Lattice:
                 remedy="lower `turns`, or split the path",
             )
         part, pace = path.select(knots), task.pace.select(knots)
-        candidates = list_candidates(model, inverse, part, task.angles, task.clearance)
+        clearance = CLEARANCE_ROOM * task.clearance if task.corrects else task.clearance
+        candidates = list_candidates(model, inverse, part, task.angles, clearance)
         candidates = keep_room(model.robot, part, candidates, corrects=task.corrects)
         steps = part.steps
         limits = LineLimits(pace.limits() * steps[:, None], pace.rate * steps, steps, task.closed)
@@ -415,14 +436,25 @@ class _Choice:
     def _smooth(self, turn: FloatArray, angles: FloatArray) -> list[TurnedMotion]:
         """Return the first smooth turn near another that keeps all limits; [] if there is none."""
         for roughness in ROUGHNESS:
-            found = self._smoother.smooth(turn, angles, roughness)
-            if found is None:
-                continue
-            turn, angles = found.turn, found.angles  # what is nearly legal is a good start
-            for motion in self._follow(found.turn, found.angles):
+            parts = Parts.full(len(self.path))
+            for attempt in range(_ATTEMPTS):
+                found = self._smoother.smooth(turn, angles, roughness, parts, again=attempt > 0)
+                if found is None:
+                    break
+                turn, angles = found.turn, found.angles  # what is nearly legal is a good start
+                motion = next(self._follow(found.turn, found.angles), None)
+                if motion is None:
+                    break
                 if motion.excess <= _KEPT:
                     return [motion]
+                parts = parts.lower(*self._find_needs(motion.inspection))
         return []
+
+    def _find_needs(self, inspection: Inspection) -> tuple[FloatArray, FloatArray]:
+        """Return what the lines (m,) of a motion need of the joints' speeds, and of the rate of turn."""
+        with np.errstate(invalid="ignore"):
+            speed = np.nan_to_num(inspection.motion / self._limits).max(axis=1, initial=0.0)
+        return speed, inspection.turn / self.task.pace.rate
 
     def _follow(self, turn: FloatArray, near: FloatArray) -> Iterator[TurnedMotion]:
         """Yield the motion with turns (m,) [rad] at all points, near the arm's joints (m, 6) [rad], if any.
@@ -443,9 +475,7 @@ class _Choice:
         inspection = self._inspector.inspect(angles, turn)
         if inspection.beyond.any():
             return
-        with np.errstate(invalid="ignore"):
-            speed = np.nan_to_num(inspection.motion / self._limits).max(initial=0.0)
-        excess = max(float(speed), float(inspection.turn.max() / self.task.pace.rate))
+        excess = max(float(each.max(initial=0.0)) for each in self._find_needs(inspection))
         yield TurnedMotion(angles, turn, self._measure(angles), inspection, excess)
 
     def _measure(self, angles: FloatArray) -> float:

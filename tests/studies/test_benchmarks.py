@@ -22,7 +22,8 @@ def test_a_name_leads_to_a_function(name):
     path = ROOT / "benchmarks" / f"{benchmark.module.replace('.', '/')}.py"
     functions = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)]
     function = next(each for each in functions if each.name == "run")
-    assert [each.arg for each in function.args.kwonlyargs] == ["quick", *["part"] * benchmark.in_parts]
+    options = [*["part"] * benchmark.in_parts, *["full"] * benchmark.has_more]
+    assert [each.arg for each in function.args.kwonlyargs] == ["quick", *options]
 
 
 def test_every_benchmark_has_a_name():

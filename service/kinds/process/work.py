@@ -31,7 +31,7 @@ from jointstiff.service.kinds.program.work import ProgramWork, WrittenPoints, re
 from jointstiff.service.kinds.work import Arrays, Span, as_request_errors, begin_part, cut_into_spans
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import find_accepted_run, make_reason
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -611,14 +611,24 @@ class ProcessWork(ProgramWork):
                 f"need {shown} °/s"
             )
         if self._approaches.any():
-            moves = self._program.moves
-            lines = np.unique(moves.line[moves.move_of_visit[self._approaches]]).tolist()
-            shown = ", ".join(map(str, lines[:5])) + (", …" if lines[5:] else "")
             remarks.append(
-                f"approaches and retracts carry no force: lines {shown}; state loads by lines or in a table "
-                "if they do"
+                f"approaches and retracts carry no force: lines {self._list_lines(self._approaches)}; state "
+                "loads by lines or in a table if they do"
+            )
+        _, roll = self._task.steady(self._as_sent.path, self._as_sent.same)
+        jumps = np.diff(roll, prepend=0.0) * self._as_sent.path.continuous != 0.0
+        if jumps.any():
+            remarks.append(
+                "the program turns the tool about the spindle faster than `rate` on the way to lines "
+                f"{self._list_lines(jumps)}: the chosen turn does not follow there"
             )
         return remarks
+
+    def _list_lines(self, visits: BoolArray) -> str:
+        """Return the lines of the moves of some visits (v,), as a person reads them; at most five."""
+        moves = self._program.moves
+        lines = np.unique(moves.line[moves.move_of_visit[visits]]).tolist()
+        return ", ".join(map(str, lines[:5])) + (", …" if lines[5:] else "")
 
     def _find_edges(self) -> str:
         """Return the axes along which the best place is at the edge of the box; empty without a search."""

@@ -1,15 +1,14 @@
-"""Feeds as programs and tables state them, and the moves that carry no force."""
+"""Feeds of programs, tables and requests, and the moves that carry no force."""
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.programs import exact_run, options
 
 from jointstiff.schemas.process import ProcessRequest
-from jointstiff.service.kinds.process.feeds import read_feeds
 from jointstiff.service.kinds.process.tables import turns_sheet
 from jointstiff.service.kinds.process.work import ProcessWork
 from jointstiff.service.kinds.program.files import compress_file, decompress_file
-from robotprograms.formats import read_program
 
 POSE = "{X 1809.6,Y 139.9,Z %d,A -168.3,B 42.4,C -162.9}"
 KRL = "\n".join(
@@ -27,28 +26,6 @@ KRL = "\n".join(
         "END\n",
     ]
 )
-PROGRAMS = {
-    "p.src": (KRL, [0.2, 0.02, 0.02, 0.2]),
-    "p.mod": (
-        "MODULE m\nCONST speeddata vCut:=[30,500,5000,1000];\nPROC main()\n"
-        "MoveL [[1500,0,900],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,fine,tool0;\n"
-        "MoveL [[1500,0,880],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],vCut,z1,tool0;\n"
-        "MoveL [[1500,0,870],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200\\V:=12,z1,tool0;\n"
-        "MoveL [[1500,0,860],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],vmax,z1,tool0;\n"
-        "ENDPROC\nENDMODULE\n",
-        [0.2, 0.03, 0.012, np.nan],
-    ),
-    "p.script": (
-        "def p():\n  movel(p[0.5,0,0.4,0,3.1,0], a=1.2, v=0.05)\n  movel(p[0.5,0.1,0.4,0,3.1,0])\nend\n",
-        [0.05, np.nan],
-    ),
-}
-
-
-@pytest.mark.parametrize("name", PROGRAMS)
-def test_the_feed_of_each_move_is_what_the_program_states(name):
-    text, expected = PROGRAMS[name]
-    np.testing.assert_allclose(read_feeds(read_program([(name, text.encode())])), expected)
 
 
 def work(text=KRL, files=(), **changes):
@@ -107,3 +84,19 @@ def test_a_program_that_is_too_fast_as_it_was_sent_is_named():
     result = ProcessWork(slow, "robot", run, request).conclude(())
     assert "too_fast" in {each.code for each in result.assessment.reasons}
     assert max(result.sent_speed_shares) > 1.0
+
+
+def test_a_roll_that_jumps_is_named_and_not_followed():
+    """At the third target the tool, which has the flange's axes, is turned about the spindle by 40°."""
+    rotation = Rotation.from_euler("ZYX", [-168.3, 42.4, -162.9], degrees=True)
+    turned = rotation * Rotation.from_rotvec(np.radians(40.0) * np.array([0.6, 0.0, 0.8]))
+    a, b, c = turned.as_euler("ZYX", degrees=True)
+    rolled = KRL.replace(f"LIN {POSE % 1540}", f"LIN {{X 1809.6,Y 139.9,Z 1540,A {a},B {b},C {c}}}")
+    found = [work(text, turn="free", feed=20.0).conclude(()) for text in (KRL, rolled)]
+    named = [[each for each in result.remarks if "faster than `rate`" in each] for result in found]
+    assert named[0] == []
+    assert named[1] == [
+        "the program turns the tool about the spindle faster than `rate` on the way to lines 8, 10: the "
+        "chosen turn does not follow there"
+    ]
+    assert found[1].turned.value == pytest.approx(found[0].turned.value, rel=1e-3)

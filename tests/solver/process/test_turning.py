@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.campaigns import prepare
 from support.catalogue_arms import build_nominal_robots
 from support.process_paths import FORCE, SHAPES, process_path, reach_centre, spindle_at
@@ -103,6 +104,35 @@ def test_a_line_on_which_the_controller_turns_the_tool_the_other_way_is_left(deg
     p = replace(p, poses=flange_poses(robot, joints), force=0.0 * p.force)
     found = Inspector(model, InverseKinematics(robot), p, 0.0, corrects=False).inspect(joints, np.zeros(2))
     assert found.beyond.tolist() == [False, is_beyond]
+
+
+def test_the_need_of_a_line_is_that_of_its_fastest_place():
+    """A motion along lines of 2 mm, which the joints are followed on at every 0.02 mm."""
+    count, parts = 30, 100
+    centres = np.column_stack([2e-3 * np.arange(count), np.zeros((count, 2))])
+    p = process_path("blade", CENTRE, count=count)
+    p = replace(p, poses=p.poses.copy())
+    p.poses[:, :3, :3] = p.poses[0, :3, :3]
+    p.poses[:, :3, 3] = p.poses[0, :3, 3] + centres
+    turn = 0.1 * np.sin(np.linspace(0.0, 6.0, count))
+    start, _ = INVERSE.solve(p.turn(np.array([0]), turn[:1]))
+    near = next(each for each in start[0] if np.isfinite(each).all())
+    q, reached = INVERSE.refine(p.turn(np.arange(count), turn), np.tile(near, (count, 1)))
+    assert reached.all()
+    motion = Inspector(MODEL, INVERSE, p, 1e-3, corrects=False).inspect(q, turn).motion[1:]
+    owner, t = np.repeat(np.arange(count - 1), parts), np.tile(np.arange(parts) / parts, count - 1)
+    at = p.turn(np.arange(count), turn)
+    change = Rotation.from_matrix(at[1:, :3, :3] @ at[:-1, :3, :3].transpose(0, 2, 1)).as_rotvec()
+    rotation = Rotation.from_rotvec(t[:, None] * change[owner]).as_matrix() @ at[owner, :3, :3]
+    centre = p.centres[owner] + t[:, None] * np.diff(p.centres, axis=0)[owner]
+    poses = np.tile(np.eye(4), (len(owner), 1, 1))
+    poses[:, :3, :3] = rotation
+    poses[:, :3, 3] = centre - (rotation @ p.place[owner][..., None])[..., 0]
+    fine, _ = INVERSE.refine(poses, q[owner])
+    fine = np.vstack([fine, q[-1:]])
+    true = (np.abs(np.diff(fine, axis=0)) / (2e-3 / parts)).reshape(count - 1, parts, 6).max(axis=1)
+    assert (motion >= (1.0 - 1e-3) * true).all()
+    assert (motion <= 1.01 * true + 1e-3).all()
 
 
 def test_dynamic_programming_finds_the_best_of_all_sequences():

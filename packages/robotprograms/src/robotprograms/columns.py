@@ -168,6 +168,7 @@ class Columns:
         self._labels: list[str] = []  # the same in the intermediate language, once the targets are settled
         self._moves = array("q")  # rows of line, motion, count of visits up to the end
         self._visits = array("q")  # indices of the targets of all moves
+        self._feeds = array("d")  # speeds of the tool's centre of all moves [mm/s]
         self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
         self._unfit: set[int] = set()  # those of them whose numbers themselves are the cause
         # base and tool, by index of the target and line, of moves in other frames than the first move
@@ -213,6 +214,7 @@ class Columns:
         targets: Sequence[WrittenNumbers],
         frames: Sequence[Frames],
         cause: Cause | None,
+        feed: float,
     ) -> None:
         """Add a move with its targets; if there is a cause, note the move as one that cannot be corrected.
 
@@ -222,6 +224,7 @@ class Columns:
             targets: targets whose numbers are known.
             frames: base and tool of each target.
             cause: why the move cannot be corrected; None if it can be.
+            feed: speed of the tool's centre [mm/s]; NaN if it is not known.
         """
         if len(self._visits) + len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
             self._refuse(
@@ -231,6 +234,7 @@ class Columns:
             for target, pair in zip(targets, frames, strict=True):
                 self._visits.append(self._index_target(target, pair, line))
             self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
+            self._feeds.append(feed)
             return
         names = ", ".join(_get_plain_name(each.label) or "in numbers" for each in targets)
         base, tool = (
@@ -269,7 +273,15 @@ class Columns:
         )
         self.add_remark(At(line), self.restore_spelling(text, 0, line))
 
-    def add_moves(self, op: Move, source: int, lines: IndexArray, first: IndexArray, frames: Frames) -> None:
+    def add_moves(
+        self,
+        op: Move,
+        source: int,
+        lines: IndexArray,
+        first: IndexArray,
+        frames: Frames,
+        feeds: FloatArray,
+    ) -> None:
         """Add k moves that differ only in the numbers of their single target.
 
         Args:
@@ -278,6 +290,7 @@ class Columns:
             lines: (k,) lines of the moves.
             first: (k,) index of the first number of each statement among those of the file.
             frames: base and tool of all these moves.
+            feeds: (k,) speeds of the tool's centre [mm/s]; NaN where they are not known.
         """
         index = len(self._names) + np.arange(len(lines))
         if index[-1] >= MAX_TARGETS:
@@ -297,6 +310,7 @@ class Columns:
         moves = np.broadcast_arrays(lines, _MOTIONS[op.motion], ends)
         self._moves.frombytes(np.stack(moves, axis=1).tobytes())
         self._visits.frombytes(index.tobytes())
+        self._feeds.frombytes(feeds.tobytes())
         self._names += [""] * len(lines)
 
     def _index_target(self, target: WrittenNumbers, frames: Frames | None, used: int) -> int:
@@ -364,7 +378,10 @@ class Columns:
         self._labels = self._names
         self._names = [_get_plain_name(name) if name else name for name in self._names]
         self._filled = self._fill_targets(_reshape_rows(self._targets, _ROW_WIDTH), external_axes)
-        self._sorted = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
+        feeds = np.asarray(memoryview(self._feeds), dtype=np.float64)
+        line, motion, ends = _reshape_rows(self._moves, 3)
+        (visits,) = _reshape_rows(self._visits, 1)
+        self._sorted = _sort_moves(Moves(line, motion, ends, visits, feeds))
         self._name_own_numbers()
 
     def _explain_use(self, name: str, at: At) -> Cause:
@@ -616,7 +633,7 @@ def _sort_moves(moves: Moves) -> Moves:
     counts, rank = np.diff(moves.ends, prepend=0), np.empty_like(order)
     rank[order] = np.arange(len(order))
     visits = moves.visits[np.argsort(rank[moves.move_of_visit], kind="stable")]
-    return Moves(moves.line[order], moves.motion[order], np.cumsum(counts[order]), visits)
+    return Moves(moves.line[order], moves.motion[order], np.cumsum(counts[order]), visits, moves.feed[order])
 
 
 def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[Moves, Targets]:
@@ -624,9 +641,10 @@ def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[
     visits = moves.visits[selected[moves.move_of_visit]]
     rows, places = np.unique(visits, return_inverse=True)
     counts = np.diff(moves.ends, prepend=0)[selected]
-    return Moves(moves.line[selected], moves.motion[selected], np.cumsum(counts), places), targets.select(
-        rows
+    kept = Moves(
+        moves.line[selected], moves.motion[selected], np.cumsum(counts), places, moves.feed[selected]
     )
+    return kept, targets.select(rows)
 
 
 def _get_plain_name(label: str) -> str:

@@ -20,6 +20,7 @@ from robotprograms.statements import Statements
 
 POSE: Final = Notation(Orientation.FIXED_XYZ, length_decimals=3, angle_decimals=3)
 JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=3, angle_decimals=3)
+_NUMBER: Final = Notation(Orientation.NONE)
 _MOTIONS: Final = {
     "J": Motion.JOINT, "L": Motion.LINEAR, "C": Motion.CIRCULAR, "A": Motion.CIRCULAR, "S": Motion.SPLINE
 }  # fmt: skip
@@ -99,6 +100,9 @@ _UNKNOWN_TAIL: Final = (
     "target"
 )
 # In such a text: jumps, assignments and what lasts, which act behind the move
+_FEED: Final = re.compile(r"\0 ?(?P<unit>mm/se[ck]|cm/min|inch/min)")
+_FEED_UNITS: Final = {"cm/min": 10.0 / 60.0, "inch/min": 25.4 / 60.0}
+"""Units of a feed other than mm/s [mm/s]."""
 _MAY_ACT: Final = re.compile(r"=|LBL|JMP|CALL(?! ?\w)|(?i:track|touch|soft|follow|force)")
 # Arguments of programs and macros are values, never positions.
 _ARGUMENTS: Final = r"(?:\((?:(?!\bP\[)[^()]|\([^()]*\))*\))?"
@@ -195,6 +199,11 @@ def _translate_move(line: Line) -> list[Op]:
         tuple(ir.Copy((f"P[%s].{kind}", ordinal), through=True) for ordinal in ordinals)
         for kind in ("UF", "UT")
     )
+    feed = None
+    if stated := _FEED.match(line["tail"] if group == "second" else tail.strip()):
+        place = line.span("tail")[0] + line["tail"].index(stated[0])
+        numbers = line.ordinals_in(place, place + 1)
+        feed = ir.Feed(Literal(_NUMBER, numbers), _FEED_UNITS.get(stated["unit"], 1.0))
     reason = "" if is_known else f"{ir.quote_statement(line.text, line.ordinals)}: {_UNKNOWN_TAIL}"
     if offset and is_known:
         place = line.span("tail")[0] + line["tail"].index(offset[0].strip())
@@ -203,7 +212,9 @@ def _translate_move(line: Line) -> list[Op]:
     elif skip and is_known:
         reason = "Skip may end the move before its target"
     matched_frames = ("UFRAME_NUM", "UTOOL_NUM")
-    move = ir.Move(_MOTIONS[letter], names, bases, tools, matched_frames, reason=reason, remedy=_REMEDY)
+    move = ir.Move(
+        _MOTIONS[letter], names, bases, tools, matched_frames, reason=reason, remedy=_REMEDY, feed=feed
+    )
     calls = [ir.Call(name, anytime=True, event=name) for name in re.findall(r"\bCALL ?(\w++)", tail.upper())]
     if skip is None:
         return [*calls, move]

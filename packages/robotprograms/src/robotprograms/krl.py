@@ -29,8 +29,12 @@ _FIXED_TOOL: Final = "the tool is fixed in the cell, and the arm carries the par
 # Facts. Sources: KUKA System Software 8.x, programming instructions for system integrators (KSS); the
 # controller's bas.src (BAS).
 _BAS: Final[dict[str, tuple[Op, ...]]] = {
-    # BAS: INITMOV sets the null base and tool 1
-    "INITMOV": (ir.Assign("$BASE", ir.Copy("BASE_DATA[0]")), ir.Assign("$TOOL", ir.Copy("TOOL_DATA[1]"))),
+    # BAS: INITMOV sets the null base, tool 1, and the controller's default of the feed
+    "INITMOV": (
+        ir.Assign("$BASE", ir.Copy("BASE_DATA[0]")),
+        ir.Assign("$TOOL", ir.Copy("TOOL_DATA[1]")),
+        ir.Assign(ir.FEED, ir.Unknown("the feed is the controller's default", "set $VEL.CP")),
+    ),
     # BAS: FRAMES, PTP_PARAMS and CP_PARAMS make frames and interpolation mode of FDAT_ACT the active ones
     **dict.fromkeys(
         ("FRAMES", "PTP_PARAMS", "CP_PARAMS"),
@@ -88,6 +92,36 @@ _NEAR: Final = re.compile(r"(?P<target>[^\W\d]\w*+):(?P<offset>[^:,]++|\{[^{}]*\
 _TABLE: Final = re.compile(r"(?P<role>BASE|TOOL)_DATA\[(?P<index>[^\W\d]\w*+)\]")
 _OTHER_TABLE: Final = {"$BASE": "TOOL_DATA", "$TOOL": "BASE_DATA"}
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
+
+
+_FEED_OF_BLOCK: Final = f"{ir.FEED} before the block"
+"""Name of the feed that is active again behind a block of splines."""
+_M_PER_S: Final = 1e3
+"""Unit of `$VEL.CP` [mm/s]."""
+_OWN_FEED: Final = re.compile(r"\$VEL(?:\.CP=(?P<value>.+)|=(?P<struct>\{.*\})|=SVEL_CP\((?P<data>.*)\))")
+"""A feed that an assignment, or a setting of a single move, states."""
+
+
+def _read_feed(line: Line, start: int, end: int) -> ir.Value | None:
+    """Return the feed that a setting between two indices states; None if it sets no feed."""
+    match = _OWN_FEED.fullmatch(line.text, start, end)
+    if match is None:
+        return None
+    unknown = ir.Unknown("the feed is computed, or not stated", "write $VEL.CP in numbers")
+    if match["struct"]:
+        number = _read_struct(line, *match.span("struct")).get("CP")
+        return Literal(_NUMBER, (number,)) if isinstance(number, int) else unknown
+    group = "value" if match["value"] else "data"
+    begin, stop = next(iter(split_outside_brackets(line.text[: match.end(group)], match.start(group))))
+    return _read_speed(line, begin, stop) or unknown
+
+
+def _read_speed(line: Line, start: int, end: int) -> ir.Value | None:
+    """Return the number or the name between two indices; None for any other value."""
+    text = line.text[start:end].strip()
+    if text == "\0":
+        return Literal(_NUMBER, line.ordinals_in(start, end))
+    return ir.Copy(text) if re.fullmatch(_NAME, text) and text not in {"TRUE", "FALSE"} else None
 
 
 def _read_value(line: Line, text: str) -> list[Op]:
@@ -269,7 +303,9 @@ def _assign(line: Line, target: ir.Name, index: str) -> list[Op]:
             )
         )
     if index or is_system_variable:
-        changes = [] if is_system_variable else [_forget_name(target)]
+        changes: list[Op] = [] if is_system_variable else [_forget_name(target)]
+        if name == "$VEL" and (feed := _read_feed(line, 0, len(line.text))):
+            changes = [ir.Assign(ir.FEED, feed)]
         return [*uses, *_read_value(line, line["value"]), *changes]
     return [*uses, *_translate_value(line, target, *line.span("value"))]
 
@@ -310,6 +346,8 @@ def _translate_move(line: Line) -> list[Op]:
         targets.append(_read_target(line, start, stop))
     known = tuple(each for each in targets if each is not None)
     base, tool = (own_frames.get(role, ir.Copy(f"${role}")) for role in ("BASE", "TOOL"))
+    own_feed = _find_own_feed(line, *settings) or ir.Copy(ir.FEED)
+    feed = ir.Feed(own_feed, _M_PER_S) if isinstance(own_feed, Literal | ir.Copy) else None
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
         reason = "the target is relative to the position before the move" if line["relative"] else _NOT_WHOLE
         step = re.sub(_AXES_OF_STEP, "", line.text[begin:end])
@@ -323,7 +361,14 @@ def _translate_move(line: Line) -> list[Op]:
             *found,
             ir.Move(motion, (), (base,), (tool,), reason=reason, remedy=_REMEDY, offset_from=offset_from),
         ]
-    return [*found, ir.Move(motion, known, (base,) * len(known), (tool,) * len(known))]
+    return [*found, ir.Move(motion, known, (base,) * len(known), (tool,) * len(known), feed=feed)]
+
+
+def _find_own_feed(line: Line, begin: int, end: int) -> ir.Value | None:
+    """Return the feed that the settings after WITH, between two indices, state; None if they state none."""
+    spans = split_outside_brackets(line.text[:end], begin) if begin < end else ()
+    feeds = (_read_feed(line, *each) for each in spans)
+    return next((each for each in feeds if each is not None), None)
 
 
 def _find_end_of_targets(text: str, begin: int) -> tuple[int, tuple[int, int]]:
@@ -387,7 +432,7 @@ def _read_settings(line: Line, begin: int, end: int) -> tuple[list[Op], dict[str
 
 
 def _translate_spline(line: Line) -> list[Op]:
-    """Return the operations that begin a block of splines.
+    """Return the operations that begin a block of splines, whose feed may be its own.
 
     If the block sets its own frames, base and tool become unknown.
 
@@ -399,6 +444,9 @@ def _translate_spline(line: Line) -> list[Op]:
     if end > begin:
         raise Misread(UNKNOWN_STATEMENT)
     found, own_frames = _read_settings(line, *settings)
+    found.append(ir.Assign(_FEED_OF_BLOCK, ir.Copy(ir.FEED)))
+    own_feed = _find_own_feed(line, *settings)
+    found += [ir.Assign(ir.FEED, own_feed)] if own_feed else []
     reason, remedy = "the block of splines has frames of its own", "set $BASE and $TOOL before the block"
     return [*found, *([ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own_frames else [])]
 
@@ -489,7 +537,12 @@ def _translate_bas(line: Line) -> list[Op]:
         return [*line.read_expression(argument), change]
     if function not in _BAS:
         raise Misread(f"BAS(#{function}) is unknown, or its argument is not a number")
-    return [*line.read_expression(argument), *_BAS[function]]
+    changes = _BAS[function]
+    if function in {"VEL_CP", "CP_PARAMS"}:  # BAS: both set $VEL.CP
+        unknown = ir.Unknown("the feed is computed, or not stated", "write $VEL.CP in numbers")
+        speed = _read_speed(line, *line.span("argument")) if argument else None
+        changes = (*changes, ir.Assign(ir.FEED, speed or unknown))
+    return [*line.read_expression(argument), *changes]
 
 
 def _translate_reading(line: Line) -> list[Op]:
@@ -703,7 +756,7 @@ LANGUAGE: Final = ir.Language(
     undeclared="send the .dat that declares the name, and $config.dat; or write the numbers",
     active={"$BASE": "active $BASE", "$TOOL": "active $TOOL", "FDAT_ACT.IPO": ""},
     constants={name: np.eye(4) for name in ("$NULLFRAME", "$WORLD", "BASE_DATA[0]", "TOOL_DATA[0]")},
-    field_endings=(".BASE", ".TOOL", ".IPO"),
+    field_endings=(".BASE", ".TOOL", ".IPO", ".CP"),
     # data of inline forms that no file gives state no fixed tool
     is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")) or name.endswith(".IPO"),
     # KSS: frames, and the data of inline forms, are active for all programs
@@ -718,11 +771,12 @@ LANGUAGE: Final = ir.Language(
             _translate_routine,
         ),
         (
-            r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)"
+            r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|INTERRUPT (?:ON|OFF)"
             r"|INTERRUPT (?:OFF|DISABLE) \0"
             r"|TIME_BLOCK (?:START|(?:PART|END)=.+)|CONST_VEL (?:START|END).*",
             "",
         ),
+        (r"ENDSPLINE.*", lambda _: [ir.Assign(ir.FEED, ir.Copy(_FEED_OF_BLOCK))]),
         # KSS: a stop on the path until a condition is met
         (r"STOP WHEN PATH=((?:(?! ?\b(?:ONSTART|IF)\b).)+)(?: ?ONSTART)? ?IF (.+)", ""),
         (r"(?:EXT(?:FCT)?P?|ENUM|STRUC|IMPORT|(?:DECL )?(?:GLOBAL )?SIGNAL) [\w ,()\[\]:$.\0\"#]*", ""),

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import accumulate
+from math import nan
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from robotprograms.arrays import FloatArray
@@ -101,6 +102,10 @@ Its value is unknown behind a statement that may change it, and then no target i
 statement can end has a name of its own, which begins with this one: `begin_lasting`, `end_lasting`."""
 
 
+FEED: Final = "$VEL.CP"
+"""Name of the active feed of the tool's centre [m/s], where the language has one; no target depends on it."""
+
+
 class MakeUnknown(NamedTuple):
     """Statement that gives unknown values to names; without names, to all that other routines may change."""
 
@@ -158,6 +163,16 @@ class Offset(NamedTuple):
     target: Name
 
 
+class Feed(NamedTuple):
+    """Speed of the tool's centre along a line or an arc, as a move states it."""
+
+    value: Literal | Copy  # the number, or a name that holds it
+    unit: float = 1.0  # speed of the number 1 [mm/s]
+    # speed of the controller's data of that name [mm/s], unless the program has its own
+    otherwise: float = nan
+    time: int | None = None  # ordinal of the time of the move: unless it is zero, the speed does not count
+
+
 class Move(NamedTuple):
     """Move to one target, or through one target to another; a move with a reason is not corrected."""
 
@@ -173,6 +188,7 @@ class Move(NamedTuple):
     offset_from: tuple[Name, ...] = ()
     # move that takes the place of this one if `offset_from` of that move is a target of any move
     near_target: Move | None = None
+    feed: Feed | None = None  # None if the move states none, or is a move of the joints
 
     @property
     def differs_only_in_target(self) -> bool:
@@ -606,6 +622,16 @@ def mark_anytime(ops: list[Op], event: Name = "") -> list[Op]:
     With the name of an event, an unknown routine counts as called at the statement.
     """
     return [op._replace(anytime=True, event=event) if isinstance(op, Call) else op for op in ops]
+
+
+def sets_feed_only(op: Op) -> bool:
+    """Return whether an operation changes nothing but the active feed."""
+    match op:
+        case Assign(name=name):
+            return str(name).startswith(FEED)
+        case MakeUnknown(names=names):
+            return bool(names) and all(str(each).startswith(FEED) for each in names)
+    return False
 
 
 def begin_lasting(kind: str, reason: str, remedy: str) -> MakeUnknown:

@@ -11,8 +11,16 @@ from typing import Final
 import numpy as np
 
 from robotprograms import language as ir
+from robotprograms.arrays import FloatArray, IndexArray
 from robotprograms.calls import Calls
-from robotprograms.columns import OF_ROUTINE, Cause, Frames, WrittenNumbers, is_without_axes
+from robotprograms.columns import (
+    MAX_VALUE,
+    OF_ROUTINE,
+    Cause,
+    Frames,
+    WrittenNumbers,
+    is_without_axes,
+)
 from robotprograms.control_flow import ControlFlow
 from robotprograms.declarations import UNKNOWN, Content, State
 from robotprograms.errors import quote_text
@@ -20,7 +28,7 @@ from robotprograms.frames import FrameFinder
 from robotprograms.language import Name
 from robotprograms.notation import Orientation, iterate_integers
 from robotprograms.places import Place
-from robotprograms.program import At, FrameName, Literal
+from robotprograms.program import At, FrameName, Literal, Motion
 from robotprograms.reaching import reach
 from robotprograms.statements import Statements
 
@@ -126,7 +134,8 @@ class MoveRecorder:
             frames, cause = self._evaluate_frames(op, place, state)
             if cause is None:
                 lines, numbers = np.append(place.line, lines), np.append(place.first, numbers)
-                self._columns.add_moves(op, place.source, lines, numbers, frames[0])
+                feeds = self._find_feeds(op, place, numbers, state)
+                self._columns.add_moves(op, place.source, lines, numbers, frames[0], feeds)
                 return
         self._add_move(op, place, state)
         for line, number in zip(iterate_integers(lines), iterate_integers(numbers), strict=True):
@@ -142,6 +151,38 @@ class MoveRecorder:
         is_behind_unknown = UNKNOWN in state or UNKNOWN in self._changes.anytime
         self._needs_assumption |= cause is None and is_behind_unknown and bool(self._calls.unknown_routines)
         return frames, cause
+
+    def _find_feeds(self, op: ir.Move, place: Place, first: IndexArray, state: State) -> FloatArray:
+        """Return the speeds (k,) of the tool's centre that moves with the same text state [mm/s], or NaN.
+
+        Args:
+            op: the moves.
+            place: place of the first of them.
+            first: (k,) index of the first number of each statement among those of the file.
+            state: contents of all names at these moves.
+        """
+        unknown, feed = np.full(len(first), np.nan), op.feed
+        if feed is None or op.motion is Motion.JOINT:
+            return unknown
+        if isinstance(feed.value, Literal):
+            found = place.values[first + feed.value.numbers[0]]
+        else:
+            content = self._contents.evaluate(place, "", feed.value, state)
+            if not isinstance(content, WrittenNumbers):
+                return np.full(len(first), np.nan if self._has_data(place, feed.value) else feed.otherwise)
+            values = self._statements.numerals[content.source].values
+            found = np.full(len(first), values[content.first + content.literal.numbers[0]])
+        found = found * feed.unit
+        counts = (found > 0.0) & (found <= MAX_VALUE)
+        if feed.time is not None:
+            counts &= place.values[first + feed.time] == 0.0
+        return np.where(counts, found, np.nan)
+
+    def _has_data(self, place: Place, value: ir.Copy) -> bool:
+        """Return whether the program declares or changes the name that a value copies."""
+        name = place.qualify(value.name)
+        is_declared = name in self._declarations.names or OF_ROUTINE in name
+        return is_declared or bool(self._changes.find(name))
 
     def _add_move(self, op: ir.Move, place: Place, state: State) -> None:
         """Add one move to the columns, with its targets in a state, or with the cause against correction."""
@@ -159,7 +200,10 @@ class MoveRecorder:
             self._note_left_move(place, op, frames, state)
             if not cause.line:
                 cause = cause._replace(line=place.line, source=place.source)
-        self._columns.add_move(op, place.line, targets, frames, cause)
+        feed = np.nan
+        if cause is None:
+            feed = float(self._find_feeds(op, place, np.array([place.first]), state)[0])
+        self._columns.add_move(op, place.line, targets, frames, cause, feed)
 
     def _note_left_move(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> None:
         """Note that a move which is not corrected uses the numbers of its targets."""

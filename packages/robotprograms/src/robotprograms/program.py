@@ -177,6 +177,9 @@ class Moves:
     motion: IndexArray  # (k,) places among the members of `Motion`
     ends: IndexArray  # (k,) count of the visits up to the end of each move
     visits: IndexArray  # (v,) indices of targets
+    # (k,) speeds of the tool's centre [mm/s] that the program states for each move; NaN where it states none,
+    # where it is not the same on every path of execution, and for moves of the joints
+    feed: FloatArray
 
     @cached_property
     def move_of_visit(self) -> IndexArray:

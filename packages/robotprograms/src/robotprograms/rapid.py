@@ -98,7 +98,13 @@ _LITERALS: Final = {
     "EXTJOINT": re.compile(_N6),
     "WOBJDATA": re.compile(rf'\[FALSE,TRUE,"[^"]*",{_POSE_PATTERN},{_POSE_PATTERN}\]'),
     "TOOLDATA": re.compile(rf"\[TRUE,{_POSE_PATTERN},(.*)\]"),
+    "SPEEDDATA": re.compile(_N4),
 }
+_NUMBERS: Final = Notation(Orientation.NONE)  # of a speed, whose first number is that of the tool's centre
+_SPEED: Final = re.compile(r"V(\d{1,5})")
+"""Name of the controller's data of a speed [mm/s]."""
+_OWN_SPEED: Final = re.compile(r"\\(?P<option>[VT]):=(?P<number>\0(?=[,\\]))?")
+"""Speed or time of a move in place of its data of a speed."""
 _FRAMES_OF: Final = {"WOBJDATA": (".UFRAME", ".OFRAME"), "TOOLDATA": (".TFRAME",)}
 """Frames of work objects and tools; the second frame of a work object is given in the first."""
 
@@ -250,7 +256,8 @@ def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op
     if ir.calls_routine(found):
         return ir.make_uncorrected_move(found, f"{name}: an argument of the move is computed", remedy)
     base, tool = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(arguments[-1], "TOOLDATA")
-    return [*others, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count)]
+    feed = _read_feed(line, *spans[count])
+    return [*others, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count, feed=feed)]
 
 
 def _translate_search(line: Line, found: list[Op], index: int) -> list[Op]:
@@ -359,6 +366,8 @@ def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> li
         return [ir.Assign(name, target)]
     if "EXTJOINT" in kinds and _LITERALS["EXTJOINT"].fullmatch(line.text, start, end):
         return [ir.Assign(name, Literal(_AXES, line.ordinals_in(start, end)))]
+    if "SPEEDDATA" in kinds and _LITERALS["SPEEDDATA"].fullmatch(line.text, start, end):
+        return [ir.Assign(name, Literal(_NUMBERS, line.ordinals_in(start, end)[:1]))]
     for kind, frames in _FRAMES_OF.items():
         match = _LITERALS[kind].fullmatch(line.text, start, end) if kind in kinds else None
         if match and not (match.re.groups and ir.calls_routine(line.read_expression(match[1]))):
@@ -463,7 +472,23 @@ def _translate_plain_move(line: Line) -> list[Op]:
         _multiply_frames(work_object, "WOBJDATA"),
         _multiply_frames(arguments[tool_index], "TOOLDATA"),
     )
-    return [*found, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count)]
+    feed = _read_feed(line, *spans[count])
+    return [*found, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count, feed=feed)]
+
+
+def _read_feed(line: Line, start: int, end: int) -> ir.Feed | None:
+    """Return the feed of a move whose data of a speed are between two indices; None if it is computed."""
+    own = _OWN_SPEED.search(line.text, line.span("arguments")[0])
+    if own is not None:  # a time in place of a speed gives no feed
+        numbers = line.ordinals_in(*own.span("number")) if own["option"] == "V" and own["number"] else ()
+        return ir.Feed(Literal(_NUMBERS, numbers)) if numbers else None
+    text = line.text[start:end]
+    if _LITERALS["SPEEDDATA"].fullmatch(text):
+        return ir.Feed(Literal(_NUMBERS, line.ordinals_in(start, end)[:1]))
+    if not re.fullmatch(_WORD, text):
+        return None
+    known = _SPEED.fullmatch(text)
+    return ir.Feed(ir.Copy(text), otherwise=float(known[1]) if known else np.nan)
 
 
 def _split_arguments(

@@ -150,7 +150,7 @@ class Statements:
         Returns:
             The operations, if a repetition of the statement can differ in numbers only.
         """
-        effects = [op for _, op in ops if not isinstance(op, ir.Use)]
+        effects = [op for _, op in ops if not (isinstance(op, ir.Use) or ir.sets_feed_only(op))]
         is_move = len(effects) == 1 and isinstance(effects[0], ir.Move)
         if effects and not is_move:
             self._add_held(held, source)

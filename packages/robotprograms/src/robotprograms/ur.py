@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
@@ -26,6 +26,13 @@ _ACTIVE: Final = "active TCP"
 _MOTIONS: Final = {
     "movej": Motion.JOINT, "movel": Motion.LINEAR, "movep": Motion.LINEAR, "movec": Motion.CIRCULAR
 }  # fmt: skip
+_ARGUMENTS: Final = {
+    "movej": ("a", "v", "t", "r"), "movel": ("a", "v", "t", "r"), "movep": ("a", "v", "r"),
+    "movec": ("a", "v", "r", "mode"),
+}  # fmt: skip
+"""Arguments of moves behind their targets, in order."""
+_M_PER_S: Final = 1e3
+"""Unit of a speed [mm/s]."""
 # Facts. Source: Universal Robots, The URScript programming language 5.11.
 # Routines that move the robot to a place that no target in numbers gives.
 _MOVES_WITHOUT_TARGET: Final = re.compile(
@@ -155,7 +162,7 @@ def _translate_assignment(line: Line) -> list[Op]:
     name, index = line["name"], line["index"]
     declaration: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
     literal = None if index else _read_literal(line, *line.span("value"))
-    if literal is None and name == "pi" and line["value"] == "\0":  # programs give this number themselves
+    if literal is None and not index and line["value"] == "\0":  # pi, or a speed
         literal = Literal(_NUMBER, line.ordinals_in(*line.span("value")))
     if literal is not None:
         return [*declaration, ir.Assign(name, literal)]
@@ -194,11 +201,17 @@ def _translate_move(line: Line) -> list[Op]:
         bases.append(base)
     if len(targets) < len(names):
         raise Misread("a target is not given by numbers")
-    for start, stop in spans[len(names) :]:
-        found += line.read_expression(re.sub("^(?:a|v|t|r|mode)=", "", line.text[start:stop]))
+    arguments = dict[str, tuple[int, int]]()
+    for (start, stop), name in zip(spans[len(names) :], _ARGUMENTS[line["motion"]], strict=False):
+        match = re.compile("(a|v|t|r|mode)=").match(line.text, start, stop)
+        begin = match.end() if match else start
+        arguments[match[1] if match else name] = begin, stop
+        found += line.read_expression(line.text[begin:stop])
     if ir.calls_routine(found):
         raise Misread("the arguments of the move call a routine")
-    move, named = ir.Move(motion, tuple(targets), tuple(bases), tools), _find_named_bases(bases)
+    feed = _read_feed(line, arguments)
+    move = ir.Move(motion, tuple(targets), tuple(bases), tools, feed=feed)
+    named = _find_named_bases(bases)
     if named:  # a base that is a target itself: the move goes near this target, and shifts with it
         reason = "the target is at an offset from another one"
         near = ir.Move(
@@ -206,6 +219,26 @@ def _translate_move(line: Line) -> list[Op]:
         )
         move = move._replace(near_target=near)
     return [*found, move]
+
+
+def _read_feed(line: Line, arguments: Mapping[str, tuple[int, int]]) -> ir.Feed | None:
+    """Return the feed of a move by the places of its arguments; None if it states none in numbers.
+
+    URScript manual: a time `t` that is not zero counts in place of speed and acceleration.
+    """
+    if "v" not in arguments:
+        return None
+    start, end = arguments["v"]
+    time = None
+    if "t" in arguments:
+        begin, stop = arguments["t"]
+        if line.text[begin:stop] != "\0":
+            return None
+        (time,) = line.ordinals_in(begin, stop)
+    text = line.text[start:end]
+    if text == "\0":
+        return ir.Feed(Literal(_NUMBER, line.ordinals_in(start, end)), _M_PER_S, time=time)
+    return ir.Feed(ir.Copy(text), _M_PER_S, time=time) if re.fullmatch(_WORD, text) else None
 
 
 def _find_named_bases(bases: Iterable[ir.Value]) -> tuple[ir.Name, ...]:
