@@ -20,7 +20,7 @@ import {
 import { TextField, Select } from "./components/fields";
 import { useAction, go, type Route, useRoute, dismiss, toast, useToasts } from "./state/action";
 import { goToPlace, keepPlaces } from "./state/entry";
-import { text } from "./i18n";
+import { text } from "./words";
 import { listen } from "./lib/events";
 import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/stiffness";
 import { useQuestion } from "./state/question";
@@ -72,30 +72,30 @@ export function SignInView({ link, signedIn }: { link: string | undefined; signe
 }
 
 const QuestionDialog = lazy(async () => (await import("./components/question")).QuestionDialog);
-const StartView = lazy(async () => (await import("./views/start")).StartView);
-const RunsView = lazy(async () => (await import("./views/runs")).RunsView);
-const RunView = lazy(async () => (await import("./views/run")).RunView);
-const CompareView = lazy(async () => (await import("./views/compare")).CompareView);
-const SideBySideView = lazy(async () => (await import("./views/compare")).SideBySideView);
-const ComparisonView = lazy(async () => (await import("./views/compare")).ComparisonView);
-const TrendView = lazy(async () => (await import("./views/trend")).TrendView);
-const MapView = lazy(async () => (await import("./views/map")).MapView);
-const ProgramView = lazy(async () => (await import("./views/map")).ProgramView);
-const ProcessView = lazy(async () => (await import("./views/process")).ProcessView);
-const ProcessesView = lazy(async () => (await import("./views/process_form")).ProcessesView);
-const RobotsView = lazy(async () => (await import("./views/robots")).RobotsView);
-const RobotView = lazy(async () => (await import("./views/robots")).RobotView);
-const RobotNewView = lazy(async () => (await import("./views/robot_new")).RobotNewView);
-const SetView = lazy(async () => (await import("./views/robots")).SetView);
-const GeometriesView = lazy(async () => (await import("./views/geometries")).GeometriesView);
-const GeometryView = lazy(async () => (await import("./views/geometries")).GeometryView);
-const FleetsView = lazy(async () => (await import("./views/fleets")).FleetsView);
-const FleetView = lazy(async () => (await import("./views/fleets")).FleetView);
-const PlansView = lazy(async () => (await import("./views/plans")).PlansView);
-const PlanView = lazy(async () => (await import("./views/plans")).PlanView);
-const MeasureView = lazy(async () => (await import("./views/measure")).MeasureView);
-const ArchiveView = lazy(async () => (await import("./views/archive")).ArchiveView);
-const LiveView = lazy(async () => (await import("./views/live")).LiveView);
+const StartView = lazy(async () => (await import("./features/start/view")).StartView);
+const RunsView = lazy(async () => (await import("./features/runs/view")).RunsView);
+const RunView = lazy(async () => (await import("./features/run/view")).RunView);
+const CompareView = lazy(async () => (await import("./features/compare/view")).CompareView);
+const SideBySideView = lazy(async () => (await import("./features/compare/view")).SideBySideView);
+const ComparisonView = lazy(async () => (await import("./features/compare/view")).ComparisonView);
+const TrendView = lazy(async () => (await import("./features/trend/view")).TrendView);
+const MapView = lazy(async () => (await import("./features/use/results")).MapView);
+const ProgramView = lazy(async () => (await import("./features/use/results")).ProgramView);
+const ProcessView = lazy(async () => (await import("./features/process/view")).ProcessView);
+const ProcessesView = lazy(async () => (await import("./features/process/form")).ProcessesView);
+const RobotsView = lazy(async () => (await import("./features/robots/view")).RobotsView);
+const RobotView = lazy(async () => (await import("./features/robots/view")).RobotView);
+const RobotNewView = lazy(async () => (await import("./features/robots/new")).RobotNewView);
+const SetView = lazy(async () => (await import("./features/robots/view")).SetView);
+const GeometriesView = lazy(async () => (await import("./features/geometry/view")).GeometriesView);
+const GeometryView = lazy(async () => (await import("./features/geometry/view")).GeometryView);
+const FleetsView = lazy(async () => (await import("./features/fleet/view")).FleetsView);
+const FleetView = lazy(async () => (await import("./features/fleet/view")).FleetView);
+const PlansView = lazy(async () => (await import("./features/plan/view")).PlansView);
+const PlanView = lazy(async () => (await import("./features/plan/view")).PlanView);
+const MeasureView = lazy(async () => (await import("./features/measure/view")).MeasureView);
+const ArchiveView = lazy(async () => (await import("./features/archive/view")).ArchiveView);
+const LiveView = lazy(async () => (await import("./features/measure/live_view")).LiveView);
 
 const SECTIONS = [
   { id: "", label: text.app.measure, icon: "M12 4v16M4 12h16" },

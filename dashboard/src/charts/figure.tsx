@@ -4,7 +4,7 @@ import { type ComponentChildren, render } from "preact";
 import { useRef, useState } from "preact/hooks";
 import { DataTable, heading, type Table, save, standalone, csv, fileName, alike } from "../components/table";
 import { useWidth, Button, tip } from "../components/basics";
-import { text } from "../i18n";
+import { text } from "../words";
 
 interface AxisProps {
   scale: Scale;
@@ -276,7 +276,7 @@ export function BarFigure({
   series,
   unit,
   stacked = false,
-  named = text.deflection.configuration,
+  named = text.figure.configuration,
   ...opening
 }: BarFigureProps & Opening) {
   if (names.length === 0) return null;

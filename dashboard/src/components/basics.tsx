@@ -2,7 +2,7 @@
 import { type RefObject, type ComponentChildren, type ComponentProps, Component, type FunctionComponent } from "preact";
 import { useLayoutEffect, useRef, useState, useEffect, useContext, useId } from "preact/hooks";
 import { go, type Action, hasNavigated, link, toast } from "../state/action";
-import { text } from "../i18n";
+import { text } from "../words";
 import type { Problem, Finding, RunState, Usability } from "../api/types";
 import { recalled, remember } from "../state/kept";
 import { type Query, send } from "../state/query";

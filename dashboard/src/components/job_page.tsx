@@ -6,7 +6,7 @@ import { queries } from "../api/queries";
 import type { AdvisedAction, Assessment, Finding, Run, Usability, Problem } from "../api/types";
 import { roughTime, secondsLeft, type Mark } from "../lib/format";
 import { useAction, link, useDeletion, copied } from "../state/action";
-import { text } from "../i18n";
+import { text } from "../words";
 import {
   ActionButton,
   alikeOf,
@@ -31,7 +31,7 @@ import { useQuery } from "../state/query";
 import { useSettings } from "../state/session";
 import { StatePayload } from "./state_payload";
 import { TableCard, fileName, saveJson } from "./table";
-import type { RunContext } from "../views/run_context";
+import type { RunContext } from "../state/run_context";
 import type { ComponentChildren } from "preact";
 
 const LOOK_MS = 5_000;

@@ -1,5 +1,5 @@
 /** Estimates as people read them: a number and its interval, in the digits that the interval allows. */
-import { text } from "../i18n";
+import { text } from "../words";
 import { decimalsFor, fixed, significant } from "./format";
 
 /** Lower and upper end; null for an end without a limit. */

@@ -1,6 +1,6 @@
 /** What has been said of a result, so that nothing is said twice. */
 import type { Finding } from "../api/types";
-import { text } from "../i18n";
+import { text } from "../words";
 
 const UNEXPLAINED = ["deflections_unexplained", "residual_outlier"];
 

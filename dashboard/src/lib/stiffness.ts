@@ -1,6 +1,6 @@
 /** Stiffnesses: the units that the page shows, the digits that their uncertainty allows, and what is said of them in words. */
 import type { JointKind, Units, JointResult, Usability } from "../api/types";
-import { text } from "../i18n";
+import { text } from "../words";
 import { type Ends, type ShownEstimate, shownEstimate } from "./estimate";
 import { fixed, significant } from "./format";
 

@@ -1,6 +1,6 @@
 /** How runs were made, in words. */
 import type { RunRequest, RunSummary } from "../api/types";
-import { text } from "../i18n";
+import { text } from "../words";
 
 type Asked = Pick<RunSummary, "method" | "positive" | "weighting" | "elasticity"> &
   Partial<Pick<RunRequest, "loss" | "complementary_stiffness" | "leave_out" | "variant_of">>;

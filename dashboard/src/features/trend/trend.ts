@@ -1,0 +1,70 @@
+/** A trend as the page says it: changes with their uncertainty, and what the charts draw. */
+import type { Estimate, Trend, TrendCampaign, TrendJoint } from "../../api/types";
+import type { IntervalMark } from "../run/joint_table";
+import { NORMAL_95, shownEstimate } from "../../lib/estimate";
+import { dayText, timeText } from "../../lib/format";
+import { intervalIn, maybeInUnit, type StiffnessUnit } from "../../lib/stiffness";
+import { trendWords } from "./words";
+
+export interface TrendPoint extends IntervalMark {
+  time: number;
+}
+
+/** A relative change as per cent with its 95 % interval: `+12 % (+8 … +16 %)`. */
+export function changeText({ value, standard_uncertainty: u }: Estimate): string {
+  const half = u === null ? null : 100 * NORMAL_95 * u;
+  const shown = shownEstimate(100 * value, half === null ? null : [100 * value - half, 100 * value + half]);
+  const range = half === null ? "" : ` (${shown.interval?.replaceAll(" ", "\u00a0")}\u00a0%)`;
+  return `${value > 0 ? "+" : ""}${shown.value}\u00a0%${range}`;
+}
+
+/** When campaigns were, as labels that differ: by day, by time where a day repeats, by number where a time does. */
+export function whenTexts(times: string[]): string[] {
+  const unlike = (labels: string[]) => new Set(labels).size === labels.length;
+  const labels = [times.map(dayText), times.map(timeText)];
+  return labels.find(unlike) ?? times.map((time, i) => `${timeText(time)} (${i + 1})`);
+}
+
+/** The two campaigns that the test of a joint compares: those with a number; each in words. */
+export function comparedText(campaigns: TrendCampaign[], { points }: TrendJoint): string {
+  const words = trendWords;
+  const compared = points.flatMap(({ reason }, i) => (reason === null ? [i] : []));
+  const [first = 0, latest = campaigns.length - 1] = [compared[0], compared.at(-1)];
+  const when = whenTexts(campaigns.map(({ at }) => at));
+  const named = (i: number) => words.named(campaigns[i]?.name ?? "", when[i] ?? "");
+  return words.compared(
+    first === 0 ? words.first : named(first),
+    latest === campaigns.length - 1 ? words.latest : named(latest),
+  );
+}
+
+const sizeOf = ({ change }: TrendJoint): number =>
+  change?.standard_uncertainty ? Math.abs(change.value) / change.standard_uncertainty : 0;
+
+/** Joints as one wants to see them: those that changed first, then what changed most against its uncertainty. */
+export const worstFirst = (joints: TrendJoint[]): TrendJoint[] =>
+  [...joints].sort((a, b) => Number(b.changed) - Number(a.changed) || sizeOf(b) - sizeOf(a));
+
+/** Points of a joint's chart, in a unit; `say` heads the values of the campaign of an index. */
+export function pointsOf(
+  trend: Trend,
+  joint: TrendJoint,
+  unit: StiffnessUnit,
+  say: (index: number) => string[],
+  open: (run: string) => string,
+): TrendPoint[] {
+  return trend.campaigns.map((campaign, i) => {
+    const point = joint.points[i];
+    const value = maybeInUnit(point?.stiffness, unit, joint.kind);
+    const [low, high] = intervalIn(point?.interval, unit, joint.kind);
+    return {
+      time: Date.parse(campaign.at),
+      value,
+      low,
+      high: point?.interval ? high : value,
+      mark: point?.reason === null ? "method-1" : "free",
+      lines: say(i),
+      open: open(campaign.run_id),
+    };
+  });
+}
