@@ -59,3 +59,13 @@ describe("modules of the page", () => {
     expect(wordy.length).toBeGreaterThan(10);
   });
 });
+
+describe("a stiffness", () => {
+  const CONVERTS = /\b(?:inUnit|maybeInUnit|intervalIn)\b/;
+
+  it("is converted and written in one module, and printed by one component", () => {
+    expect(MODULES.filter((module) => CONVERTS.test(contentOf(module)))).toEqual(["lib/stiffness.ts"]);
+    const prints = MODULES.filter((module) => /class=\{?[^}\n]*"estimate\b/.test(contentOf(module)));
+    expect(prints).toEqual(["components/estimate.tsx"]);
+  });
+});

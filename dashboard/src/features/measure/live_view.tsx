@@ -30,7 +30,8 @@ import * as live from "./live";
 import { isBlock } from "./paste";
 import { sentence } from "../../lib/said";
 import { OF_NUMBERS, OF_VECTOR } from "../../lib/schema";
-import { position, labelOf, inUnit } from "../../lib/stiffness";
+import { position, labelOf, shownWithInterval } from "../../lib/stiffness";
+import { Estimate, EstimateBar } from "../../components/estimate";
 import { type Vector, norm, times } from "../../lib/vector";
 import { ArmView, roomOf } from "../../scene/view";
 import { useAction, go, link, toast } from "../../state/action";
@@ -805,8 +806,6 @@ function LastReading(props: { set: OpenSet; robot: Robot; state: LiveState }) {
   );
 }
 
-/** Half-width of an interval, relative to the compliance, that fills a bar. */
-const WIDEST = 0.6;
 /** As many readings determine what the load twists. */
 const FEW = 5;
 
@@ -814,45 +813,32 @@ const FEW = 5;
 function Joints({ state, goal, read }: { state: LiveState; goal: number | null; read: number }) {
   const { unit } = useSettings();
   const kinds = state.joints.map(({ kind }) => kind);
-  const width = (relative: number | null) =>
-    relative === null ? 100 : Math.max(1, 100 * Math.min(1, relative / WIDEST));
   return (
     <>
       <h3>
         {words.stiffness} <small class="soft">{words.half(labelOf(unit, kinds))}</small>
       </h3>
       <ul class="live-joints">
-        {state.joints.map(({ name, kind, stiffness, relative, reason }) => (
-          <li>
-            <b>
-              <Name>{name}</Name>
-            </b>
-            <svg viewBox="0 0 100 18" preserveAspectRatio="none" aria-hidden="true">
-              <rect
-                class={relative === null ? "unknown" : goal !== null && relative > goal ? "wide" : undefined}
-                x={50 - width(relative) / 2}
-                width={width(relative)}
-                y={4}
-                height={10}
-              />
-              {goal !== null &&
-                [-1, 1].map((side) => (
-                  <line x1={50 + (side * width(goal)) / 2} x2={50 + (side * width(goal)) / 2} y1={0} y2={18} />
-                ))}
-            </svg>
-            <span class="value">
-              {stiffness === null || relative === null ? (
-                <span class={reason === null ? "soft" : "soft reason"}>
-                  {reason ?? (read < FEW ? words.unknown : words.undetermined)}
-                </span>
-              ) : (
-                <>
-                  {significant(inUnit(stiffness, unit, kind), 3)} <small class="soft">± {percent(relative)}</small>
-                </>
-              )}
-            </span>
-          </li>
-        ))}
+        {state.joints.map(({ name, kind, stiffness, relative, interval, reason }) => {
+          const shown = { ...shownWithInterval(stiffness, interval, unit, kind), relative };
+          return (
+            <li>
+              <b>
+                <Name>{name}</Name>
+              </b>
+              <EstimateBar of={shown} goal={goal} />
+              <span class="value">
+                {stiffness === null || relative === null ? (
+                  <span class={reason === null ? "soft" : "soft reason"}>
+                    {reason ?? (read < FEW ? words.unknown : words.undetermined)}
+                  </span>
+                ) : (
+                  <Estimate of={shown} brief bare />
+                )}
+              </span>
+            </li>
+          );
+        })}
       </ul>
     </>
   );

@@ -10,15 +10,15 @@ import {
   position,
   positionUnit,
   capOf,
-  inUnit,
   isRefuted,
   withUnit,
+  roughStiffness,
 } from "../../lib/stiffness";
 import { text } from "../../words";
-import { clip, fixed, percent, significant, extent, logarithmic, namedTicks } from "../../lib/format";
-import { estimateText, NORMAL_95 } from "../../lib/estimate";
+import { clip, fixed, percent, extent, logarithmic, namedTicks } from "../../lib/format";
+import { estimateText, NORMAL_95, type ShownEstimate } from "../../lib/estimate";
 import { BottomAxis, Chart, Figure } from "../../charts/figure";
-import { Estimate, EstimateInterval, EstimateValue } from "../../components/estimate";
+import { Estimate, EstimateBar, EstimateInterval, EstimateValue } from "../../components/estimate";
 import { tip, Button, LinkButton, Name, Prose, Term, usePhone, useWidth } from "../../components/basics";
 import { queries } from "../../api/queries";
 import { PostureSketch } from "../../components/posture";
@@ -306,8 +306,7 @@ function afterwards(advice: Advice, joint: JointResult, unit: StiffnessUnit): st
   if (ratio !== null && half !== null) return `± ${percent(ratio * half)}`;
   if (compliance && compliance > 0 && after !== null) return `± ${percent((NORMAL_95 * after) / compliance)}`;
   if (after === null) return text.verdicts.fair[0];
-  const { label } = unitOf(unit, kind);
-  const shown = (stiffness: number) => withUnit(significant(inUnit(stiffness, unit, kind), 2), label);
+  const shown = (stiffness: number) => roughStiffness(stiffness, unit, kind);
   return STIFFNESS_UNITS[unit].inverse ? `± ${shown(1 / (NORMAL_95 * after))}` : words.below(shown(0.5 / after));
 }
 
@@ -395,7 +394,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
       </div>
       {joints.map((joint, i) => {
         const mark = marks[i] as IntervalMark;
-        const shown = shownStiffness(joint, unit);
+        const shown = shownOrTied(joint, identifiability.combinations, unit);
         const [verdict, cap, part] = [verdictOf(joint), capOf(joint), parts.get(joint.name)];
         const open = !phone || opened.has(joint.name);
         return (
@@ -430,6 +429,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
               </span>
               <span role="cell" class="number interval-text">
                 <EstimateInterval of={shown} />
+                {(shown.limit ?? shown.value) !== null && <EstimateBar of={shown} />}
               </span>
               <span role="cell" class="verdict" title={text.verdicts[verdict][1]}>
                 <span class={cap ? `lamp ${cap}` : "lamp"} aria-hidden="true" />
@@ -472,6 +472,14 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
       ))}
     </div>
   );
+}
+
+/** A stiffness, or in its place the joints without which the readings do not show it. */
+function shownOrTied(joint: JointResult, groups: string[][], unit: StiffnessUnit): ShownEstimate {
+  const shown = shownStiffness(joint, unit);
+  const group = groups.find((names) => names.includes(joint.name));
+  if (shown.value !== null || shown.limit !== null || group === undefined) return shown;
+  return { ...shown, limit: text.estimate.tied(group.filter((name) => name !== joint.name)) };
 }
 
 /** Height of a row with its mark, and width of the longest share [px]. */

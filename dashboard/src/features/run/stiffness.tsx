@@ -118,8 +118,6 @@ export function Evidence({ context: { run, set }, result }: { context: RunContex
         facts={[
           { label: text.sets.kind, value: <NameLink to={["sets", set.id]}>{set.name}</NameLink> },
           { label: words.created, value: <When time={provenance.created_at} /> },
-          { label: words.identifier, value: <code>{run.id}</code> },
-          { label: words.input, value: <code>{provenance.input_hash}</code> },
           {
             label: words.versions,
             value: Object.entries(provenance.versions)
@@ -270,7 +268,7 @@ export function BesideButton({ run, result }: { run: Run; result: RunResult }) {
 
 function Summary({ result }: { result: RunResult }) {
   const words = text.run.summary;
-  const { assessment, goodness } = result;
+  const { goodness } = result;
   const verdict = goodness.sigma_source === "residuals" ? undefined : goodness.test;
   const figure = (value: string | number, unit: string, said: string) => (
     <li>
@@ -283,7 +281,6 @@ function Summary({ result }: { result: RunResult }) {
   );
   return (
     <ul class="summary">
-      {figure(assessment.joints_identified ?? 0, words.of(result.joints.length), words.numbered)}
       {result.compensation !== null && figure(percent(result.compensation), "", words.compensation)}
       {figure(
         result.rms_residual < EXACT ? "< 0.001" : significant(result.rms_residual * 1e6, 2),

@@ -8,7 +8,8 @@ import { freshKey } from "../../lib/json";
 import { useAction, link } from "../../state/action";
 import { text } from "../../words";
 import { type PartProps, type RunContext, contextOf, elasticityOf } from "../../state/run_context";
-import { howOf } from "../../lib/ways";
+import { unusualWays } from "../../lib/ways";
+import { sentence } from "../../lib/said";
 import { BesideButton, First, StiffnessPart } from "./stiffness";
 
 const DeflectionPart = lazy(async () => (await import("./deflection")).DeflectionPart);
@@ -37,7 +38,7 @@ export function RunView({ id, part, query }: { id: string; part: string; query: 
         about: (
           <>
             {run.request.variant_of && <a href={link(["runs", run.request.variant_of])}>{text.assessment.variantOf}</a>}
-            <span>{howOf({ ...run.request, elasticity: elasticityOf(run), variant_of: null })}</span>
+            {unusual(run) && <span>{unusual(run)}</span>}
             <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>
           </>
         ),
@@ -54,6 +55,9 @@ export function RunView({ id, part, query }: { id: string; part: string; query: 
     </JobPage>
   );
 }
+
+const unusual = (run: Run): string =>
+  sentence(unusualWays({ ...run.request, elasticity: elasticityOf(run), variant_of: null }).join(", "));
 
 function Repeat({ run }: { run: Run }) {
   const repeat = useAction(async () => {

@@ -40,10 +40,8 @@ export const evidenceWords = {
   },
   provenance: "Provenance",
   created: "Created",
-  input: "Input hash",
   versions: "Versions",
   request: "Request",
-  identifier: "Run",
 };
 
 export const nextWords = {

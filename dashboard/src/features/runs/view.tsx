@@ -27,7 +27,8 @@ import { client, send, usePages } from "../../state/query";
 import { link, readdress, toast, go } from "../../state/action";
 import { useKeptOnEntry } from "../../state/entry";
 import { text } from "../../words";
-import { waysOf } from "../../lib/ways";
+import { unusualWays } from "../../lib/ways";
+import { sentence } from "../../lib/said";
 import { evidenceWords } from "../run/words";
 import { runListWords } from "./words";
 
@@ -231,16 +232,8 @@ const useListed = <Of extends Collection>(collection: Of, filters: JobQuery) =>
 export const MOST_RUNS = 4;
 
 function aboutRun(run: RunSummary): About {
-  const method = text.methods[run.method];
-  return {
-    name: run.measurement_set_name ?? "…",
-    how: (
-      <>
-        {method}
-        <small>{waysOf(run).join(", ")}</small>
-      </>
-    ),
-  };
+  const ways = sentence(unusualWays(run).join(", "));
+  return { name: run.measurement_set_name ?? "…", ...(ways && { how: ways }) };
 }
 
 /** Rows of runs for lists of their own. */

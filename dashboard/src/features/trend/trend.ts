@@ -1,9 +1,9 @@
 /** A trend as the page says it: changes with their uncertainty, and what the charts draw. */
 import type { Estimate, Trend, TrendCampaign, TrendJoint } from "../../api/types";
 import type { IntervalMark } from "../run/joint_table";
-import { NORMAL_95, shownEstimate } from "../../lib/estimate";
+import { estimateText, type ShownEstimate, shownChange } from "../../lib/estimate";
 import { dayText, timeText } from "../../lib/format";
-import { intervalIn, maybeInUnit, type StiffnessUnit } from "../../lib/stiffness";
+import { onAxis, type StiffnessUnit } from "../../lib/stiffness";
 import { trendWords } from "./words";
 
 export interface TrendPoint extends IntervalMark {
@@ -11,12 +11,17 @@ export interface TrendPoint extends IntervalMark {
 }
 
 /** A relative change as per cent with its 95 % interval: `+12 % (+8 … +16 %)`. */
-export function changeText({ value, standard_uncertainty: u }: Estimate): string {
-  const half = u === null ? null : 100 * NORMAL_95 * u;
-  const shown = shownEstimate(100 * value, half === null ? null : [100 * value - half, 100 * value + half]);
-  const range = half === null ? "" : ` (${shown.interval?.replaceAll(" ", "\u00a0")}\u00a0%)`;
-  return `${value > 0 ? "+" : ""}${shown.value}\u00a0%${range}`;
+export function changeText({ value, standard_uncertainty: uncertainty }: Estimate): string {
+  const shown = shownChange(value, uncertainty);
+  const percent = "\u00a0%";
+  return uncertainty === null ? `${shown.value}${percent}` : estimateText(withPercent(shown, percent));
 }
+
+const withPercent = (shown: ShownEstimate, percent: string): ShownEstimate => ({
+  ...shown,
+  value: `${shown.value}${percent}`,
+  interval: `${shown.interval}${percent}`,
+});
 
 /** When campaigns were, as labels that differ: by day, by time where a day repeats, by number where a time does. */
 export function whenTexts(times: string[]): string[] {
@@ -55,13 +60,9 @@ export function pointsOf(
 ): TrendPoint[] {
   return trend.campaigns.map((campaign, i) => {
     const point = joint.points[i];
-    const value = maybeInUnit(point?.stiffness, unit, joint.kind);
-    const [low, high] = intervalIn(point?.interval, unit, joint.kind);
     return {
       time: Date.parse(campaign.at),
-      value,
-      low,
-      high: point?.interval ? high : value,
+      ...onAxis(point ?? {}, unit, joint.kind),
       mark: point?.reason === null ? "method-1" : "free",
       lines: say(i),
       open: open(campaign.run_id),
