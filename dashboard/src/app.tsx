@@ -71,6 +71,7 @@ export function SignInView({ link, signedIn }: { link: string | undefined; signe
   );
 }
 
+const Palette = lazy(async () => (await import("./features/palette/view")).Palette);
 const QuestionDialog = lazy(async () => (await import("./components/question")).QuestionDialog);
 const StartView = lazy(async () => (await import("./features/start/view")).StartView);
 const RunsView = lazy(async () => (await import("./features/runs/view")).RunsView);
@@ -112,7 +113,16 @@ export function App() {
   const main = useRef<HTMLElement>(null);
   const address = route.parts.join("/");
   const first = useRef(true);
+  const [finding, find] = useState(false);
   useEffect(keepPlaces, []);
+  useEffect(() => {
+    const open = (event: KeyboardEvent) => {
+      if (event.key.toLowerCase() !== "k" || !(event.metaKey || event.ctrlKey) || needsKey(session)) return;
+      event.preventDefault();
+      find(true);
+    };
+    return listen(window, { keydown: open });
+  }, [session]);
   useEffect(() => {
     goToPlace();
     if (!first.current) {
@@ -129,7 +139,7 @@ export function App() {
       <a class="skip" href="#content" onClick={toContent}>
         {text.app.skip}
       </a>
-      <Header section={sectionOf(route)} settings={settings} session={session} />
+      <Header section={sectionOf(route)} settings={settings} session={session} find={() => find(true)} />
       {isViewer(session) && <p class="note viewer">{text.signIn.viewer}</p>}
       {typeof session === "object" && session.access === "none" && <p class="note warn">{text.app.noAccessControl}</p>}
       <main id="content" tabIndex={-1} ref={main}>
@@ -146,6 +156,7 @@ export function App() {
         </Boundary>
       </main>
       <Toasts />
+      {finding && <Palette close={() => find(false)} />}
       {useQuestion() && <QuestionDialog />}
       <Tip />
     </SettingsContext.Provider>
@@ -212,7 +223,14 @@ function Lost() {
   );
 }
 
-function Header({ section, settings, session }: { section: string; settings: Settings; session: Standing }) {
+interface HeaderProps {
+  section: string;
+  settings: Settings;
+  session: Standing;
+  find: () => void;
+}
+
+function Header({ section, settings, session, find }: HeaderProps) {
   return (
     <header class="header">
       <a class="brand" href="#/">
@@ -231,6 +249,12 @@ function Header({ section, settings, session }: { section: string; settings: Set
           </a>
         ))}
       </nav>
+      {typeof session === "object" && !needsKey(session) && (
+        <button type="button" class="find" onClick={find} aria-label={text.app.find} title="Ctrl K, ⌘K">
+          <Icon d="M10.5 4a6.5 6.5 0 1 0 0 13a6.5 6.5 0 1 0 0-13M15.5 15.5L20 20" />
+          <span>{text.app.find}</span>
+        </button>
+      )}
       <a class="docs" href="docs/" aria-label={text.app.docs}>
         <Icon d="M5 4h10a4 4 0 0 1 4 4v12H9a4 4 0 0 1-4-4zM9 9h6M9 13h6" />
         <span>{text.app.docs}</span>

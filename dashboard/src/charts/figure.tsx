@@ -122,7 +122,7 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
         {width > 0 && children(width)}
       </div>
       {legend.length > 0 && <Legend items={legend} />}
-      {note !== undefined && <p class="soft">{note}</p>}
+      {note !== undefined && !drawing && <p class="soft">{note}</p>}
       {table ? (
         <details onToggle={(event) => setOpen(event.currentTarget.open)}>
           <summary>{text.figure.table}</summary>
@@ -142,7 +142,8 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
         </details>
       ) : drawing === null ? null : (
         <details>
-          <summary>{text.figure.files}</summary>
+          <summary>{text.app.further}</summary>
+          {drawing && note !== undefined && <p class="soft">{note}</p>}
           <div class="actions">{svg}</div>
         </details>
       )}

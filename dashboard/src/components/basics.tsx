@@ -197,11 +197,13 @@ interface HeadProps {
   title?: ComponentChildren;
   about?: ComponentChildren;
   first?: ComponentChildren;
+  /** Widths at which what else there is is folded away. */
+  fold?: string;
   children?: ComponentChildren;
 }
 
 /** The head of a view: its title, what it is about, the first thing to do, and what else there is. */
-export const Head = ({ kind, plain, title = plain, about, first, children }: HeadProps) => (
+export const Head = ({ kind, plain, title = plain, about, first, fold = UPRIGHT, children }: HeadProps) => (
   <div class="head">
     <Title plain={plain} {...(kind === undefined ? {} : { kind })}>
       {title}
@@ -211,7 +213,7 @@ export const Head = ({ kind, plain, title = plain, about, first, children }: Hea
       <div class="actions">
         {first}
         {children && (
-          <Folded label={text.app.further} at={UPRIGHT}>
+          <Folded label={text.app.further} at={fold}>
             {children}
           </Folded>
         )}

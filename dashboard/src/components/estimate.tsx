@@ -29,6 +29,9 @@ export const EstimateInterval = ({ of: { interval, limit } }: EstimateProps) => 
 /** Size of a bar, and how many times the goal it reaches to each side of its middle. */
 const [WIDTH, HEIGHT, REACH] = [44, 12, 2];
 
+/** Whether there is a width to draw. */
+export const hasBar = ({ limit, relative }: ShownEstimate): boolean => limit !== null || relative !== null;
+
 /** The relative width as a bar around its middle, between two lines where the goal is; open above for a lower limit. */
 export function EstimateBar({ of: { limit, relative, unusable }, goal }: EstimateProps) {
   const most = goal ?? GOAL;
@@ -69,7 +72,7 @@ export function Estimate({ of, unit, goal = null, brief = false, bare = false }:
     <span class="with-range" title={width ?? undefined}>
       <EstimateValue of={of} {...(unit === undefined ? {} : { unit })} />
       {isNumber && range && <small class="soft range"> {range}</small>}
-      {!bare && (isNumber || of.limit !== null) && <EstimateBar of={of} goal={goal} />}
+      {!bare && hasBar(of) && <EstimateBar of={of} goal={goal} />}
     </span>
   );
 }

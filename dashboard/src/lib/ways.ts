@@ -24,10 +24,11 @@ function furtherWays({ weighting, elasticity, leave_out: left = [], variant_of: 
 }
 
 /** How a run was made where it is not as usual: most runs have the partial pose, and positive stiffnesses. */
-export const unusualWays = (asked: Asked): string[] => [
-  ...(asked.method === "partial_pose" ? [] : [text.methods[asked.method]]),
-  ...(asked.positive ? [] : [text.options.unconstrained]),
-  ...furtherWays(asked),
-];
+export function unusualWays(asked: Asked): string {
+  const method = asked.method === "partial_pose" ? [] : [text.methods[asked.method]];
+  const constraint = asked.positive ? [] : [text.options.unconstrained];
+  const ways = [...method, ...constraint, ...furtherWays(asked)].join(", ");
+  return ways.charAt(0).toUpperCase() + ways.slice(1);
+}
 
 export const howOf = (run: Asked): string => [text.methods[run.method], ...waysOf(run)].join(", ");

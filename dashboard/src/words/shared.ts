@@ -42,6 +42,7 @@ export const en = {
     compare: "Compare",
     robots: "Robots",
     settings: "Display",
+    find: "Find",
     archive: "Archive and restore",
     docs: "Documentation",
     noAccessControl:
@@ -247,6 +248,7 @@ export const en = {
     stiffnessIn: (unit: string) => `Joints in ${unit}.`,
     inBrackets: (level: string) => `In brackets: ${level} interval. Grey: do not use.`,
     beside: (positive: boolean) => (positive ? "Show constrained beside" : "Show unconstrained beside"),
+    why: (count: number) => `Why ${count} joints are uncertain`,
     joint: "Joint",
     value: "Stiffness",
     quantity: (compliance: boolean) => (compliance ? "Compliance" : "Stiffness"),
@@ -339,6 +341,7 @@ export const en = {
       `The readings support the stiffness of ${identified === count ? "all" : `${identified} of`} ${count} joints.`,
     identified: (identified: number, count: number) => `${identified} of ${count} joints identified.`,
     toDo: "What to do with it",
+    caveats: "Assumptions, and what the readings cannot show",
     unseen: "What the readings cannot show",
     assumptions: (count: number) => plural(count, "assumption", "assumptions"),
     again: "Identify again",
@@ -419,7 +422,6 @@ export const en = {
   losses: { squared: "squared", huber: "Huber", absolute: "absolute" } satisfies Record<Loss, string>,
   figure: {
     configuration: "Configuration",
-    files: "Drawing as a file",
     table: "Table, CSV, SVG",
     open: "Show in 3D",
     clickToOpen: "Click to show it",

@@ -1,10 +1,11 @@
 /** The joints of a run as one table and chart: stiffness on a logarithmic axis, in digits, its verdict, its part, and what to measure next. */
-import type { JointResult, Advice, Posture, Robot, RunResult } from "../../api/types";
+import type { JointResult, Advice, Posture, Robot, RunResult, Usability } from "../../api/types";
 import {
   axisStiffness,
   shownStiffness,
   STIFFNESS_UNITS,
   type StiffnessUnit,
+  type Verdict,
   unitOf,
   verdictOf,
   position,
@@ -18,7 +19,7 @@ import { text } from "../../words";
 import { clip, fixed, percent, extent, logarithmic, namedTicks } from "../../lib/format";
 import { estimateText, NORMAL_95, type ShownEstimate } from "../../lib/estimate";
 import { BottomAxis, Chart, Figure } from "../../charts/figure";
-import { Estimate, EstimateBar, EstimateInterval, EstimateValue } from "../../components/estimate";
+import { Estimate, EstimateBar, EstimateInterval, EstimateValue, hasBar } from "../../components/estimate";
 import { tip, Button, LinkButton, Name, Prose, Term, usePhone, useWidth } from "../../components/basics";
 import { queries } from "../../api/queries";
 import { PostureSketch } from "../../components/posture";
@@ -342,7 +343,7 @@ export function JointTable(shown: TableProps) {
 
 const markIn = ({ run }: RunContext): string => (run.request.positive ? "positive" : "free");
 
-function Rows({ context, result: { joints, contributions, identifiability }, bare }: TableProps) {
+function Rows({ context, result: { joints, contributions, identifiability, assessment }, bare }: TableProps) {
   const { run, robot } = context;
   const { unit } = useSettings();
   const [head, width] = useWidth<HTMLDivElement>();
@@ -422,6 +423,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
                 )}
               </div>
               <span role="cell" class="number value">
+                {hasBar(shown) && <EstimateBar of={shown} />}
                 <EstimateValue of={shown} />
                 {verdict !== "unobservable" && joint.kind !== "prismatic" && (
                   <small class="unit soft">{withUnit("", unitOf(unit).label)}</small>
@@ -429,11 +431,12 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
               </span>
               <span role="cell" class="number interval-text">
                 <EstimateInterval of={shown} />
-                {(shown.limit ?? shown.value) !== null && <EstimateBar of={shown} />}
               </span>
               <span role="cell" class="verdict" title={text.verdicts[verdict][1]}>
                 <span class={cap ? `lamp ${cap}` : "lamp"} aria-hidden="true" />
-                <span class="word">{cap ? text.usability[cap] : text.verdicts[verdict][0]}</span>
+                <span class={isPlain(verdict, cap, assessment.verdict) ? "word hidden" : "word"}>
+                  {cap ? text.usability[cap] : text.verdicts[verdict][0]}
+                </span>
               </span>
               {shares && !part?.mean && (
                 <span role="cell" class="part soft">
@@ -447,7 +450,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
                   </svg>
                   {shown.unusable ? <span>{percent(part.share)}</span> : <b>{percent(part.share)}</b>}
                   <span class="soft of">{runWords.ofDeflection}</span>
-                  <span class="soft">
+                  <span class="soft length">
                     {fixed(part.mean * 1e3, 3)} {text.units.mm}
                   </span>
                 </span>
@@ -463,13 +466,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
           </Fragment>
         );
       })}
-      {[...reasons].map(([reason, own]) => (
-        <div class="reason soft" role="row">
-          <span role="cell">
-            <Name>{own.map(({ name }) => name).join(", ")}</Name>: <Prose text={reason} />
-          </span>
-        </div>
-      ))}
+      <Reasons of={reasons} />
     </div>
   );
 }
@@ -481,6 +478,35 @@ function shownOrTied(joint: JointResult, groups: string[][], unit: StiffnessUnit
   if (shown.value !== null || shown.limit !== null || group === undefined) return shown;
   return { ...shown, limit: text.estimate.tied(group.filter((name) => name !== joint.name)) };
 }
+
+/** Why joints are uncertain: one reason of one joint in a line, several behind a line. */
+function Reasons({ of }: { of: Map<string, JointResult[]> }) {
+  const rows = [...of].map(([reason, own]) => (
+    <div class="reason soft" role="row">
+      <span role="cell">
+        <Name>{own.map(({ name }) => name).join(", ")}</Name>: <Prose text={reason} />
+      </span>
+    </div>
+  ));
+  const count = [...of.values()].flat().length;
+  if (count < 2) return <>{rows}</>;
+  return (
+    <div role="row" class="reasons">
+      <div role="cell">
+        <details>
+          <summary>{runWords.why(count)}</summary>
+          <div role="table" aria-label={runWords.why(count)}>
+            {rows}
+          </div>
+        </details>
+      </div>
+    </div>
+  );
+}
+
+/** Whether the lamp says enough of a joint: its bar shows how well it is known, or its verdict is that of the run. */
+const isPlain = (verdict: Verdict, cap: Usability | null, ofRun: Usability): boolean =>
+  cap === null ? verdict === "firm" || verdict === "fair" : cap === ofRun;
 
 /** Height of a row with its mark, and width of the longest share [px]. */
 const [ROW, SHARE_WIDTH] = [40, 64];

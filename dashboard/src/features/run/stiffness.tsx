@@ -9,7 +9,6 @@ import {
   When,
   Term,
   ActionButton,
-  Button,
   Download,
   LinkButton,
   lazy,
@@ -21,7 +20,8 @@ import { percent, significant } from "../../lib/format";
 import { STIFFNESS_UNITS } from "../../lib/stiffness";
 import { useSettings } from "../../state/session";
 import { text } from "../../words";
-import { JobLines, JobTables, Notes, Reasons, variantBy, VerdictLine } from "../../components/job_page";
+import { JobLines, JobTables, Reasons, variantBy, VerdictLine } from "../../components/job_page";
+import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { type PartProps, type RunContext, isElastic } from "../../state/run_context";
 import { howOf } from "../../lib/ways";
@@ -86,7 +86,14 @@ const words = evidenceWords;
 const EXACT = 1e-9; // m: less is rounding of a fit with as many parameters as readings
 const small = (value: number): string => (value === 0 ? "0" : significant(value, 2));
 
-export function Evidence({ context: { run, set }, result }: { context: RunContext; result: RunResult }) {
+interface EvidenceProps {
+  context: RunContext;
+  result: RunResult;
+  /** Whether a joint has a number. */
+  numbered: boolean;
+}
+
+export function Evidence({ context: { run, set }, result, numbered }: EvidenceProps) {
   const [open, setOpen] = useState(false);
   const elastic = isElastic(run); // what is said of identifiability is then of the joints alone
   const { identifiability: found, certificate } = result;
@@ -96,6 +103,7 @@ export function Evidence({ context: { run, set }, result }: { context: RunContex
       <summary>
         <h2>{words.title}</h2>
       </summary>
+      {numbered && <Summary result={result} />}
       {elastic && <p class="soft">{words.jointsAlone}</p>}
       <Facts
         facts={[
@@ -134,7 +142,7 @@ export function Evidence({ context: { run, set }, result }: { context: RunContex
   );
 }
 
-export function StiffnessPart({ context, result }: PartProps) {
+export function StiffnessPart({ context, result, query }: PartProps) {
   const { run } = context;
   const nothing = result.joints.every(({ status }) => !NUMBERED.includes(status));
   const { assessment } = result;
@@ -145,6 +153,7 @@ export function StiffnessPart({ context, result }: PartProps) {
         <VerdictLine assessment={assessment} />
       </section>
       <JointTable context={context} result={result} bare={nothing} />
+      <Caveats context={context} notes={assessment.notes} />
       {phone && (
         <div class="go">
           <First run={run} set={context.set} />
@@ -153,31 +162,17 @@ export function StiffnessPart({ context, result }: PartProps) {
       {assessment.reasons.length > 0 && (
         <section class={`verdict-card ${assessment.verdict}`} aria-label={assessmentWords.toDo}>
           <h2>{assessmentWords.toDo}</h2>
-          <Reasons assessment={assessment} context={context} />
+          <Reasons assessment={assessment} context={context} brief />
         </section>
       )}
-      <Unseen notes={assessment.notes.filter(isUnseen)} />
+      {query.has("rehearse") && <Rehearsal job={run.id} atOnce />}
       {run.request.variant_of && <BeforeAfter run={run} origin={run.request.variant_of} />}
-      {!nothing && <Summary result={result} />}
-      <Assumptions context={context} notes={assessment.notes.filter((note) => !isUnseen(note))} />
       {(result.links || result.choice?.models.length || result.resampling) && (
         <JobTables collection="runs" id={run.id} from={1} />
       )}
-      {!run.request.weight && <RehearsalPart job={run.id} />}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
-      <Evidence context={context} result={result} />
+      <Evidence context={context} result={result} numbered={!nothing} />
     </>
-  );
-}
-
-/** The rehearsal, whose program and words are loaded on demand. */
-function RehearsalPart({ job }: { job: string }) {
-  const [isOpen, setOpen] = useState(false);
-  if (isOpen) return <Rehearsal job={job} atOnce />;
-  return (
-    <section class="card">
-      <Button onClick={() => setOpen(true)}>{text.run.rehearse}</Button>
-    </section>
   );
 }
 
@@ -220,11 +215,27 @@ function Next({ run, set }: Pick<RunContext, "run" | "set">) {
   );
 }
 
-/** Mistakes that no test of these readings can find. */
-const Unseen = ({ notes }: { notes: string[] }) =>
-  notes.length > 0 && (
-    <section class="card" aria-label={assessmentWords.unseen}>
-      <h2>{assessmentWords.unseen}</h2>
+/** A line each of what was assumed and of what these readings cannot show; whoever knows better states it behind the line. */
+function Caveats({ context, notes }: { context: RunContext; notes: string[] }) {
+  const [unseen, assumed] = [notes.filter(isUnseen), notes.filter((note) => !isUnseen(note))];
+  if (notes.length === 0) return null;
+  return (
+    <section class="card caveats" aria-label={assessmentWords.caveats}>
+      {assumed.length > 0 && (
+        <Caveat title={assessmentWords.assumptions(assumed.length)} notes={assumed}>
+          <Assumed context={context} />
+        </Caveat>
+      )}
+      {unseen.length > 0 && <Caveat title={assessmentWords.unseen} notes={unseen} />}
+    </section>
+  );
+}
+
+function Caveat({ title, notes, children }: { title: string; notes: string[]; children?: ComponentChildren }) {
+  const [open, setOpen] = useState(false);
+  return (
+    <details onToggle={(event) => setOpen(event.currentTarget.open)}>
+      <summary>{title}</summary>
       <ul class="lines">
         {notes.map((note) => (
           <li>
@@ -232,20 +243,7 @@ const Unseen = ({ notes }: { notes: string[] }) =>
           </li>
         ))}
       </ul>
-    </section>
-  );
-
-/** What was assumed; whoever knows better states it here, and the readings are identified again. */
-function Assumptions({ context, notes }: { context: RunContext; notes: string[] }) {
-  const [open, setOpen] = useState(false);
-  if (notes.length === 0) return null;
-  return (
-    <details class="card evidence" onToggle={(event) => setOpen(event.currentTarget.open)}>
-      <summary>
-        <h2>{assessmentWords.assumptions(notes.length)}</h2>
-      </summary>
-      <Notes notes={notes} />
-      {open && <Assumed context={context} />}
+      {open && children}
     </details>
   );
 }

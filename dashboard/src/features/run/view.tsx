@@ -2,14 +2,13 @@
 import type { ComponentType, VNode } from "preact";
 import { api } from "../../api/calls";
 import type { Run } from "../../api/types";
-import { NameLink, ActionButton, Tabs, lazy, usePhone } from "../../components/basics";
+import { NameLink, ActionButton, LinkButton, Tabs, lazy, usePhone } from "../../components/basics";
 import { JobPage } from "../../components/job_page";
 import { freshKey } from "../../lib/json";
 import { useAction, link } from "../../state/action";
 import { text } from "../../words";
 import { type PartProps, type RunContext, contextOf, elasticityOf } from "../../state/run_context";
 import { unusualWays } from "../../lib/ways";
-import { sentence } from "../../lib/said";
 import { BesideButton, First, StiffnessPart } from "./stiffness";
 
 const DeflectionPart = lazy(async () => (await import("./deflection")).DeflectionPart);
@@ -47,6 +46,9 @@ export function RunView({ id, part, query }: { id: string; part: string; query: 
           <>
             {run.result && <BesideButton run={run} result={run.result} />}
             <Repeat run={run} />
+            {run.result && !run.request.weight && (
+              <LinkButton href={link(["runs", run.id], { rehearse: "1" })}>{text.run.rehearse}</LinkButton>
+            )}
           </>
         ),
       })}
@@ -56,8 +58,7 @@ export function RunView({ id, part, query }: { id: string; part: string; query: 
   );
 }
 
-const unusual = (run: Run): string =>
-  sentence(unusualWays({ ...run.request, elasticity: elasticityOf(run), variant_of: null }).join(", "));
+const unusual = (run: Run): string => unusualWays({ ...run.request, elasticity: elasticityOf(run), variant_of: null });
 
 function Repeat({ run }: { run: Run }) {
   const repeat = useAction(async () => {

@@ -28,7 +28,6 @@ import { link, readdress, toast, go } from "../../state/action";
 import { useKeptOnEntry } from "../../state/entry";
 import { text } from "../../words";
 import { unusualWays } from "../../lib/ways";
-import { sentence } from "../../lib/said";
 import { evidenceWords } from "../run/words";
 import { runListWords } from "./words";
 
@@ -232,7 +231,7 @@ const useListed = <Of extends Collection>(collection: Of, filters: JobQuery) =>
 export const MOST_RUNS = 4;
 
 function aboutRun(run: RunSummary): About {
-  const ways = sentence(unusualWays(run).join(", "));
+  const ways = unusualWays(run);
   return { name: run.measurement_set_name ?? "…", ...(ways && { how: ways }) };
 }
 
