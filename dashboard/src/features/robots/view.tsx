@@ -44,6 +44,7 @@ import { type RunColumn, RunsTable } from "../run/stiffness";
 import { keepPreviousData } from "@tanstack/query-core";
 import type { ComponentChildren } from "preact";
 import { ChangedJoints } from "../trend/changed";
+import { Today } from "./today";
 import { FilterBar, type Row, Rows, useFilter, StoredActions, wanted } from "../../components/list";
 import { TextField } from "../../components/fields";
 import { factsOf, measuredBetween, notedIn, type Typed, typedOf } from "../../lib/campaign";
@@ -363,6 +364,10 @@ export function RobotView({ id }: { id: string }) {
   );
 }
 
+/** Whether an arm of another serial number changed than the one that was measured last. */
+const changedElsewhere = ({ last_campaign: last }: Robot): boolean =>
+  last?.changed.some(({ serial_number: serial }) => serial !== last.serial_number) ?? false;
+
 function RobotPage({ robot }: { robot: Robot }) {
   const { data: sets } = useQuery(queries.sets({ robot_id: robot.id, limit: 1 }));
   return (
@@ -391,11 +396,12 @@ function RobotPage({ robot }: { robot: Robot }) {
         )}
         <StoredActions of={robot} api={api.robots} list="#/robots" />
       </Head>
-      {robot.last_campaign && robot.last_campaign.changed.length > 0 && (
+      {changedElsewhere(robot) && (
         <p class="note bad">
           <ChangedJoints of={robot.last_campaign} />
         </p>
       )}
+      {robot.last_campaign && <Today robot={robot} last={robot.last_campaign} />}
       <div class="flow">
         <section class="card">
           <Arm source={{ robot_id: robot.id }} start={null} />

@@ -11,14 +11,14 @@ import { type Campaign, factsOf, statesNoise } from "../../lib/campaign";
 import { contentKey, freshKey, type Fields as Document } from "../../lib/json";
 import { useAction, link, go } from "../../state/action";
 import { begunFiles, handFile, keepFiles } from "../readings/begun";
-import { FROM_FILE, ROBOTS, robotsToldApart, SETS, sourceOf } from "../../state/choices";
+import { FROM_FILE, ROBOTS, SETS, sourceOf } from "../../state/choices";
 import { type Opened, open } from "../readings/opening";
 import { isKnown, useQuery } from "../../state/query";
 import { text } from "../../words";
 import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "../readings/flow";
 import { withNoise } from "../run/assumed";
 import { Rows } from "../../components/list";
-import { ChangedJoints } from "../trend/changed";
+import { Wall } from "../fleet/wall";
 import { OpenCampaigns, TrySimulated } from "../measure/open_campaigns";
 import { latestRows } from "../runs/view";
 import { measureWords } from "../measure/words";
@@ -210,13 +210,13 @@ async function example(): Promise<File> {
   return new File([await answer.blob()], "example.json");
 }
 
-/** What was begun before: campaigns that are still measured, robots that changed, the latest runs. */
+/** What was begun before: campaigns that are still measured, robots by their change, the latest runs. */
 function GoOn() {
   return (
     <section class="go-on" aria-labelledby="go-on">
       <h2 id="go-on">{startWords.goOn}</h2>
       <OpenCampaigns as="h3" />
-      <ChangedRobots />
+      <Robots />
       <Recent />
     </section>
   );
@@ -224,23 +224,17 @@ function GoOn() {
 
 const SHOWN = 5;
 
-/** Robots of which the last campaign shows a change. */
-function ChangedRobots() {
-  const { data: robots } = useQuery(queries.robots(ROBOTS));
-  const changed = robots?.items.filter(({ last_campaign: last }) => last?.changed.length) ?? [];
-  if (changed.length === 0) return null;
-  const names = robotsToldApart(robots?.items ?? []);
+/** Robots on the start; all are one tap away. */
+const ON_START = 12;
+
+/** Which robot got worse, by how much: the wall's first rows; nothing before a robot was measured. */
+function Robots() {
+  const { data: robots } = useQuery(queries.everyRobot);
+  if (!robots?.some(({ last_campaign: last }) => last)) return null;
   return (
     <>
-      <h3>{startWords.changed}</h3>
-      <Rows
-        rows={changed.slice(0, SHOWN).map(({ id, name, last_campaign: last }) => ({
-          id,
-          name: names.get(id) ?? name,
-          href: link(["compare", "trend", id]),
-          standing: <ChangedJoints of={last} />,
-        }))}
-      />
+      <h3>{text.app.robots}</h3>
+      <Wall most={ON_START} />
     </>
   );
 }

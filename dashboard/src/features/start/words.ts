@@ -2,7 +2,6 @@
 
 export const startWords = {
   anotherFile: "Choose another file, or a stored set",
-  changed: "Robots that changed",
   example: "Try an example",
   exampleHint: "The example has a robot and readings; a simulated arm can be measured live.",
   goOn: "Go on",

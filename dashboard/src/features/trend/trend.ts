@@ -30,6 +30,13 @@ export function whenTexts(times: string[]): string[] {
   return labels.find(unlike) ?? times.map((time, i) => `${timeText(time)} (${i + 1})`);
 }
 
+/** The campaign with which the latest one is compared. */
+export const firstCompared = ({ points }: TrendJoint): number =>
+  Math.max(
+    0,
+    points.findIndex(({ reason }) => reason === null),
+  );
+
 /** The two campaigns that the test of a joint compares: those with a number; each in words. */
 export function comparedText(campaigns: TrendCampaign[], { points }: TrendJoint): string {
   const words = trendWords;
