@@ -347,9 +347,9 @@ def test_the_start_says_which_robot_got_worse_and_a_tap_since_when(visit, stored
 
 def test_a_robots_page_begins_with_its_stiffness_today(visit, stored):
     visited = visit("phone", view=f"#/robots/{stored['worn']}")
-    joints = visited.page.get_by_role("region", name="Stiffness today").get_by_role("listitem")
-    expect(joints).to_have_count(6)
-    expect(joints.nth(2)).to_contain_text(re.compile(r"joint_3.*….*since 10 Jan 2026"))
+    joints = visited.page.get_by_role("table", name="Stiffness today").get_by_role("row")
+    expect(joints).to_have_count(1 + 6)
+    expect(joints.nth(3)).to_contain_text(re.compile(r"joint_3.*….*since 10 Jan 2026"))
     assert joints.last.bounding_box()["y"] < 844  # on the first screen
 
 

@@ -71,8 +71,8 @@ export function Estimate({ of, unit, goal = null, brief = false, bare = false }:
   return (
     <span class="with-range" title={width ?? undefined}>
       <EstimateValue of={of} {...(unit === undefined ? {} : { unit })} />
-      {isNumber && range && <small class="soft range"> {range}</small>}
       {!bare && hasBar(of) && <EstimateBar of={of} goal={goal} />}
+      {isNumber && range && <small class="soft range"> {range}</small>}
     </span>
   );
 }

@@ -86,7 +86,7 @@ function FleetTable({ rows }: { rows: FleetRow[] }) {
     ]),
   };
   return (
-    <section class="card">
+    <section class="card fleet">
       <h2>{words.sets}</h2>
       <p class="soft">{words.unit(labelOf(unit, kinds))}</p>
       <DataTable table={table} caption={words.sets} />

@@ -69,10 +69,13 @@ export function WallTable({ rows }: { rows: WallRow[] }) {
                   <Name>{row.name}</Name>
                 </a>
                 {row.note && (
-                  <small class="soft">
+                  <small class="soft note-of">
                     <Name>{row.note}</Name>
                   </small>
                 )}
+                <small class="soft day" aria-hidden="true">
+                  {dayText(row.at)}
+                </small>
               </th>
               {columns.map((i) => (
                 <Cell cell={row.cells[i]} row={row} />

@@ -9,6 +9,7 @@ import { link } from "../../state/action";
 import { useQuery } from "../../state/query";
 import { useSettings } from "../../state/session";
 import { changeText, firstCompared } from "../trend/trend";
+import { text } from "../../words";
 import { robotWords as words } from "./words";
 
 export function Today({ robot, last }: { robot: Robot; last: NonNullable<Robot["last_campaign"]> }) {
@@ -18,26 +19,33 @@ export function Today({ robot, last }: { robot: Robot; last: NonNullable<Robot["
   const kinds = robot.joints.map(({ kind }) => kind ?? "revolute");
   return (
     <section class="card today" aria-label={words.today}>
-      <h2>
-        {words.today} <small class="soft">{labelOf(unit, kinds)}</small>
-      </h2>
+      <h2>{words.today}</h2>
       <p class="meta">
         <Badge verdict={last.verdict} />
         <When time={last.at} />
         <a href={link(["runs", last.run_id])}>{words.itsRun}</a>
       </p>
       {run?.result ? (
-        <ul>
+        <div role="table" aria-label={words.today}>
+          <div role="row" class="soft">
+            <span role="columnheader">{text.run.joint}</span>
+            <span role="columnheader">{labelOf(unit, kinds)}</span>
+            <span role="columnheader">{words.change}</span>
+          </div>
           {run.result.joints.map((joint) => (
-            <li>
-              <b>
+            <div role="row">
+              <span role="rowheader">
                 <Name>{joint.name}</Name>
-              </b>
-              <Estimate of={shownStiffness(joint, unit)} />
-              <Changed joint={joint.name} trend={trend} />
-            </li>
+              </span>
+              <span role="cell">
+                <Estimate of={shownStiffness(joint, unit)} />
+              </span>
+              <span role="cell">
+                <Changed joint={joint.name} trend={trend} />
+              </span>
+            </div>
           ))}
-        </ul>
+        </div>
       ) : (
         <Busy />
       )}

@@ -42,6 +42,7 @@ export const robotWords = {
   trend: "Trend of the joints",
   today: "Stiffness today",
   itsRun: "Its run",
+  change: "Change",
   since: (day: string) => `since ${day}`,
   listOf: "Measurement sets and runs of this robot",
   ways: "Begin with",

@@ -332,7 +332,7 @@ export function JointTable(shown: TableProps) {
   const rows = result.joints.map((joint) => ({ name: joint.name, marks: [markOf(joint, markIn(context), unit)] }));
   return (
     <Figure
-      title={runWords.stiffness}
+      title={`${runWords.stiffness} [${STIFFNESS_UNITS[unit].label}]`}
       {...(bare ? {} : { note: runWords.stiffnessNote(level) })}
       drawing={bare ? null : (width) => <StiffnessIntervals {...{ rows, width, unit, label: runWords.stiffness }} />}
     >
@@ -385,7 +385,7 @@ function Rows({ context, result: { joints, contributions, identifiability, asses
           )}
         </div>
         <span role="columnheader" class="number">
-          <span>{runWords.quantity(unit === "compliance")}</span> <small>{label}</small>
+          {runWords.quantity(unit === "compliance")}
         </span>
         <span role="columnheader" class="number">
           <Term of="interval">{runWords.interval(percent(run.request.confidence))}</Term>
