@@ -19,7 +19,7 @@ import { Arm, type Arrow, Arrows, Cloud, ScaleBar, type Label, Labels } from "./
 import type { Box } from "../lib/box";
 import type { HeldBox } from "./box";
 import { Orbit } from "./orbit";
-import type { Show } from "./view";
+import type { Show } from "./show";
 
 const FRAME = "jointstiff.frame";
 const KEPT_FRAMES = 500;

@@ -3,7 +3,7 @@ import { useEffect, useState } from "preact/hooks";
 import { problemOf } from "../api/problem";
 import type { Problem, Usability } from "../api/types";
 import { listen, news, tell } from "../lib/events";
-import { text } from "../i18n";
+import { text } from "../words";
 import { send, useMutation } from "./query";
 import { askFor, sure } from "./question";
 
