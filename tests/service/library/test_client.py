@@ -416,6 +416,12 @@ def program(result):
 
 
 VERBS = {
+    "correct": (
+        lambda backend, source: backend.correct(
+            source, EXAMPLES / "poses.csv", tool=(0, 0, 200, 0, 0, 0), forces=FORCE
+        ),
+        lambda correction: (correction.status, correction.poses.round(9).tolist()),
+    ),
     "identify": (
         lambda backend, source: backend.identify(source, method="complete_pose"),
         lambda run: run.result.joints,

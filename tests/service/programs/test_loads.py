@@ -22,8 +22,8 @@ from jointstiff.solver.errors import RequestError
 TEXT = program_text("krl", tool_poses(path(4)), 4)
 HEADER = "point,Fx [N],Fy [N],Fz [N]"
 COLUMNS = (
-    "write `point`, `label` or `length [mm]`, then Fx [N], Fy [N], Fz [N], and, if there are moments, "
-    "Mx [N.m] …"
+    "write `point`, `label` or `length [mm]`, then Fx [N], Fy [N], Fz [N], and, if known, "
+    "Mx [N.m] … and feed [mm/s]"
 )
 ONCE = "number the points from 1 to 4, and give each point at most once"
 

@@ -183,15 +183,7 @@ function AskProcess({ of, robot, joints }: AskProcessProps) {
       <details>
         <summary>{settingWords.title}</summary>
         <div class="card form">
-          {fields([
-            "branches",
-            "rate",
-            "clearance",
-            "objective",
-            "turns",
-            "force_uncertainty",
-            "correct",
-          ])}
+          {fields(["branches", "rate", "clearance", "objective", "turns", "force_uncertainty", "correct"])}
         </div>
       </details>
       <ActionButton

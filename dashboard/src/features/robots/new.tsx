@@ -74,7 +74,7 @@ export function ArmFacts({ arm }: { arm: NominalArm }) {
     <>
       <p class="note warn">{words.nominalNote}</p>
       <JointsTable
-        joints={arm.model.rows.map((row) => ({ name: "", lower: null, upper: null, ...row }))}
+        joints={arm.model.rows.map((row) => ({ name: "", lower: null, upper: null, speed: null, ...row }))}
         rows={arm.model.rows}
       />
       <Facts
