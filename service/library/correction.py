@@ -274,7 +274,7 @@ def _read_poses(array: FloatArray, units: Units) -> FloatArray:
     """Return poses (N, 6), X, Y, Z and rotation vector in the units of the call, from (N, 6) or (N, 4, 4).
 
     Raises:
-        RequestError: the array has another shape.
+        RequestError: the array has another shape, or a rotation has a number that is not finite.
     """
     from scipy.spatial.transform import Rotation
 
@@ -285,6 +285,13 @@ def _read_poses(array: FloatArray, units: Units) -> FloatArray:
             f"the poses have shape {array.shape}",
             where="poses",
             remedy="give poses (N, 4, 4), or (N, 6) with X, Y, Z and rotation vector",
+        )
+    is_known = np.isfinite(array[:, :3, :3]).all(axis=(1, 2))
+    if not is_known.all():
+        raise RequestError(
+            f"the rotation of row {int(np.argmin(is_known)) + 1} has no finite number",
+            where="poses",
+            remedy="give a number in each row, or leave the row out",
         )
     rotation = Rotation.from_matrix(array[:, :3, :3]).as_rotvec() / ANGLE[units.angle]
     return np.concatenate([array[:, :3, 3], rotation], axis=1)

@@ -26,7 +26,7 @@ from jointstiff.service.conversion.robots import (
     refuse_far_point,
     refuse_wrong_joint_count,
 )
-from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.runs.deflection import parse_unit_factor
 from jointstiff.service.runs.verdicts import (
     PriorModel,
@@ -64,6 +64,8 @@ _FORCE: Final = ("fx", "fy", "fz")
 _MOMENT: Final = ("mx", "my", "mz")
 _ORIENTATIONS: Final = (_ROTATION_VECTOR, _EULER_ANGLES, _QUATERNION)
 _LENGTHS: Final = (*_POSITION, "dx", "dy", "dz", "readings", "model_error", "residual")
+_FACTORS: Final = {"length": LENGTH, "angle": ANGLE, "force": FORCE, "moment": MOMENT}
+"""Quantity → unit of its headers → factor to SI units."""
 REASONS: Final[Mapping[CorrectionStatus, tuple[str, str]]] = MappingProxyType(
     {
         "capped": ("the limits reduce the correction", "check the load, then raise the limits"),
@@ -97,7 +99,7 @@ class PoseTable:
         """Read the columns of a request.
 
         Raises:
-            RequestError: columns are missing, unknown, or have different lengths.
+            RequestError: columns are missing, unknown, have different lengths, or a number is not finite.
         """
         names = {name.lower(): name for name in columns}
         joint_names = [f"j{number}" for number in range(1, robot.n + 1)]
@@ -117,10 +119,7 @@ class PoseTable:
             raise RequestError(
                 f"the column {missing[0]} is missing", where="columns", remedy="give all columns of a group"
             )
-        if len({len(each) for each in columns.values()}) > 1:
-            raise RequestError(
-                "the columns have different lengths", where="columns", remedy="give each row in each column"
-            )
+        _refuse_bad_numbers(columns)
 
         def stack(group: Sequence[str]) -> FloatArray:
             return np.array([columns[names[each]] for each in group], dtype=np.float64).T
@@ -135,6 +134,26 @@ class PoseTable:
             moment = stack(_MOMENT) if "mx" in names else np.zeros((len(poses), 3))
             loads = np.concatenate([force, moment_factor(units, moment) * moment], axis=1)
         return cls(poses, orientation, joints, loads)
+
+
+def _refuse_bad_numbers(columns: Mapping[str, Any]) -> None:
+    """Refuse columns of different lengths, and numbers that are not finite.
+
+    Raises:
+        RequestError: names the column.
+    """
+    if len({len(each) for each in columns.values()}) > 1:
+        raise RequestError(
+            "the columns have different lengths", where="columns", remedy="give each row in each column"
+        )
+    for name, column in columns.items():
+        is_number = np.isfinite(np.asarray(column, dtype=np.float64))
+        if not is_number.all():
+            raise RequestError(
+                f"row {int(np.argmin(is_number)) + 1} of column {name} has no finite number",
+                where="columns",
+                remedy="give a number in each row, or leave the row out",
+            )
 
 
 def _choose_orientation(names: Collection[str]) -> tuple[str, ...]:
@@ -441,22 +460,31 @@ def convert_headers(columns: Mapping[str, Any], units: Units, robot: Robot) -> d
     Raises:
         RequestError: a header has no unit, or another quantity's.
     """
-    converted, sizes, own = dict[str, FloatArray](), LENGTH, str(units.length)
+    converted = dict[str, FloatArray]()
+    own = {"length": LENGTH[units.length], "angle": ANGLE[units.angle], "force": FORCE[units.force]}
     for header, column in columns.items():
         name = header.partition("[")[0].strip().lower()
-        joint = re.fullmatch(r"j(\d+)", name)
-        if joint and 1 <= int(joint[1]) <= robot.n and robot.prismatic[int(joint[1]) - 1]:
-            sizes, own = LENGTH, str(units.length)
-        elif joint or name in {*_ROTATION_VECTOR, *_EULER_ANGLES}:
-            sizes, own = ANGLE, str(units.angle)
-        elif name in _POSITION:
-            sizes, own = LENGTH, str(units.length)
-        elif name in _FORCE:
-            sizes, own = FORCE, str(units.force)
-        else:  # quaternions, and moments in the unit of the request
-            converted[name] = np.asarray(column, dtype=np.float64)
-            continue
-        converted[name] = np.asarray(column, dtype=np.float64) * (
-            parse_unit_factor(header, sizes) / sizes[own]
-        )
+        numbers = np.asarray(column, dtype=np.float64)
+        quantity = _find_quantity(name, robot)
+        if quantity == "moment":
+            own[quantity] = moment_factor(units, numbers)
+        if quantity is not None:
+            numbers = numbers * (parse_unit_factor(header, _FACTORS[quantity]) / own[quantity])
+        converted[name] = numbers
     return converted
+
+
+def _find_quantity(name: str, robot: Robot) -> str | None:
+    """Return the quantity in a column; None if its numbers have no unit."""
+    joint = re.fullmatch(r"j(\d+)", name)
+    if joint is not None:
+        number = int(joint[1])
+        is_prismatic = 1 <= number <= robot.n and robot.prismatic[number - 1]
+        return "length" if is_prismatic else "angle"
+    groups = {
+        "length": _POSITION,
+        "angle": (*_ROTATION_VECTOR, *_EULER_ANGLES),
+        "force": _FORCE,
+        "moment": _MOMENT,
+    }
+    return next((quantity for quantity, names in groups.items() if name in names), None)

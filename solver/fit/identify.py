@@ -239,10 +239,10 @@ def refuse_unsupported(rows: Rows, settings: Settings) -> None:
         UnsupportedMethodError: names what is missing and a remedy.
     """
     measurements = rows.measurements
-    if settings.method != "partial_pose":
-        refuse_missing_poses(measurements)
     if settings.method == "decoupled_partial_pose":
         find_spherical_wrist(rows.robot)
+    if settings.method != "partial_pose":
+        refuse_missing_poses(measurements)
     if settings.loss != "squared" and measurements.direction is not None:
         raise UnsupportedMethodError(
             f"loss {settings.loss} needs the length of each residual, but a reading along one direction "

@@ -488,15 +488,7 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
     present = measurements.present[..., None]
     reference = block.points.mean(axis=1, where=present)
     lever_arms = np.where(present, block.points - reference[:, None], 0.0)
-    singular_values = np.linalg.svd(lever_arms, compute_uv=False)
-    collinear = np.flatnonzero(singular_values[:, 1] <= _COLLINEAR * singular_values[:, 0])
-    if len(collinear):
-        raise UnsupportedMethodError(
-            "the targets lie on a line, so the flange's rotation about this line is not observable "
-            f"({len(collinear)} observations)",
-            where="readings",
-            remedy="use method partial_pose, or place the three targets so that they form a triangle",
-        )
+    _refuse_lines(lever_arms)
     rotation_columns = -skew(lever_arms)
     displacement_columns = measurements.project_on_directions(
         np.concatenate([np.broadcast_to(np.eye(3), rotation_columns.shape), rotation_columns], axis=-1)
@@ -507,8 +499,25 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
     return Q, R, reference
 
 
+def _refuse_lines(lever_arms: FloatArray) -> None:
+    """Refuse observations whose targets lie on a line; lever arms (B, T, 3) are from their barycentre [m].
+
+    Raises:
+        UnsupportedMethodError: if the targets of an observation lie on a line.
+    """
+    singular_values = np.linalg.svd(lever_arms, compute_uv=False)
+    collinear = np.flatnonzero(singular_values[:, 1] <= _COLLINEAR * singular_values[:, 0])
+    if len(collinear):
+        raise UnsupportedMethodError(
+            "the targets lie on a line, so the flange's rotation about this line is not observable "
+            f"({len(collinear)} observations)",
+            where="readings",
+            remedy="use method partial_pose, or place the three targets so that they form a triangle",
+        )
+
+
 def refuse_missing_poses(measurements: Measurements) -> None:
-    """Refuse measurements in which an observation has fewer than three targets with all coordinates read.
+    """Refuse observations that have fewer than three targets with all coordinates read, or only a line.
 
     Raises:
         UnsupportedMethodError: names the first such observation.
@@ -523,6 +532,12 @@ def refuse_missing_poses(measurements: Measurements) -> None:
             where=f"observations[{first}].readings",
             remedy="use method partial_pose, or read three targets in every observation",
         )
+    present, in_flange = measurements.present, measurements.in_flange
+    # Places in two frames form no line; `factorise_displacement` judges them by the robot.
+    of_one_frame = (in_flange | ~present).all(axis=1) | ~(in_flange & present).any(axis=1)
+    read = present[of_one_frame][..., None]
+    position = measurements.position[of_one_frame]
+    _refuse_lines(np.where(read, position - position.mean(axis=1, where=read)[:, None], 0.0))
 
 
 def find_spherical_wrist(robot: Robot) -> Wrist:

@@ -29,7 +29,7 @@ from jointstiff.solver.predict.forward import (
     compensate_postures,
 )
 from jointstiff.solver.predict.models import JointModel, ModelError
-from jointstiff.solver.process.frames import FrameGaps, FramesError, propose_frames
+from jointstiff.solver.process.frames import FrameGaps, FramesError, invert_poses, propose_frames
 from jointstiff.solver.process.path import find_feed_frames
 
 ROWS_AT_ONCE: Final = 2_000
@@ -104,7 +104,7 @@ class Waypoints:
     @property
     def flange_poses(self) -> FloatArray:
         """(N, 4, 4) poses of the flange in R0 [m]."""
-        return np.asarray(self.base @ self.poses @ _invert(self.tool))
+        return np.asarray(self.base @ self.poses @ invert_poses(self.tool))
 
     @property
     def lengths(self) -> FloatArray:
@@ -440,7 +440,7 @@ def correct(
     status[(status == RowStatus.CORRECTED) & ~has_load] = RowStatus.NO_DIRECTION
     rows = np.flatnonzero(status == RowStatus.CORRECTED)
     numbers = _Numbers.empty(len(waypoints), robot.n)
-    from_base, place = _invert(waypoints.base), waypoints.tool[:3, 3]
+    from_base, place = invert_poses(waypoints.base), waypoints.tool[:3, 3]
     point = place if load_point is None else load_point
     for begin in range(0, len(rows), ROWS_AT_ONCE):
         at = rows[begin : begin + ROWS_AT_ONCE]
@@ -492,14 +492,6 @@ class _Numbers:
         """Replace the numbers of masked rows (N,) with NaN."""
         for array in vars(self).values():
             array[rows] = np.nan
-
-
-def _invert(pose: FloatArray) -> FloatArray:
-    """Return the inverse of a pose (4, 4)."""
-    inverse = np.eye(4)
-    inverse[:3, :3] = pose[:3, :3].T
-    inverse[:3, 3] = -(pose[:3, :3].T @ pose[:3, 3])
-    return inverse
 
 
 def _measure_joint_speeds(

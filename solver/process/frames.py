@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError
@@ -162,18 +162,18 @@ def _list_frames(
     reached: FloatArray, poses: FloatArray, tool: FloatArray, base: FloatArray
 ) -> Iterator[FrameProposal]:
     """Yield proposals: another base, another tool, then both."""
-    yield FrameProposal("base", tool, _average(reached @ tool @ _invert(poses)))
-    yield FrameProposal("tool", _average(_invert(reached) @ base @ poses), base)
-    fitted = _fit_both(reached, base @ poses @ _invert(tool[None])[0])
+    yield FrameProposal("base", tool, _average(reached @ tool @ invert_poses(poses)))
+    yield FrameProposal("tool", _average(invert_poses(reached) @ base @ poses), base)
+    fitted = _fit_both(reached, base @ poses @ invert_poses(tool))
     if fitted is not None:
         world, flange = fitted
-        yield FrameProposal("base_and_tool", _invert(flange[None])[0] @ tool, world @ base)
+        yield FrameProposal("base_and_tool", invert_poses(flange) @ tool, world @ base)
 
 
 def _agree(robot: Robot, joints: FloatArray, poses: FloatArray, tool: FloatArray, base: FloatArray) -> bool:
     """Return whether all poses agree with their joints."""
     postures = Postures(robot, robot.joint_map.model_angles(joints))
-    return bool(FrameGaps.measure(base @ poses @ _invert(tool[None])[0], postures).agree.all())
+    return bool(FrameGaps.measure(base @ poses @ invert_poses(tool), postures).agree.all())
 
 
 def _scale(poses: FloatArray, factor: float) -> FloatArray:
@@ -183,27 +183,14 @@ def _scale(poses: FloatArray, factor: float) -> FloatArray:
     return scaled
 
 
-def _invert(poses: FloatArray) -> FloatArray:
-    """Return the inverses (N, 4, 4) of poses."""
-    inverse = np.tile(np.eye(4), (len(poses), 1, 1))
-    inverse[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
-    inverse[:, :3, 3] = -(inverse[:, :3, :3] @ poses[:, :3, 3:])[..., 0]
-    return inverse
+def invert_poses(poses: FloatArray) -> FloatArray:
+    """Return the inverses (..., 4, 4) of poses."""
+    return RigidTransform.from_matrix(poses).inv().as_matrix()
 
 
 def _average(poses: FloatArray) -> FloatArray:
-    """Return the mean (4, 4) of poses (N, 4, 4): of rotations by least squares, and of positions."""
-    mean = np.eye(4)
-    mean[:3, :3] = _nearest_rotation(poses[:, :3, :3].sum(axis=0))
-    mean[:3, 3] = poses[:, :3, 3].mean(axis=0)
-    return mean
-
-
-def _nearest_rotation(matrix: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) that is nearest to a matrix by least squares."""
-    left, _, right = np.linalg.svd(matrix)
-    signs = np.array([1.0, 1.0, np.linalg.det(left @ right)])
-    return np.asarray((left * signs) @ right)
+    """Return the mean (4, 4) of poses: of rotations by least squares, and of positions."""
+    return RigidTransform.from_matrix(poses).mean().as_matrix()
 
 
 def _fit_both(reached: FloatArray, wanted: FloatArray) -> tuple[FloatArray, FloatArray] | None:
@@ -224,8 +211,8 @@ def _fit_both(reached: FloatArray, wanted: FloatArray) -> tuple[FloatArray, Floa
     if np.linalg.det(solution[:9].reshape(3, 3)) < 0.0:
         solution = -solution
     world, flange = np.eye(4), np.eye(4)
-    flange[:3, :3] = _nearest_rotation(solution[:9].reshape(3, 3)).T
-    world[:3, :3] = _nearest_rotation(solution[9:].reshape(3, 3))
+    flange[:3, :3] = Rotation.from_matrix(solution[:9].reshape(3, 3)).as_matrix().T
+    world[:3, :3] = Rotation.from_matrix(solution[9:].reshape(3, 3)).as_matrix()
     # t_r = W (R_w t_V + t_w) + t_W
     columns = np.concatenate(
         [world[:3, :3] @ wanted[:, :3, :3], np.tile(identity, (len(wanted), 1, 1))], axis=2

@@ -33,7 +33,7 @@ def fill_form(page):
     page.get_by_label("Axes of the force").select_option("robot")
     page.get_by_label("Direction from spindle to tip").fill("0.7, 0, 0.7")
     page.locator("summary", has_text="Advanced").click()
-    page.get_by_label("Greatest motion of a joint").fill("60")
+    page.get_by_label("Greatest turn of the tool along the path").fill("3")
 
 
 def test_from_a_run_to_a_turned_and_placed_program(visit, run, api):

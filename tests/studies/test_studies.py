@@ -25,9 +25,9 @@ from jointstiff.simulator import TARGETS, default_arm, deflections, linear_defle
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.fit.cone import Block
 from jointstiff.solver.fit.conic import GAP, MassCones, solve_mass_cones
-from jointstiff.solver.fit.elastic import MODELS
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderReadings
+from jointstiff.solver.models import MODELS
 
 pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night
 

@@ -32,6 +32,7 @@ from support.everything import EXAMPLES, LINKS, Filling, campaign
 from support.in_process import served
 
 from jointstiff.schemas.run import RunRequest
+from jointstiff.service.history.steps import STEPS
 from jointstiff.service.jobs import Parts
 from jointstiff.service.security.keys import make_key
 from jointstiff.service.store.store import Store
@@ -179,13 +180,23 @@ COMPUTED: Final = "live"
 """Field of an open set that is not stored: each answer computes it by the methods of its program."""
 
 
+MISSING = "missing"
+DROPPED = tuple(f".{path}" for step in STEPS for path in step.dropped if step.before >= 18)
+"""Ends of the places that have no field since layout 0018."""
+
+
 def list_changes(before: object, now: object, place: str = "") -> Iterator[str]:
-    """Yield the places of an answer that are missing now, or have another value; new fields are allowed."""
+    """Yield the places of an answer that are missing now, or have another value.
+
+    New fields are allowed, and fields that a step of a document says it drops.
+    """
+    if now == MISSING and place.endswith(DROPPED):
+        return
     if isinstance(before, dict) and isinstance(now, dict):
         for name, value in before.items():
             if name == COMPUTED:
                 continue
-            yield from list_changes(value, now.get(name, "missing"), f"{place}.{name}")
+            yield from list_changes(value, now.get(name, MISSING), f"{place}.{name}")
     elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
         for number, (each, other) in enumerate(zip(before, now, strict=True)):
             yield from list_changes(each, other, f"{place}[{number}]")

@@ -121,7 +121,7 @@ UNITS = {
         "N.m/rad": {"stiffness", "stiffness_interval", "stiffness_at_least"},
     },
     "RunResult": {"m": {"rms_residual", "sigma", "characteristic_length"}, "1": {"huber_threshold"}},
-    "DhRow": {"m": {"a", "d"}, "rad": {"alpha", "theta", "lower", "upper"}},
+    "DhRow": {"m": {"a", "d"}, "rad": {"alpha", "theta", "lower", "upper"}, "rad/s": {"speed"}},
 }
 
 

@@ -89,6 +89,15 @@ def reasons(restored: Restored) -> list[str]:
     return [reason for outcome in restored.tables.values() for reason in outcome.reasons]
 
 
+def without(document, dropped):
+    """Return a document without the fields of its request that a restoring named as dropped."""
+    names = {path.removeprefix("request.") for path in dropped}
+    request = document.get("request")
+    if not isinstance(request, dict):
+        return document
+    return document | {"request": {name: value for name, value in request.items() if name not in names}}
+
+
 class TestLayouts:
     @pytest.mark.parametrize("number", old_layouts.NUMBERS)
     def test_every_record_of_an_old_layout_comes_over_with_its_numbers(
@@ -110,7 +119,8 @@ class TestLayouts:
             compare_rows(table, lines[table], now[table])
         for table in ("robots", "open_sets", "jobs"):
             # What today's code fills in has no numbers but defaults.
-            numbers = [count_numbers([line["document"] for line in rows[table]]) for rows in (lines, now)]
+            kept_fields = [without(line["document"], dropped) for line in lines[table]]
+            numbers = [count_numbers(kept_fields), count_numbers([line["document"] for line in now[table]])]
             assert not dropped or numbers[0] - numbers[1] != numbers[0]
             if number != "0009":
                 assert numbers[0] - numbers[1] == Counter(), table

@@ -69,6 +69,42 @@ def test_a_file_that_was_written_is_read_again(tmp_path, ending):
     assert again.counts == {"no_load": 20}
 
 
+def test_a_moment_has_the_unit_of_its_header(tmp_path):
+    _, run = exact_run()
+    frame = run.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE).to_frame()
+    poses = [f"{axis} [mm]" for axis in "xyz"] + [f"r{axis} [deg]" for axis in "xyz"]
+    joints = [f"J{number} [deg]" for number in range(1, 7)]
+    done = {}
+    for unit, moment in {"N.m": 40.0, "N.mm": 40_000.0}.items():
+        loaded = frame[poses + joints].copy()
+        for axis, force in zip("xyz", FORCE, strict=True):
+            loaded[f"F{axis} [N]"] = force
+            loaded[f"M{axis} [{unit}]"] = moment
+        file = tmp_path / f"{unit}.csv"
+        loaded.to_csv(file, index=False)
+        done[unit] = run.correct(file, tool=TOOL_IN_MM)
+    np.testing.assert_allclose(done["N.mm"].joints, done["N.m"].joints, atol=1e-12)
+    file.write_text(file.read_text().replace("Mx [N.mm]", "Mx"))
+    with pytest.raises(js.CampaignError, match="has no unit"):
+        run.correct(file, tool=TOOL_IN_MM)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_a_number_that_is_not_finite_names_its_row(number):
+    _, run = exact_run()
+    poses, joints = IN_MM.copy(), DEGREES.copy()
+    poses[2, 0, 3] = number
+    with pytest.raises(js.CampaignError, match="row 3 of column x has no finite number"):
+        run.correct(poses, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    poses = IN_MM.copy()
+    poses[3, 0, 0] = number
+    with pytest.raises(js.CampaignError, match="the rotation of row 4 has no finite number"):
+        run.correct(poses, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    joints[4, 1] = number
+    with pytest.raises(js.CampaignError, match="row 5 of column j2 has no finite number"):
+        run.correct(IN_MM, joints, tool=TOOL_IN_MM, forces=FORCE)
+
+
 def test_an_arm_without_a_campaign_is_corrected_by_its_prior():
     robot = js.robot(robot_document(ARM), payload=210)
     done = robot.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
