@@ -11,7 +11,7 @@ const SERVICE = "http://127.0.0.1:8000";
 const LATER = `box campaign choosers kinematics list map observation question schema_form`;
 const LIBRARIES = `node_modules/(?:preact|@tanstack|openapi-fetch|idb-keyval)|vite/preload-helper`;
 const SHARED = new RegExp(
-  `src/(?:components|lib|state|api|words)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|src/features/measure/readings|${LIBRARIES}`,
+  `src/(?:components|lib|state|api|words)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|src/features/(?:measure/readings|run/words)|${LIBRARIES}`,
 );
 /** What the start needs beside that, and several other views. */
 const START =

@@ -249,12 +249,17 @@ function Header({ section, settings, session, find }: HeaderProps) {
           </a>
         ))}
       </nav>
-      {typeof session === "object" && !needsKey(session) && (
-        <button type="button" class="find" onClick={find} aria-label={text.app.find} title="Ctrl K, ⌘K">
-          <Icon d="M10.5 4a6.5 6.5 0 1 0 0 13a6.5 6.5 0 1 0 0-13M15.5 15.5L20 20" />
-          <span>{text.app.find}</span>
-        </button>
-      )}
+      <button
+        type="button"
+        class="find"
+        disabled={session === "unknown" || needsKey(session)}
+        onClick={find}
+        aria-label={text.app.find}
+        title="Ctrl K, ⌘K"
+      >
+        <Icon d="M10.5 4a6.5 6.5 0 1 0 0 13a6.5 6.5 0 1 0 0-13M15.5 15.5L20 20" />
+        <span>{text.app.find}</span>
+      </button>
       <a class="docs" href="docs/" aria-label={text.app.docs}>
         <Icon d="M5 4h10a4 4 0 0 1 4 4v12H9a4 4 0 0 1-4-4zM9 9h6M9 13h6" />
         <span>{text.app.docs}</span>

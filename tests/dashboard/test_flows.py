@@ -45,7 +45,7 @@ def test_a_long_run_shows_its_progress_and_is_cancelled(visit, api, stored):
 
 def test_a_run_is_repeated_with_the_same_numbers(visit, api, stored):
     page = visit("phone", view=f"#/runs/{stored.run}").page
-    page.locator("summary", has_text="More").click()
+    page.locator(".head .folded > summary").click()
     page.get_by_role("button", name="Repeat").click()
     page.wait_for_url(lambda url: "#/runs/" in url and stored.run not in url)
     again = page.url.rsplit("/", 1)[1]
