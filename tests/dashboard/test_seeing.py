@@ -104,7 +104,7 @@ def test_faults_are_seen(visit):
     wanted = (
         *("overlap", 'no unit beside "3.25"', "is cut off", "a row of 9", "the first number stands at"),
         *('"do not use" is cut off by its box', "a heading of level 3 after one of level 1"),
-        *("the first stiffness stands at", '"12 N·m" is cut off by its drawing'),
+        *("the first stiffness stands at", '"12 N·m" is cut off by its drawing', '"7.5" is bold and must not'),
         *('"-1726.4830" is cut off by its field "Unloaded x"', "words above the fold", "px high"),
         '"What a person reads before a choice" shares its width with the button "Read the files',
     )
@@ -128,7 +128,7 @@ def choose_a_table(page: Page) -> None:
     rows = [[f"c{i}", *["10.5"] * 6, *["1250.125"] * 3] for i in range(3)]
     content = "\n".join(";".join(row) for row in [head, *rows])
     page.locator("input[type=file]").first.set_input_files(file_of("day 5.csv", content))
-    page.get_by_role("columnheader", name="J6").wait_for()
+    page.get_by_role("columnheader", name="J6 [deg]").wait_for()
     page.locator(".field", has_text="Robot").first.wait_for()
 
 

@@ -1,6 +1,7 @@
 /** What the 3D view is given. */
 import type { Posture } from "../api/types";
 import type { Box } from "../lib/box";
+import type { Pull } from "../lib/pull";
 import type { Vector } from "../lib/vector";
 import type { Arrow } from "./parts";
 
@@ -27,4 +28,6 @@ export interface Show {
   cloud?: { places: Vector[]; shares: number[]; size: number };
   /** A box that is dragged. */
   box?: Box;
+  /** The force that is pulled, in place of a load. */
+  pull?: Pull;
 }

@@ -42,6 +42,8 @@ interface ArmViewProps extends Partial<Omit<Show, "posture">> {
   bends?: number;
   /** The box was dragged. */
   dragged?: (box: Box) => void;
+  /** The force was pulled [N]. */
+  pulled?: (force: Vector) => void;
 }
 
 /** The arm in a posture, once that is there, with what is drawn beside it. */
@@ -57,9 +59,9 @@ export const ArmView = ({
     </div>
   );
 
-function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, ...drawn }: ArmViewProps) {
-  const hears = useRef(dragged);
-  hears.current = dragged;
+function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, pulled, ...drawn }: ArmViewProps) {
+  const hears = useRef({ dragged, pulled });
+  hears.current = { dragged, pulled };
   const show: Show = { ...ARM_ALONE, ...drawn };
   const canvas = useRef<HTMLCanvasElement>(null);
   const [stage, setStage] = useState<Stage | "none" | null>(null);
@@ -69,7 +71,11 @@ function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, ..
     void import("./stage").then(({ Stage: Make }) => {
       if (gone || !canvas.current) return;
       try {
-        made = new Make(canvas.current, (box) => hears.current?.(box));
+        made = new Make(
+          canvas.current,
+          (box) => hears.current.dragged?.(box),
+          (force) => hears.current.pulled?.(force),
+        );
         setStage(made);
       } catch {
         setStage("none");

@@ -4,7 +4,7 @@ import { robotsToldApart } from "../../state/choices";
 
 export interface WallCell {
   joint: string;
-  /** Null: no change beyond chance is known. */
+  /** Null: no change is known, of a joint that was tested or not. */
   change: Estimate | null;
 }
 

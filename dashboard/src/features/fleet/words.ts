@@ -6,7 +6,7 @@ export const fleetWords = {
   noneHint: "After its first campaign, a robot is shown here with the change of each joint.",
   joint: (number: number) => `J${number}`,
   last: "Last campaign",
-  same: (joint: string) => `${joint}: no change beyond chance`,
+  same: (joint: string) => `${joint}: no change is known; see the trend for what was tested`,
   all: (count: number) => `All ${count} robots`,
   again: "Identify again",
   sets: "Sets",

@@ -15,7 +15,7 @@ import { robotWords as words } from "./words";
 export function Today({ robot, last }: { robot: Robot; last: NonNullable<Robot["last_campaign"]> }) {
   const { unit } = useSettings();
   const { data: run } = useQuery(queries.run(last.run_id));
-  const { data: trend } = useQuery(queries.trend(robot.id, { serial_number: last.serial_number }));
+  const { data: trend, problem } = useQuery(queries.trend(robot.id, { serial_number: last.serial_number }));
   const kinds = robot.joints.map(({ kind }) => kind ?? "revolute");
   return (
     <section class="card today" aria-label={words.today}>
@@ -25,7 +25,7 @@ export function Today({ robot, last }: { robot: Robot; last: NonNullable<Robot["
         <When time={last.at} />
         <a href={link(["runs", last.run_id])}>{words.itsRun}</a>
       </p>
-      {run?.result ? (
+      {run?.result && (trend || problem) ? (
         <div role="table" aria-label={words.today}>
           <div role="row" class="soft">
             <span role="columnheader">{text.run.joint}</span>
@@ -53,10 +53,12 @@ export function Today({ robot, last }: { robot: Robot; last: NonNullable<Robot["
   );
 }
 
-/** The change of a joint in words, since when; nothing where it cannot be told from chance. */
+/** The change of a joint with its interval, since when if it is beyond chance; that it was not tested, if it was not. */
 function Changed({ joint: name, trend }: { joint: string; trend: Trend | undefined }) {
   const joint = trend?.joints.find((one) => one.name === name);
-  if (!trend || !joint?.changed || !joint.change) return null;
+  if (!trend) return null;
+  if (!joint?.change || joint.p_value === null) return <small class="soft">{words.untested}</small>;
+  if (!joint.changed) return <small class="soft">{changeText(joint.change)}</small>;
   return (
     <small class="bad">
       {changeText(joint.change)} {words.since(dayText(trend.campaigns[firstCompared(joint)]?.at ?? ""))}

@@ -44,6 +44,7 @@ export const robotWords = {
   itsRun: "Its run",
   change: "Change",
   since: (day: string) => `since ${day}`,
+  untested: "not tested",
   listOf: "Measurement sets and runs of this robot",
   ways: "Begin with",
   catalogue: "Catalogue",

@@ -25,6 +25,6 @@ export const trendWords = {
   compared: (first: string, latest: string) => `from ${first} to ${latest}`,
   pair: (changed: boolean, change: string, compared: string, p: string) =>
     `${changed ? "Changed" : "No change beyond chance"}: ${change} ${compared}, ${p}`,
-  untested: "Fewer than two campaigns to compare",
+  untested: "Not tested: fewer than two campaigns with a number",
   leftOut: (count: number) => `${plural(count, "campaign", "campaigns")} left out`,
 };

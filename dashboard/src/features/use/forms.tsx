@@ -2,10 +2,21 @@
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../../api/calls";
 import type { DeflectionResult, Posture, Problem, Run, RunResult } from "../../api/types";
-import { ActionButton, Busy, Button, Download, Facts, LinkButton, Prose, Toggle } from "../../components/basics";
+import {
+  ActionButton,
+  Busy,
+  Button,
+  Download,
+  Facts,
+  LinkButton,
+  ProblemNote,
+  Prose,
+  Toggle,
+} from "../../components/basics";
 import { Select, RequestFields } from "../../components/fields";
 import { SchemaFields, DropZone, type Terms, useDescribed } from "../../components/schema_form";
-import { bendOf, loadOf, type Vector, add, fromFlange, norm, times } from "../../lib/vector";
+import { bendOf, bent, loadOf, type Vector, add, fromFlange, norm, times } from "../../lib/vector";
+import type { Pull } from "../../lib/pull";
 import { Estimate } from "../../components/estimate";
 import { shownEstimate } from "../../lib/estimate";
 import { percent, roundStep } from "../../lib/format";
@@ -14,7 +25,7 @@ import { sentence } from "../../lib/said";
 import { factors, position, positionIn, positionUnit } from "../../lib/stiffness";
 import { BoxView } from "../../scene/box_view";
 import { ArmView, roomOf } from "../../scene/view";
-import { useAction, asking, link } from "../../state/action";
+import { useAction, useLatest, asking, link } from "../../state/action";
 import { text } from "../../words";
 import { firstStand, type PartProps, type RunContext, usePostures } from "../../state/run_context";
 import { VerdictCard } from "../../components/job_page";
@@ -48,8 +59,11 @@ interface Predicted {
   point: Vector;
   force: Vector;
   answer: DeflectionResult;
-  /** What was asked, as text: an answer is shown only with its own question. */
-  question: string;
+  /** Posture and place that were asked about, as text: an answer is shown only with its own question. */
+  place: string;
+  /** Of the picture: how long a newton is drawn [m/N], and by how much deflections are exaggerated. */
+  scale: number;
+  factor: number;
 }
 
 const rounded = (values: readonly number[], digits: number): number[] =>
@@ -80,16 +94,31 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
     ...measured(0),
   });
   const [found, setFound] = useState<Predicted | null>(null);
+  /** The force to which a hand pulled: the last answer stays until its own is there. */
+  const [pulled, setPulled] = useState<Vector | null>(null);
+  const answerTo = (cases: Fields) =>
+    api.predict({ run_id: run.id, units: { length: "mm", angle: "deg", force: "N" }, cases: [cases] });
   const predict = useAction(async () => {
     const { joints, force, load_point: place } = asked as Case;
-    const units = { length: "mm", angle: "deg", force: "N" };
-    const answer = await api.predict({ run_id: run.id, units, cases: [asked] });
+    const answer = await answerTo(asked);
     const angles = joints.map((shown, j) => positionIn(shown, kinds[j]));
     const [posture] = await api.kinematics({ robot_id: robot.id }, [angles]);
     if (!posture) return;
     const inBase = fromFlange(posture.flange_origin, posture.flange_axes, times(place, 1e-3));
-    setFound({ posture, point: inBase, force, answer, question: JSON.stringify(asked) });
+    setPulled(null);
+    setFound({ posture, point: inBase, force, answer, place: placeOf(asked), ...picturedBy(posture, force, answer) });
   });
+  const follow = useLatest(async (force: Vector) => {
+    const answer = await answerTo({ ...asked, force });
+    setFound((before) => before && { ...before, force, answer });
+  });
+  const pull = (force: Vector) => {
+    setPulled(force);
+    setAsked({ ...asked, force });
+    follow.run(force);
+  };
+  const isSame = (force: Vector | null | undefined) => JSON.stringify(force) === JSON.stringify(asked["force"]);
+  const isShown = found?.place === placeOf(asked) && (isSame(found.force) || isSame(pulled));
   const ofJoints = kinds.includes("prismatic") ? kinds.map((kind) => positionUnit(kind).trim()).join(", ") : deg;
   return (
     <div class="flow">
@@ -123,9 +152,10 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
           {text.run.views.predict}
         </ActionButton>
       </section>
-      {found?.question === JSON.stringify(asked) && (
-        <section class="card" aria-live="polite">
-          <Bent found={found} result={result} />
+      {found && isShown && (
+        <section class="card" aria-live="polite" aria-busy={!isSame(found.force)}>
+          <Bent found={found} result={result} pulled={pulled} pull={pull} />
+          {follow.problem && <ProblemNote problem={follow.problem} />}
           <Answer answer={found.answer} run={run} />
         </section>
       )}
@@ -133,27 +163,60 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
   );
 }
 
-function Bent({ found: { posture, point, force, answer }, result }: { found: Predicted; result: RunResult }) {
+/** Posture and place of a case as text, without its force. */
+const placeOf = ({ force: _, ...place }: Fields): string => JSON.stringify(place);
+
+/** How a force and its deflection are drawn, also while the force is pulled. */
+function picturedBy(posture: Posture, force: Vector, answer: DeflectionResult): Pick<Predicted, "scale" | "factor"> {
+  const reach = reachOf(posture);
   const displacement = (answer.cases[0]?.displacement ?? [0, 0, 0]) as Vector;
-  const room = roomOf([posture]);
-  const reach = Math.max(0.2, ...room.map(norm));
-  const factor = roundStep((0.14 * reach) / Math.max(1e-9, norm(displacement)), 1);
+  return {
+    scale: (0.3 * reach) / (norm(force) || 1000),
+    factor: roundStep((0.14 * reach) / Math.max(1e-9, norm(displacement)), 1),
+  };
+}
+
+const reachOf = (posture: Posture): number => Math.max(0.2, ...roomOf([posture]).map(norm));
+
+interface BentProps {
+  found: Predicted;
+  result: RunResult;
+  pulled: Vector | null;
+  pull: (force: Vector) => void;
+}
+
+/** The arm and its deflection under a force that a hand pulls; pulled, the arm stays bent. */
+function Bent({ found: { posture, point, force, answer, scale, factor }, result, pulled, pull }: BentProps) {
+  const displacement = (answer.cases[0]?.displacement ?? [0, 0, 0]) as Vector;
   const compliances = result.joints.map((joint) => joint.compliance);
+  const bend = bendOf(posture, compliances, { point, force });
+  const side = 0.4 * reachOf(posture);
+  const about = [-side, side].flatMap((by) => [add(point, [by, by, by]), add(point, [by, -by, by])]);
   const [bends, setBends] = useState(0);
+  const arrow: Pull = { from: point, force: pulled ?? force, scale };
   return (
     <>
       <ArmView
-        posture={posture}
+        posture={
+          pulled
+            ? bent(
+                posture,
+                bend.map((angle) => angle * factor),
+              )
+            : posture
+        }
         axes={false}
         predicted={[{ from: point, along: displacement }]}
-        load={norm(force) > 0 ? { from: point, along: force } : null}
+        pull={arrow}
+        pulled={pull}
         factor={factor}
-        bend={bendOf(posture, compliances, { point, force })}
-        room={[...room, point, add(point, times(displacement, factor))]}
+        bend={pulled ? [] : bend}
+        room={[...roomOf([posture]), ...about]}
         label={words.view}
         bends={bends}
       />
-      <Button onClick={() => setBends((count) => count + 1)}>{sceneWords.bend}</Button>
+      <p class="soft">{words.pull}</p>
+      {!pulled && <Button onClick={() => setBends((count) => count + 1)}>{sceneWords.bend}</Button>}
     </>
   );
 }

@@ -117,6 +117,7 @@ export const predictWords = {
     force: "Force on the robot, x, y, z, axes of R0",
     load_point: "Load point and tool, x, y, z, flange frame",
   },
-  view: "Robot bent by the force. Arrow keys orbit, plus and minus zoom.",
+  view: "Robot bent by the force. Arrow keys orbit, with Shift they change the force; plus and minus zoom.",
+  pull: "Pull the head of the force; by keys: Shift and an arrow.",
   along: (axis: string) => `Along ${axis}`,
 };
