@@ -425,7 +425,7 @@ function Rows({ context, result: { joints, contributions, identifiability, asses
               <span role="cell" class="number value">
                 {hasBar(shown) && <EstimateBar of={shown} />}
                 <EstimateValue of={shown} />
-                {verdict !== "unobservable" && joint.kind !== "prismatic" && (
+                {(shown.value ?? shown.limit) !== null && verdict !== "unobservable" && joint.kind !== "prismatic" && (
                   <small class="unit soft">{withUnit("", unitOf(unit).label)}</small>
                 )}
               </span>
