@@ -65,7 +65,9 @@ def numbers(text: str) -> list[float]:
 
 
 @pytest.mark.parametrize(
-    ("size", "pull"), [("desktop", by_mouse), ("phone", by_finger), ("desktop", by_keys)], ids=["mouse", "finger", "keys"]
+    ("size", "pull"),
+    [("desktop", by_mouse), ("phone", by_finger), ("desktop", by_keys)],
+    ids=["mouse", "finger", "keys"],
 )
 def test_the_number_of_a_pulled_force_is_that_of_predict(visit, run, api, size, pull):
     visited: Visit = visit(size, view=f"#/runs/{run}/predict")

@@ -104,7 +104,11 @@ def test_faults_are_seen(visit):
     wanted = (
         *("overlap", 'no unit beside "3.25"', "is cut off", "a row of 9", "the first number stands at"),
         *('"do not use" is cut off by its box', "a heading of level 3 after one of level 1"),
-        *("the first stiffness stands at", '"12 N·m" is cut off by its drawing', '"7.5" is bold and must not'),
+        *(
+            "the first stiffness stands at",
+            '"12 N·m" is cut off by its drawing',
+            '"7.5" is bold and must not',
+        ),
         *('"-1726.4830" is cut off by its field "Unloaded x"', "words above the fold", "px high"),
         '"What a person reads before a choice" shares its width with the button "Read the files',
     )
