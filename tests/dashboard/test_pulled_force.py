@@ -1,4 +1,4 @@
-"""The force of a prediction, pulled in 3D by mouse, finger and keys: the number follows and is that of `predict`."""
+"""The force of a prediction, pulled by mouse, finger or keys: the number is that of `predict`."""
 
 import re
 from functools import partial
