@@ -8,14 +8,14 @@ import { defineConfig, type Plugin } from "vite";
 const SERVICE = "http://127.0.0.1:8000";
 
 /** What most views share; forms, drops, and what only some views compute come with these views. */
-const LATER = `begun box bridge campaign choosers device imports kinematics list map opening paste pasting process question schema_form trend vector_boxes`;
+const LATER = `box campaign choosers kinematics list map observation question schema_form`;
 const LIBRARIES = `node_modules/(?:preact|@tanstack|openapi-fetch|idb-keyval)|vite/preload-helper`;
 const SHARED = new RegExp(
-  `src/(?:components|lib|state|api)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|src/(?:views/run_context|i18n/later)|${LIBRARIES}`,
+  `src/(?:components|lib|state|api|words)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|src/features/(?:measure/readings|run/words)|${LIBRARIES}`,
 );
 /** What the start needs beside that, and several other views. */
 const START =
-  /src\/(?:views\/(?:start|flow|runs|open_campaigns)|components\/schema_form|state\/(?:begun|opening)|lib\/(?:campaign|imports))\.tsx?$/;
+  /src\/(?:features\/(?:start\/view|readings\/(?:flow|begun|opening|imports|words)|runs\/view|measure\/(?:open_campaigns|words)|trend\/(?:changed|trend|words))|components\/schema_form|lib\/campaign)\.tsx?$/;
 
 /** Pack each asset once, next to it, so that the service has nothing to compress. */
 const packed: Plugin = {

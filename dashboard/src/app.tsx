@@ -20,7 +20,7 @@ import {
 import { TextField, Select } from "./components/fields";
 import { useAction, go, type Route, useRoute, dismiss, toast, useToasts } from "./state/action";
 import { goToPlace, keepPlaces } from "./state/entry";
-import { text } from "./i18n";
+import { text } from "./words";
 import { listen } from "./lib/events";
 import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/stiffness";
 import { useQuestion } from "./state/question";
@@ -71,31 +71,32 @@ export function SignInView({ link, signedIn }: { link: string | undefined; signe
   );
 }
 
+const Palette = lazy(async () => (await import("./features/palette/view")).Palette);
 const QuestionDialog = lazy(async () => (await import("./components/question")).QuestionDialog);
-const StartView = lazy(async () => (await import("./views/start")).StartView);
-const RunsView = lazy(async () => (await import("./views/runs")).RunsView);
-const RunView = lazy(async () => (await import("./views/run")).RunView);
-const CompareView = lazy(async () => (await import("./views/compare")).CompareView);
-const SideBySideView = lazy(async () => (await import("./views/compare")).SideBySideView);
-const ComparisonView = lazy(async () => (await import("./views/compare")).ComparisonView);
-const TrendView = lazy(async () => (await import("./views/trend")).TrendView);
-const MapView = lazy(async () => (await import("./views/map")).MapView);
-const ProgramView = lazy(async () => (await import("./views/map")).ProgramView);
-const ProcessView = lazy(async () => (await import("./views/process")).ProcessView);
-const ProcessesView = lazy(async () => (await import("./views/process_form")).ProcessesView);
-const RobotsView = lazy(async () => (await import("./views/robots")).RobotsView);
-const RobotView = lazy(async () => (await import("./views/robots")).RobotView);
-const RobotNewView = lazy(async () => (await import("./views/robot_new")).RobotNewView);
-const SetView = lazy(async () => (await import("./views/robots")).SetView);
-const GeometriesView = lazy(async () => (await import("./views/geometries")).GeometriesView);
-const GeometryView = lazy(async () => (await import("./views/geometries")).GeometryView);
-const FleetsView = lazy(async () => (await import("./views/fleets")).FleetsView);
-const FleetView = lazy(async () => (await import("./views/fleets")).FleetView);
-const PlansView = lazy(async () => (await import("./views/plans")).PlansView);
-const PlanView = lazy(async () => (await import("./views/plans")).PlanView);
-const MeasureView = lazy(async () => (await import("./views/measure")).MeasureView);
-const ArchiveView = lazy(async () => (await import("./views/archive")).ArchiveView);
-const LiveView = lazy(async () => (await import("./views/live")).LiveView);
+const StartView = lazy(async () => (await import("./features/start/view")).StartView);
+const RunsView = lazy(async () => (await import("./features/runs/view")).RunsView);
+const RunView = lazy(async () => (await import("./features/run/view")).RunView);
+const CompareView = lazy(async () => (await import("./features/compare/view")).CompareView);
+const SideBySideView = lazy(async () => (await import("./features/compare/view")).SideBySideView);
+const ComparisonView = lazy(async () => (await import("./features/compare/view")).ComparisonView);
+const TrendView = lazy(async () => (await import("./features/trend/view")).TrendView);
+const MapView = lazy(async () => (await import("./features/use/results")).MapView);
+const ProgramView = lazy(async () => (await import("./features/use/results")).ProgramView);
+const ProcessView = lazy(async () => (await import("./features/process/view")).ProcessView);
+const ProcessesView = lazy(async () => (await import("./features/process/form")).ProcessesView);
+const RobotsView = lazy(async () => (await import("./features/robots/view")).RobotsView);
+const RobotView = lazy(async () => (await import("./features/robots/view")).RobotView);
+const RobotNewView = lazy(async () => (await import("./features/robots/new")).RobotNewView);
+const SetView = lazy(async () => (await import("./features/robots/view")).SetView);
+const GeometriesView = lazy(async () => (await import("./features/geometry/view")).GeometriesView);
+const GeometryView = lazy(async () => (await import("./features/geometry/view")).GeometryView);
+const FleetsView = lazy(async () => (await import("./features/fleet/view")).FleetsView);
+const FleetView = lazy(async () => (await import("./features/fleet/view")).FleetView);
+const PlansView = lazy(async () => (await import("./features/plan/view")).PlansView);
+const PlanView = lazy(async () => (await import("./features/plan/view")).PlanView);
+const MeasureView = lazy(async () => (await import("./features/measure/view")).MeasureView);
+const ArchiveView = lazy(async () => (await import("./features/archive/view")).ArchiveView);
+const LiveView = lazy(async () => (await import("./features/measure/live_view")).LiveView);
 
 const SECTIONS = [
   { id: "", label: text.app.measure, icon: "M12 4v16M4 12h16" },
@@ -112,7 +113,16 @@ export function App() {
   const main = useRef<HTMLElement>(null);
   const address = route.parts.join("/");
   const first = useRef(true);
+  const [finding, find] = useState(false);
   useEffect(keepPlaces, []);
+  useEffect(() => {
+    const open = (event: KeyboardEvent) => {
+      if (event.key.toLowerCase() !== "k" || !(event.metaKey || event.ctrlKey) || needsKey(session)) return;
+      event.preventDefault();
+      find(true);
+    };
+    return listen(window, { keydown: open });
+  }, [session]);
   useEffect(() => {
     goToPlace();
     if (!first.current) {
@@ -129,7 +139,7 @@ export function App() {
       <a class="skip" href="#content" onClick={toContent}>
         {text.app.skip}
       </a>
-      <Header section={sectionOf(route)} settings={settings} session={session} />
+      <Header section={sectionOf(route)} settings={settings} session={session} find={() => find(true)} />
       {isViewer(session) && <p class="note viewer">{text.signIn.viewer}</p>}
       {typeof session === "object" && session.access === "none" && <p class="note warn">{text.app.noAccessControl}</p>}
       <main id="content" tabIndex={-1} ref={main}>
@@ -146,6 +156,7 @@ export function App() {
         </Boundary>
       </main>
       <Toasts />
+      {finding && <Palette close={() => find(false)} />}
       {useQuestion() && <QuestionDialog />}
       <Tip />
     </SettingsContext.Provider>
@@ -212,7 +223,14 @@ function Lost() {
   );
 }
 
-function Header({ section, settings, session }: { section: string; settings: Settings; session: Standing }) {
+interface HeaderProps {
+  section: string;
+  settings: Settings;
+  session: Standing;
+  find: () => void;
+}
+
+function Header({ section, settings, session, find }: HeaderProps) {
   return (
     <header class="header">
       <a class="brand" href="#/">
@@ -231,6 +249,17 @@ function Header({ section, settings, session }: { section: string; settings: Set
           </a>
         ))}
       </nav>
+      <button
+        type="button"
+        class="find"
+        disabled={session === "unknown" || needsKey(session)}
+        onClick={find}
+        aria-label={text.app.find}
+        title="Ctrl K, ⌘K"
+      >
+        <Icon d="M10.5 4a6.5 6.5 0 1 0 0 13a6.5 6.5 0 1 0 0-13M15.5 15.5L20 20" />
+        <span>{text.app.find}</span>
+      </button>
       <a class="docs" href="docs/" aria-label={text.app.docs}>
         <Icon d="M5 4h10a4 4 0 0 1 4 4v12H9a4 4 0 0 1-4-4zM9 9h6M9 13h6" />
         <span>{text.app.docs}</span>

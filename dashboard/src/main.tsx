@@ -1,8 +1,8 @@
 import { render } from "preact";
 import { App } from "./app";
 import { reportStrays } from "./components/basics";
-import { text } from "./i18n";
-import { startReadings } from "./state/readings";
+import { text } from "./words";
+import { startReadings } from "./features/measure/readings";
 
 document.documentElement.lang = text.language;
 const page = document.getElementById("page");

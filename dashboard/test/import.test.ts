@@ -13,8 +13,8 @@ import {
   templateIn,
   templatesIn,
   withTemplate,
-} from "../src/lib/imports";
-import { sent, withStated } from "../src/views/import_flow";
+} from "../src/features/readings/imports";
+import { sent, withStated } from "../src/features/readings/import";
 
 const column = (number: number, header: string, meaning: string, unit: string | null = null) => ({
   column: number,

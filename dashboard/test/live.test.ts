@@ -3,7 +3,6 @@ import {
   equipmentOf,
   filledRows,
   freeLabel,
-  inUnits,
   observationOf,
   standTyped,
   unread,
@@ -14,8 +13,9 @@ import {
   simulatedRows,
   tracked,
   SIMULATED_STIFFNESSES,
-} from "../src/lib/live";
-import { keptIn } from "../src/state/live";
+} from "../src/features/measure/live";
+import { inUnits } from "../src/lib/observation";
+import { keptIn } from "../src/features/measure/live_state";
 import type { LiveState, MeasurementSet, Observation, Posture, Units } from "../src/api/types";
 
 const MM = { length: "mm", angle: "deg", force: "N" } as Units;

@@ -3,7 +3,7 @@ import { contentKey } from "../src/lib/json";
 import { link, parse } from "../src/state/action";
 import type { DhModel } from "../src/api/types";
 import { numberIn } from "../src/lib/schema";
-import { documentOf, newDh } from "../src/views/robot_new";
+import { documentOf, newDh } from "../src/features/robots/new";
 
 describe("addresses", () => {
   it("come back as they were made, whatever is in them", () => {

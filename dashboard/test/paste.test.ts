@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { ImportAnswer } from "../src/api/types";
-import { filesOf, isBlock, placed } from "../src/lib/paste";
+import { filesOf, isBlock, placed } from "../src/features/measure/paste";
 
 const BLANK = { P1: { unloaded: "", loaded: "" }, P2: { unloaded: "", loaded: "" } };
 const names = Object.keys(BLANK);

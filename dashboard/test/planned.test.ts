@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { Plan } from "../src/api/types";
-import { readSoFar, toFillIn } from "../src/lib/live";
+import { readSoFar, toFillIn } from "../src/features/measure/live";
 
 const READING = {
   label: "p1",

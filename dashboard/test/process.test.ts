@@ -1,8 +1,8 @@
 /** Tables of a process, and the request of what was filled in. */
 import { expect, test } from "vitest";
 import { polyline } from "../src/charts/along_path";
-import { processPointsOf, searchedPlacesOf } from "../src/lib/process";
-import { requestOf } from "../src/views/process_form";
+import { processPointsOf, searchedPlacesOf } from "../src/features/process/process";
+import { requestOf } from "../src/features/process/form";
 
 const column = (name: string, unit: string, values: (number | null)[]) => ({ name, unit, values });
 

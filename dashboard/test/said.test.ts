@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { Finding } from "../src/api/types";
-import { isUnseen, onPage, placeName, sentence, unsaid } from "../src/lib/said";
+import { fieldName, isUnseen, onPage, roundedP, placeName, sentence, unsaid } from "../src/lib/said";
 
 const warning = (code: string, message: string) => ({ code, message, remedy: "", where: null }) as Finding;
 const reason = (code: string, message: string) => ({ code, message }) as Finding;
@@ -42,4 +42,12 @@ it("begins sentences with a capital, names and labels with what they are", () =>
   expect(placeName("joint_2")).toBe("joint_2");
   expect(onPage("check the id; list the existing ids with GET /v1/jobs")).toBe("check the id");
   expect(onPage("state it (on the page: Advanced)")).toBe("state it (Identify: Advanced)");
+});
+
+it("names fields as a person does who sends no requests, and rounds small probabilities", () => {
+  expect(fieldName("noise.load_point")).toBe("uncertainty of the load point");
+  expect(fieldName("points.csv")).toBeUndefined();
+  expect(roundedP("the model explains more (F test, p = 2e-80); p = 0.02")).toBe(
+    "the model explains more (F test, p < 0.001); p = 0.02",
+  );
 });

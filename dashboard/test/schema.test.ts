@@ -3,7 +3,7 @@ import { understood } from "../src/components/schema_form";
 import { codecOf, isAmbiguous, plain, type Schema } from "../src/lib/schema";
 import { jsonOf, unreadIn } from "../src/lib/json";
 import { noiseOf } from "../src/lib/campaign";
-import { requestOf } from "../src/views/flow";
+import { requestOf } from "../src/features/readings/flow";
 
 const NUMBER: Schema = { type: "number" };
 const VECTOR: Schema = { type: "array", prefixItems: [NUMBER, NUMBER, NUMBER] };

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { Trend, TrendJoint } from "../src/api/types";
-import { changeText, comparedText, pointsOf, whenTexts, worstFirst } from "../src/lib/trend";
+import { changeText, comparedText, pointsOf, whenTexts, worstFirst } from "../src/features/trend/trend";
 
 const joint = (part: Partial<TrendJoint>): TrendJoint => ({
   name: "joint_1",

@@ -37,7 +37,7 @@ describe("verdicts", () => {
     for (const part of [rigid, open]) {
       const shown = (verdict: JointResult["verdict"]) =>
         shownStiffness(joint({ ...part, stiffness_at_least: 3e6, verdict } as Partial<JointResult>), "MNm");
-      expect(shown("do_not_use")).toEqual({ value: null, limit: null, interval: null, unusable: true });
+      expect(shown("do_not_use")).toEqual({ value: null, limit: null, interval: null, unusable: true, relative: null });
       expect(shown("use_with_care").limit).toBe("> 3.0");
     }
     expect(shownStiffness(joint({ verdict: "do_not_use" }), "MNm").interval).not.toBeNull();

@@ -252,7 +252,7 @@ def test_packages_that_are_not_permissive_are_named():
 
 def test_a_service_reads_all_files_that_its_page_offers():
     """`[service]` and the container have the libraries; a user of the page cannot install them."""
-    page = (ROOT / "dashboard/src/views/flow.tsx").read_text("utf-8")
+    page = (ROOT / "dashboard/src/features/readings/flow.tsx").read_text("utf-8")
     lock = (ROOT / "requirements.lock").read_text("utf-8")
     for kind, library in LIBRARIES.items():
         assert f".{kind}" in page

@@ -234,6 +234,16 @@
     return count <= most ? [] : [`${Math.round(count)} words above the fold`];
   }
 
+  /** Numbers in bold that must not be used. */
+  function boldUnusable() {
+    const faults = new Set();
+    for (const { node, element } of texts(document.querySelector("main"))) {
+      if (!element.closest(".unusable [role=cell], .estimate.unusable") || !/\d/.test(node.textContent)) continue;
+      if (Number(getComputedStyle(element).fontWeight) >= 600) faults.add(`"${words(node)}" is bold and must not be used`);
+    }
+    return [...faults];
+  }
+
   /** A view that nobody scrolls to its end. */
   function tooHigh(most) {
     const height = document.documentElement.scrollHeight;
@@ -298,6 +308,7 @@
       ...cutFields(),
       ...squeezedSentences(),
       ...headings(),
+      ...boldUnusable(),
       ...(mostRow ? highRows(mostRow) : []),
     ];
   };

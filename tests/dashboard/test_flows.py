@@ -45,7 +45,7 @@ def test_a_long_run_shows_its_progress_and_is_cancelled(visit, api, stored):
 
 def test_a_run_is_repeated_with_the_same_numbers(visit, api, stored):
     page = visit("phone", view=f"#/runs/{stored.run}").page
-    page.locator("summary", has_text="More").click()
+    page.locator(".head .folded > summary").click()
     page.get_by_role("button", name="Repeat").click()
     page.wait_for_url(lambda url: "#/runs/" in url and stored.run not in url)
     again = page.url.rsplit("/", 1)[1]
@@ -89,7 +89,8 @@ def test_a_phone_shows_all_of_a_rehearsal(visit, stored, width):
     page = visit("phone").page
     page.set_viewport_size({"width": width, "height": 844})
     page.goto(f"#/runs/{stored.run}")
-    page.get_by_role("button", name="Rehearse").click()
+    page.locator(".head .folded > summary").click()
+    page.get_by_role("link", name="Rehearse").click()
     table = page.get_by_role("region", name="Rehearsal").get_by_role("table")
     expect(table.get_by_role("row", name="joint_2")).to_contain_text("…")
     shown = table.get_by_role("row", name="joint_2").get_by_role("cell")

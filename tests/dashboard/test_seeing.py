@@ -30,6 +30,8 @@ TARGET = {"phone": 40, "tablet": 44}
 """Least size of what a finger taps [px]: a phone shows a whole reading on one screen."""
 WORDS = {"phone": 200, "desk": 400}
 """Most words above the fold."""
+WORDS_OF_A_RESULT = 120
+"""Most words above the fold of a run's result, for every verdict."""
 HIGHEST = 20_000
 """Most that a view is high [px]."""
 ASKING = (
@@ -79,6 +81,8 @@ def stored(database):
 def limits_of_first(view: str, width: int) -> list[int]:
     """Return the most words, height, and room above the first number and stiffness [px]; 0 for no limit."""
     words = WORDS["phone"] if width <= PHONE else WORDS["desk"]
+    if IS_RUN.match(view):
+        words = WORDS_OF_A_RESULT
     if width > PHONE or view.startswith("#/ ") or view == "#/" or view.endswith(ASKING):
         return [words, HIGHEST, 0, 0]
     if IS_RUN.match(view):
@@ -100,7 +104,11 @@ def test_faults_are_seen(visit):
     wanted = (
         *("overlap", 'no unit beside "3.25"', "is cut off", "a row of 9", "the first number stands at"),
         *('"do not use" is cut off by its box', "a heading of level 3 after one of level 1"),
-        *("the first stiffness stands at", '"12 N·m" is cut off by its drawing'),
+        *(
+            "the first stiffness stands at",
+            '"12 N·m" is cut off by its drawing',
+            '"7.5" is bold and must not',
+        ),
         *('"-1726.4830" is cut off by its field "Unloaded x"', "words above the fold", "px high"),
         '"What a person reads before a choice" shares its width with the button "Read the files',
     )
@@ -124,7 +132,7 @@ def choose_a_table(page: Page) -> None:
     rows = [[f"c{i}", *["10.5"] * 6, *["1250.125"] * 3] for i in range(3)]
     content = "\n".join(";".join(row) for row in [head, *rows])
     page.locator("input[type=file]").first.set_input_files(file_of("day 5.csv", content))
-    page.get_by_role("columnheader", name="J6").wait_for()
+    page.get_by_role("columnheader", name="J6 [deg]").wait_for()
     page.locator(".field", has_text="Robot").first.wait_for()
 
 
@@ -322,3 +330,46 @@ def test_the_start_is_small_beside_two_thousand_runs(visit, stored):
     print(f"start {sum(sizes.values())} B in {len(sizes)} requests")  # noqa: T201
     assert 60_000 < sum(sizes.values()) <= START_BUDGET
     assert len(sizes) <= START_REQUESTS
+
+
+def test_the_start_says_which_robot_got_worse_and_a_tap_since_when(visit, stored):
+    """By the wall, among thousands of runs: the worst robot first, by how much; its trend is one tap away."""
+    visited = visit("phone")
+    page = visited.page
+    page.goto(visited.url)
+    wall = page.get_by_role("table", name="change since the first campaign")
+    worst = wall.locator("tbody tr").first
+    expect(worst).to_contain_text("10 Jul 2026")
+    expect(worst.locator(".softer")).to_have_text(re.compile(r"^\u22121\d\.\d\s%$"))
+    assert worst.locator("th a").get_attribute("href") == f"#/robots/{stored['worn']}"
+    worst.locator(".softer a").click()
+    expect(page.locator(".note.bad")).to_contain_text(re.compile("Changed.*joint_3"))
+    answers = [url for url in visited.requests if "/v1/" in url]
+    print(f"{len(answers)} requests of the API in one tap")  # noqa: T201
+    assert len(answers) <= START_REQUESTS
+
+
+def test_a_robots_page_begins_with_its_stiffness_today(visit, stored):
+    visited = visit("phone", view=f"#/robots/{stored['worn']}")
+    joints = visited.page.get_by_role("table", name="Stiffness today").get_by_role("row")
+    expect(joints).to_have_count(1 + 6)
+    expect(joints.nth(3)).to_contain_text(re.compile(r"joint_3.*….*since 10 Jan 2026"))
+    assert joints.last.bounding_box()["y"] < 844  # on the first screen
+
+
+def test_the_palette_finds_by_keys_alone(visit, stored):
+    visited = visit("desktop", view=f"#/runs/{stored['use']}")
+    page = visited.page
+    visited.settle()
+    page.keyboard.press("Control+k")
+    field = page.get_by_role("textbox", name="Find robots, sets, runs and actions")
+    field.fill("deflec")
+    page.keyboard.press("Enter")
+    page.wait_for_url(re.compile("/deflection$"))
+    page.keyboard.press("Control+k")
+    field.fill("check 0012")
+    expect(page.get_by_role("dialog").get_by_text("check 0012").first).to_be_visible()
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("Enter")
+    page.wait_for_url(re.compile("#/(sets|runs)/"))

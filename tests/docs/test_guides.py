@@ -171,7 +171,10 @@ ENTRIES = re.findall(r"^(\S.*)\n: (.*(?:\n  .*)*)", GLOSSARY, re.MULTILINE)
 RETIRED = [term for _, text in ENTRIES for term in re.findall(r"`([^`]+)`", text.partition("Not: ")[2])]
 READ = {
     "guides": [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "docker" / "README.md"],
-    "page": [ROOT / "dashboard" / "src" / "i18n" / "en.ts"],
+    "page": [
+        ROOT / "dashboard" / "src" / "words" / "shared.ts",
+        *(ROOT / "dashboard" / "src").rglob("words.ts"),
+    ],
     "messages": [
         path for folder in ("schemas", "service", "solver") for path in (ROOT / folder).rglob("*.py")
     ],

@@ -1,6 +1,6 @@
 /** Every call of the API that the page makes, typed by the service's own description; failures are problems with a remedy. */
 import createClient, { type Middleware } from "openapi-fetch";
-import { text } from "../i18n";
+import { text } from "../words";
 import { tell } from "../lib/events";
 import { type Columns, jsonOf } from "../lib/json";
 import type { Schemas } from "../lib/schema";

@@ -1,5 +1,5 @@
 /** What a call was refused for, or why its answer did not come, as problem details. */
-import { text } from "../i18n";
+import { text } from "../words";
 import type { Problem } from "./types";
 
 /** A refusal, or an answer that did not come. */

@@ -1,6 +1,7 @@
 /** Queries of the service: their keys, how long their answers are fresh, and which of them stay on this device. */
 import { client, onDevice, type QueryOptions } from "../state/query";
 import { api, type JobQuery, type JobTable, type RobotQuery, type SetQuery } from "./calls";
+import { ROBOTS } from "../state/choices";
 import { goesOn } from "./follow";
 import type * as of from "./types";
 
@@ -12,6 +13,20 @@ const query = <Value>(options: QueryOptions<Value>) => options;
 const freshJob = ({ state }: { state: { data: { state: of.RunState } | undefined } }): number =>
   state.data && !goesOn(state.data.state) ? Number.POSITIVE_INFINITY : 0;
 
+/** As many pages of robots as a wall can have. */
+const PAGES = 10;
+
+/** All robots: the first page is the one that forms choose from. */
+async function everyRobot(signal: AbortSignal): Promise<of.RobotSummary[]> {
+  let page = await client.fetchQuery(queries.robots(ROBOTS));
+  const found = [...page.items];
+  for (let number = 1; number < PAGES && page.next !== null; number++) {
+    page = await api.robots.list({ ...ROBOTS, cursor: page.next }, signal);
+    found.push(...page.items);
+  }
+  return found;
+}
+
 export const queries = {
   session: query({ queryKey: ["session"], queryFn: () => api.session(), ...FIXED }),
   health: query({ queryKey: ["health"], queryFn: ({ signal }) => api.health(signal), staleTime: 0 }),
@@ -20,6 +35,10 @@ export const queries = {
 
   robots: (filters: RobotQuery) =>
     query({ queryKey: ["robots", filters], queryFn: ({ signal }) => api.robots.list(filters, signal) }),
+  everyRobot: query<of.RobotSummary[]>({
+    queryKey: ["robots", "every"],
+    queryFn: ({ signal }) => everyRobot(signal),
+  }),
   robot: (id: string) => query({ queryKey: ["robot", id], queryFn: ({ signal }) => api.robots.one(id, signal) }),
   trend: (robot: string, filters: Record<string, string | null | undefined>) =>
     query({

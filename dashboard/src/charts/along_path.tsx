@@ -1,6 +1,6 @@
 /** Deflections along a path: a line for each state, one of them with its band, and the chosen point. */
 import { extent, linear } from "../lib/format";
-import { text } from "../i18n";
+import { text } from "../words";
 import { BottomAxis, Chart, Figure, LeftAxis } from "./figure";
 
 export interface PathLine {

@@ -4,7 +4,7 @@ import { type ComponentChildren, render } from "preact";
 import { useRef, useState } from "preact/hooks";
 import { DataTable, heading, type Table, save, standalone, csv, fileName, alike } from "../components/table";
 import { useWidth, Button, tip } from "../components/basics";
-import { text } from "../i18n";
+import { text } from "../words";
 
 interface AxisProps {
   scale: Scale;
@@ -122,7 +122,7 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
         {width > 0 && children(width)}
       </div>
       {legend.length > 0 && <Legend items={legend} />}
-      {note !== undefined && <p class="soft">{note}</p>}
+      {note !== undefined && !drawing && <p class="soft">{note}</p>}
       {table ? (
         <details onToggle={(event) => setOpen(event.currentTarget.open)}>
           <summary>{text.figure.table}</summary>
@@ -142,7 +142,8 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
         </details>
       ) : drawing === null ? null : (
         <details>
-          <summary>{text.figure.files}</summary>
+          <summary>{text.app.further}</summary>
+          {drawing && note !== undefined && <p class="soft">{note}</p>}
           <div class="actions">{svg}</div>
         </details>
       )}
@@ -276,7 +277,7 @@ export function BarFigure({
   series,
   unit,
   stacked = false,
-  named = text.deflection.configuration,
+  named = text.figure.configuration,
   ...opening
 }: BarFigureProps & Opening) {
   if (names.length === 0) return null;

@@ -2,7 +2,7 @@
 import { type RefObject, type ComponentChildren, type ComponentProps, Component, type FunctionComponent } from "preact";
 import { useLayoutEffect, useRef, useState, useEffect, useContext, useId } from "preact/hooks";
 import { go, type Action, hasNavigated, link, toast } from "../state/action";
-import { text } from "../i18n";
+import { text } from "../words";
 import type { Problem, Finding, RunState, Usability } from "../api/types";
 import { recalled, remember } from "../state/kept";
 import { type Query, send } from "../state/query";
@@ -10,7 +10,7 @@ import { Viewer } from "../state/session";
 import { listen } from "../lib/events";
 import { dayText, roughTime, timeText, zonedText } from "../lib/format";
 import { groupedBy } from "../lib/json";
-import { onPage, placeName, sentence } from "../lib/said";
+import { fieldName, roundedP, onPage, placeName, sentence } from "../lib/said";
 import { api } from "../api/calls";
 import { problemOf } from "../api/problem";
 
@@ -122,10 +122,21 @@ export const NameLink = ({ to, children }: { to: string[]; children: string }) =
   </a>
 );
 
-/** Text of the service or of ours; what stands between backticks is code. */
+/** Text of the service or of ours; what stands between backticks is code, or a field that has a name here. */
 export function Prose({ text: prose }: { text: string }) {
-  return <>{prose.split(/`([^`]+)`/).map((part, i) => (i % 2 ? <code>{part}</code> : part))}</>;
+  return (
+    <>
+      {roundedP(prose)
+        .split(/`([^`]+)`/)
+        .map((part, i) => (i % 2 ? <Code>{part}</Code> : part))}
+    </>
+  );
 }
+
+const Code = ({ children }: { children: string }) => {
+  const name = fieldName(children);
+  return name === undefined ? <code>{children}</code> : <>“{name}”</>;
+};
 
 /** The heading of a view; it takes the focus when one comes to the view, and names the browser's tab. */
 export function Title({ kind, children, plain }: { kind?: string; children: ComponentChildren; plain: string }) {
@@ -186,11 +197,13 @@ interface HeadProps {
   title?: ComponentChildren;
   about?: ComponentChildren;
   first?: ComponentChildren;
+  /** Widths at which what else there is is folded away. */
+  fold?: string;
   children?: ComponentChildren;
 }
 
 /** The head of a view: its title, what it is about, the first thing to do, and what else there is. */
-export const Head = ({ kind, plain, title = plain, about, first, children }: HeadProps) => (
+export const Head = ({ kind, plain, title = plain, about, first, fold = UPRIGHT, children }: HeadProps) => (
   <div class="head">
     <Title plain={plain} {...(kind === undefined ? {} : { kind })}>
       {title}
@@ -200,7 +213,7 @@ export const Head = ({ kind, plain, title = plain, about, first, children }: Hea
       <div class="actions">
         {first}
         {children && (
-          <Folded label={text.app.further} at={UPRIGHT}>
+          <Folded label={text.app.further} at={fold}>
             {children}
           </Folded>
         )}
@@ -339,7 +352,7 @@ export function ProblemNote({ problem, retry, restore }: NoteProps) {
       )}
       {problem.where && !listed && (
         <p>
-          <b>{text.errors.where}:</b> <code>{problem.where}</code>
+          <b>{text.errors.where}:</b> <Code>{problem.where}</Code>
         </p>
       )}
       {problem.remedy && !restore && (
@@ -351,7 +364,7 @@ export function ProblemNote({ problem, retry, restore }: NoteProps) {
         <ul>
           {problem.errors.slice(0, 8).map(({ where, reason, remedy }) => (
             <li>
-              <code>{where}</code>{" "}
+              <Code>{where}</Code>{" "}
               <Prose text={remedy && remedy !== problem.remedy ? `${reason}: ${remedy}` : reason} />
             </li>
           ))}

@@ -4,7 +4,7 @@ import type { ComponentProps } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { queries } from "../api/queries";
 import type { MeasurementSetSummary, RobotSummary } from "../api/types";
-import { text } from "../i18n";
+import { text } from "../words";
 import { FROM_FILE, ROBOTS, robotsToldApart, SETS, setsToldApart } from "../state/choices";
 import { isKnown, useQuery } from "../state/query";
 import { Busy, Choice } from "./basics";

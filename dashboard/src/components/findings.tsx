@@ -2,7 +2,7 @@
 import { type Facts as FileFacts, factorOf } from "../lib/campaign";
 import { fixed, significant } from "../lib/format";
 import { UNITS } from "../lib/stiffness";
-import { text } from "../i18n";
+import { text } from "../words";
 import { type Fact, Facts, Name, Warnings } from "./basics";
 import type { Finding } from "../api/types";
 

@@ -6,7 +6,7 @@ import { queries } from "../api/queries";
 import type { AdvisedAction, Assessment, Finding, Run, Usability, Problem } from "../api/types";
 import { roughTime, secondsLeft, type Mark } from "../lib/format";
 import { useAction, link, useDeletion, copied } from "../state/action";
-import { text } from "../i18n";
+import { text } from "../words";
 import {
   ActionButton,
   alikeOf,
@@ -31,7 +31,7 @@ import { useQuery } from "../state/query";
 import { useSettings } from "../state/session";
 import { StatePayload } from "./state_payload";
 import { TableCard, fileName, saveJson } from "./table";
-import type { RunContext } from "../views/run_context";
+import type { RunContext } from "../state/run_context";
 import type { ComponentChildren } from "preact";
 
 const LOOK_MS = 5_000;
@@ -190,12 +190,17 @@ export function VerdictLine({ assessment, sentences = words.sentence }: Omit<Ver
   );
 }
 
+interface ReasonsProps extends Omit<VerdictCardProps, "sentences"> {
+  /** A line for each kind; the rest is behind it. */
+  brief?: boolean;
+}
+
 /** Why the verdict is what it is, and what to do about it. */
-export const Reasons = ({ assessment: { reasons }, context }: Omit<VerdictCardProps, "sentences">) =>
+export const Reasons = ({ assessment: { reasons }, context, brief = false }: ReasonsProps) =>
   reasons.length === 0 ? null : (
-    <ul>
+    <ul class={brief ? "brief" : undefined}>
       {offeredOnce(alikeOf(reasons)).map((group) => (
-        <ReasonItem reasons={group} context={context} />
+        <ReasonItem reasons={group} context={context} brief={brief} />
       ))}
     </ul>
   );
@@ -223,20 +228,35 @@ export const Notes = ({ notes }: { notes: string[] }) => (
   </>
 );
 
-function ReasonItem({ reasons, context }: { reasons: Finding[]; context: RunContext | null }) {
+function ReasonItem({ reasons, context, brief }: { reasons: Finding[]; context: RunContext | null; brief: boolean }) {
   const [first] = reasons;
   if (!first) return null;
   const actions = new Map(reasons.flatMap(({ action }) => (action ? [[JSON.stringify(action), action] as const] : [])));
+  const remedy = (
+    <p class="remedy">
+      <Prose text={sentence(first.remedy)} />
+    </p>
+  );
   return (
     <li class={first.weight}>
-      <div>
-        {reasons.map((reason) => (
-          <Seen warning={reason} />
-        ))}
-        <p class="remedy">
-          <Prose text={sentence(first.remedy)} />
-        </p>
-      </div>
+      {brief ? (
+        <details>
+          <summary>
+            <Seen warning={first} />
+          </summary>
+          {reasons.slice(1).map((reason) => (
+            <Seen warning={reason} />
+          ))}
+          {remedy}
+        </details>
+      ) : (
+        <div>
+          {reasons.map((reason) => (
+            <Seen warning={reason} />
+          ))}
+          {remedy}
+        </div>
+      )}
       {context && actions.size > 0 && (
         <div class="actions">
           {[...actions.values()].map((action) => (
@@ -339,6 +359,7 @@ export function JobPage<Of extends PageJob, Context>({
             <Head
               kind={kind}
               plain={name}
+              {...(collection === "runs" ? { fold: "all" } : {})}
               title={title ?? <Name>{name}</Name>}
               first={first}
               about={

@@ -1,36 +1,13 @@
 /** Lists of whatever is stored: filtered by words, robot and verdict, sorted; and what can be done with a row. */
-import type { LastCampaign, Usability } from "../api/types";
-import { changeText } from "../lib/trend";
+import type { Usability } from "../api/types";
 import { readdress, useAction, useDeletion } from "../state/action";
 import { useKeptOnEntry } from "../state/entry";
 import { askFor, sure } from "../state/question";
-import { text } from "../i18n";
-import { later } from "../i18n/later";
+import { text } from "../words";
 import { Name, Button, Icon, ProblemNote, Folded, When } from "./basics";
 import { RobotSelect, useTyped } from "./choosers";
 import type { ComponentChildren } from "preact";
 import { Select, TextField } from "./fields";
-
-/** Which joints of a robot changed since its first campaign; of an arm that was not measured last, with its serial number. */
-export function ChangedJoints({ of }: { of: LastCampaign | null }) {
-  const [first, ...others] = of?.changed ?? [];
-  if (!first) return null;
-  return (
-    <>
-      <span class="state changed">{later.trend.changed}</span>{" "}
-      <small>
-        <Name>{first.joint}</Name> {changeText(first.change)}
-        {first.serial_number !== of?.serial_number && (
-          <>
-            {" "}
-            (<Name>{first.serial_number ?? later.trend.noSerial}</Name>)
-          </>
-        )}
-        {others.length > 0 && ` ${text.more(others.length)}`}
-      </small>
-    </>
-  );
-}
 
 /** Deletes a row at once; its toast offers to undo that. */
 export const DeleteButton = ({ name, remove }: { name: string; remove: () => void }) => (

@@ -1,6 +1,6 @@
 /** The dialog in which the page asks. */
 import { useEffect, useId, useRef, useState } from "preact/hooks";
-import { text } from "../i18n";
+import { text } from "../words";
 import { type Question, useQuestion } from "../state/question";
 import { Button } from "./basics";
 

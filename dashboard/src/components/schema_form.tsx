@@ -2,7 +2,6 @@
 import { useId, useState, useContext, useLayoutEffect } from "preact/hooks";
 import { METADATA } from "../api/types";
 import type { Typed } from "../lib/campaign";
-import { later } from "../i18n/later";
 import { TextField, Faults, FaultsAt, FormProblem, Select } from "./fields";
 import { createContext } from "preact";
 import { type Codec, codecOf, isAmbiguous, OF_TEXT, plain, type Schema, type Schemas } from "../lib/schema";
@@ -12,9 +11,10 @@ import { queries } from "../api/queries";
 import { formUnit, radians } from "../lib/stiffness";
 import { isKnown, useQuery } from "../state/query";
 import { useSettings } from "../state/session";
-import { text } from "../i18n";
+import { text } from "../words";
 import { Button, Choice, type Options, Show, Toggle } from "./basics";
 import { Scroll } from "./table";
+import { formWords, metadataWords, jointWords } from "./words";
 
 interface DropZoneProps {
   title: string;
@@ -70,7 +70,7 @@ export function DropZone({ title, hint, button, accept, take, several = false, c
   );
 }
 
-const words = later.metadata;
+const words = metadataWords;
 
 export const MetadataForm = ({ typed, change }: { typed: Typed; change: (typed: Typed) => void }) => (
   <>
@@ -87,8 +87,6 @@ export const MetadataForm = ({ typed, change }: { typed: Typed; change: (typed: 
     ))}
   </>
 );
-
-const formWords = later.form;
 
 /** What a page adds to the service's description, by place such as `load.force`. */
 export interface Terms {
@@ -295,8 +293,8 @@ const WORDS: Record<string, string> = {
   ...text.weightings,
   ...text.elasticities,
   ...text.losses,
-  ...later.robots.kinds,
-  ...later.robots.conventions,
+  ...jointWords.kinds,
+  ...jointWords.conventions,
   ...formWords.values,
 };
 
@@ -431,7 +429,7 @@ function Grid({ schema, value, change, path, label, help }: Part & { label: stri
                       schema={column.schema}
                       label={
                         schema.items
-                          ? later.robots.cell(headOf(column)[0] ?? "", Number(key) + 1)
+                          ? jointWords.cell(headOf(column)[0] ?? "", Number(key) + 1)
                           : `${headOf(column)[0]}, ${key}`
                       }
                       factor={unitOf(column.schema, asFields(document[key])["kind"] === "prismatic")[1]}

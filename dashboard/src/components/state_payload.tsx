@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/calls";
 import type { AdvisedAction, Run } from "../api/types";
-import { text } from "../i18n";
+import { text } from "../words";
 import { link, useAction } from "../state/action";
 import { ActionButton } from "./basics";
 import { TextField } from "./fields";

@@ -12,6 +12,7 @@ import { extent } from "./format";
 import { factors, degrees, UNITS } from "./stiffness";
 import { norm, times, type Vector } from "./vector";
 import { sized } from "./schema";
+import type { Fault } from "../words";
 
 const ENCODERS: MeasurementSet["encoders"][] = ["motor", "secondary"];
 
@@ -40,8 +41,6 @@ export interface Facts {
   loadPoint: Vector | null;
   firstJoints: number[] | null;
 }
-
-export type Fault = "not_json" | "not_finite" | "empty" | "not_object" | "not_a_set" | "sweeps";
 
 /** Read a file's text. Only its outline is looked at here: the service says what is wrong inside. */
 export function understand(content: string): Campaign | Fault {

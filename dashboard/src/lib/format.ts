@@ -1,6 +1,6 @@
 /** Numbers and times as people read them: the uncertainty decides the digits (GUM 7.2.6), thousands in groups; axes with round numbers. */
 
-import { text } from "../i18n";
+import { text } from "../words";
 
 const GROUP = "\u202f"; // narrow no-break space, as ISO 80000 wants it
 const MINUS = "\u2212";

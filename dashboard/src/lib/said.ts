@@ -1,6 +1,6 @@
 /** What has been said of a result, so that nothing is said twice. */
 import type { Finding } from "../api/types";
-import { text } from "../i18n";
+import { text } from "../words";
 
 const UNEXPLAINED = ["deflections_unexplained", "residual_outlier"];
 
@@ -30,6 +30,12 @@ export const sentence = (words: string): string =>
 /** Whether a note says what the readings cannot show: it is no assumption, and is not folded away. */
 export const isUnseen = (note: string): boolean =>
   /\b(cannot show|cannot be checked|not detected|no reading would show)\b/.test(note);
+
+/** A field of a request as a person calls it; other code as it is. */
+export const fieldName = (code: string): string | undefined => text.fields[code];
+
+/** Probabilities that nobody needs to ten digits. */
+export const roundedP = (prose: string): string => prose.replace(/\bp = \d(?:\.\d+)?e-\d+/g, "p < 0.001");
 
 /** A remark of the service as it is read on the page itself, where nobody sends requests by hand. */
 export const onPage = (remark: string): string =>

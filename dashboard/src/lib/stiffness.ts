@@ -1,6 +1,6 @@
 /** Stiffnesses: the units that the page shows, the digits that their uncertainty allows, and what is said of them in words. */
 import type { JointKind, Units, JointResult, Usability } from "../api/types";
-import { text } from "../i18n";
+import { text } from "../words";
 import { type Ends, type ShownEstimate, shownEstimate } from "./estimate";
 import { fixed, significant } from "./format";
 
@@ -189,6 +189,35 @@ function endsAround({ kind, compliance_interval: ends }: JointResult, unit: Stif
   const [low, high] = ends.map((end) => (end === 0 ? null : factor / end)) as [number | null, number | null];
   return ends[0] < 0 && ends[1] > 0 ? [low, high] : [high, low];
 }
+
+/** Where a stiffness with its interval is drawn on an axis of a unit; null: no number, or no end. */
+export interface OnAxis {
+  value: number | null;
+  low: number | null;
+  high: number | null;
+}
+
+export function onAxis(
+  { stiffness, interval }: { stiffness?: number | null; interval?: readonly [number, number | null] | null },
+  unit: StiffnessUnit,
+  kind?: JointKind,
+): OnAxis {
+  const value = maybeInUnit(stiffness, unit, kind);
+  const [low, high] = intervalIn(interval, unit, kind);
+  return { value, low, high: interval ? high : value };
+}
+
+/** A stiffness in words, of which only the size is meant. */
+export const roughStiffness = (stiffness: number, unit: StiffnessUnit, kind?: JointKind): string =>
+  withUnit(significant(inUnit(stiffness, unit, kind), 2), unitOf(unit, kind).label);
+
+/** A stiffness of a live campaign: with the interval that the service states, grey where it must not be used. */
+export const shownWithInterval = (
+  stiffness: number | null,
+  interval: readonly [number, number | null] | null,
+  unit: StiffnessUnit,
+  kind?: JointKind,
+): ShownEstimate => shownEstimate(maybeInUnit(stiffness, unit, kind), interval && intervalIn(interval, unit, kind));
 
 /** "> 3.1", or "< 0.3" of a compliance: rounded so that it stays a limit. */
 function limitText(limit: number, unit: StiffnessUnit, kind?: JointKind): string {

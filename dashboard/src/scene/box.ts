@@ -5,34 +5,20 @@ import {
   DoubleSide,
   Float32BufferAttribute,
   Group,
-  type Intersection,
   LineBasicMaterial,
   LineSegments,
   Mesh,
   MeshBasicMaterial,
-  Object3D,
   type PerspectiveCamera,
-  type Raycaster,
   SphereGeometry,
   Vector3,
 } from "three";
 import { DragControls } from "three/addons/controls/DragControls.js";
 import { type Box, dragged, GRIPS, placeOf } from "../lib/box";
 import { subtract, type Vector } from "../lib/vector";
+import { FOUND, Handle, SEEN, vectorOf } from "./handle";
 
-/** Radii of a grip: what is seen, and what a finger finds [px]. */
-const [SEEN, FOUND] = [8, 22];
 const MIDDLE = 3; // of the materials
-
-const vectorOf = ({ x, y, z }: Vector3): Vector => [x, y, z];
-
-/** Something to drag: of several under a finger the one whose middle is nearest to it is found. */
-class Handle extends Object3D {
-  override raycast({ ray }: Raycaster, found: Intersection[]): void {
-    const away = ray.distanceToPoint(this.position);
-    if (away < this.scale.x) found.push({ distance: away / this.scale.x, point: this.position, object: this });
-  }
-}
 
 /** Corners of a box of length one by the bits of their numbers, pairs of corners that differ in one bit, and faces. */
 const CORNERS = [0, 1, 2, 3, 4, 5, 6, 7].flatMap((corner) => [1, 2, 4].map((bit) => (corner & bit ? 0.5 : -0.5)));
@@ -116,7 +102,7 @@ export class HeldBox extends Group {
 
   /** Draw the grips as large as a finger needs: `pixel` is the size of one at a distance of 1. */
   sized(camera: PerspectiveCamera, pixel: number): void {
-    for (const grip of this.#grips) grip.scale.setScalar(FOUND * pixel * camera.position.distanceTo(grip.position));
+    for (const grip of this.#grips) grip.sized(camera, pixel);
   }
 
   #put(box: Box): void {

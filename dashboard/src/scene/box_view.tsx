@@ -5,10 +5,10 @@ import { type Box, boxAbout, boxIn } from "../lib/box";
 import { sized } from "../lib/schema";
 import type { Vector } from "../lib/vector";
 import { useKinematics } from "../state/kinematics";
-import { later } from "../i18n/later";
 import { ArmView, roomOf } from "./view";
+import { boxWords } from "./words";
 
-const words = later.box;
+const words = boxWords;
 /** Half of a box that nobody typed [m]. */
 const HALF: Vector = [0.2, 0.2, 0.1];
 

@@ -108,7 +108,7 @@ export class Orbit {
       "0": () => this.reset(),
     };
     const step = steps[event.key];
-    if (!step) return;
+    if (!step || (event.shiftKey && event.key.startsWith("Arrow"))) return; // which pulls a force
     event.preventDefault();
     this.#touched = event.key !== "0";
     step();

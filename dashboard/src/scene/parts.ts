@@ -21,7 +21,7 @@ import { CSS2DObject, CSS2DRenderer } from "three/addons/renderers/CSS2DRenderer
 import type { Posture } from "../api/types";
 import { add, norm, subtract, times, type Vector } from "../lib/vector";
 import { significant, roundStep } from "../lib/format";
-import { later } from "../i18n/later";
+import { sceneWords } from "./words";
 
 const UP = new Vector3(0, 1, 0);
 
@@ -196,7 +196,7 @@ export class ScaleBar {
     const length = roundStep(WANTED / metre / 2, 1);
     this.#line.style.width = `${Math.round(length * metre)}px`;
     const deflection = factor === 1 ? null : significant((length / factor) * 1e3, 1);
-    const shown = later.scene.scale(significant(length, 1), deflection);
+    const shown = sceneWords.scale(significant(length, 1), deflection);
     if (this.#words.textContent !== shown) this.#words.textContent = shown;
   }
 

@@ -17,9 +17,11 @@ import {
 import { bent, type Vector, norm, times } from "../lib/vector";
 import { Arm, type Arrow, Arrows, Cloud, ScaleBar, type Label, Labels } from "./parts";
 import type { Box } from "../lib/box";
+import type { Pull } from "../lib/pull";
 import type { HeldBox } from "./box";
+import type { HeldForce } from "./pull";
 import { Orbit } from "./orbit";
-import type { Show } from "./view";
+import type { Show } from "./show";
 
 const FRAME = "jointstiff.frame";
 const KEPT_FRAMES = 500;
@@ -56,12 +58,16 @@ export class Stage {
   /** Of what is shown, its box; undefined until one is shown. */
   #box: Promise<HeldBox> | undefined;
   #boxDrawn: HeldBox | null = null;
+  /** The same of a force that is pulled. */
+  #force: Promise<HeldForce> | undefined;
+  #forceDrawn: HeldForce | null = null;
   #gone = false;
 
   /** Throws where the device has no WebGL. */
   constructor(
     readonly canvas: HTMLCanvasElement,
     readonly dragged: (box: Box) => void,
+    readonly pulled: (force: Vector) => void,
   ) {
     this.#renderer = new WebGLRenderer({
       canvas,
@@ -122,6 +128,7 @@ export class Stage {
   dispose(): void {
     this.#gone = true;
     this.#boxDrawn?.dispose();
+    this.#forceDrawn?.dispose();
     cancelAnimationFrame(this.#waiting);
     this.#observer.disconnect();
     removeEventListener("themechange", this.#paint);
@@ -141,6 +148,7 @@ export class Stage {
     if (this.#show && this.#show !== this.#shown) this.#apply(this.#show);
     this.#bendNow(start);
     this.#boxDrawn?.sized(this.#camera, this.#pixel);
+    this.#forceDrawn?.sized(this.#camera, this.#pixel);
     this.#renderer.render(this.#scene, this.#camera);
     this.#labels.render(this.#scene, this.#camera);
     this.#bar.set(1 / (this.#pixel * this.#orbit.distance), this.#show?.factor ?? 1);
@@ -180,7 +188,7 @@ export class Stage {
     this.#measured.paint(ramp === null ? this.#color("--measured") : new Color(1, 1, 1), ramp !== null);
     this.#measured.set(show.measured, show.factor, thin * (ramp === null ? 2.4 : 1.5), ramp);
     this.#predicted.set(ramp === null ? show.predicted : [], show.factor, thin); // shows inside the measured one
-    this.#load.set(show.load ? [loadArrow(show.load, this.#reach)] : [], 1, this.#reach * 0.008);
+    this.#load.set(loadArrows(show, this.#reach), 1, this.#reach * 0.008);
     const axes = AXES.map(({ along }) => ({ from: [0, 0, 0], along: times(along, this.#reach * 0.26) }) as const);
     this.#triad.set(axes, 1, this.#reach * 0.006, this.#axisColors);
     const { places = [], shares = [], size = 0 } = show.cloud ?? {};
@@ -188,6 +196,7 @@ export class Stage {
     this.#cloud.set(places, colors, size, this.#camera.fov);
     this.#labels.set(labelsOf(show, this.#reach));
     if (show.box || this.#boxDrawn) void this.#hold(show.box);
+    if (show.pull || this.#forceDrawn) void this.#holdForce(show.pull);
   }
 
   /** Show a box, or none; its code comes with the first one. */
@@ -212,6 +221,34 @@ export class Stage {
     if (box) drawn.set(box);
     this.request();
   }
+
+  /** Show the head of a force, or none; its code comes with the first one. */
+  async #holdForce(pull: Pull | undefined): Promise<void> {
+    this.#force ??= import("./pull").then(
+      ({ HeldForce: Make }) => new Make(this.#camera, this.canvas, (held) => this.#orbit.pause(held), this.#pulledTo),
+    );
+    let drawn: HeldForce;
+    try {
+      drawn = await this.#force;
+    } catch {
+      this.#force = undefined; // offline, or of another release: the next picture tries again
+      return;
+    }
+    if (this.#gone) return drawn.dispose();
+    if (this.#forceDrawn === null) {
+      this.#forceDrawn = drawn;
+      this.#scene.add(drawn);
+      drawn.paint(this.#color("--load"));
+    }
+    drawn.visible = pull !== undefined;
+    if (pull) drawn.set(pull);
+    this.request();
+  }
+
+  readonly #pulledTo = (force: Vector): void => {
+    this.request();
+    this.pulled(force);
+  };
 
   readonly #moved = (box: Box): void => {
     this.request();
@@ -243,6 +280,7 @@ export class Stage {
     this.#predicted.paint(color("--predicted"));
     this.#load.paint(color("--load"));
     this.#boxDrawn?.paint(color("--accent"), this.#axisColors);
+    this.#forceDrawn?.paint(color("--load"));
     this.#floor();
     this.request();
   };
@@ -297,6 +335,12 @@ function labelsOf(show: Show, reach: number): Label[] {
     (name, i): Label => ({ name, kind: "target", at: show.measured[i]?.from ?? [0, 0, 0] }),
   );
   return [...axes, ...joints, ...targets].filter(({ name }) => name !== "");
+}
+
+/** A force that is pulled is as long as it is large. */
+function loadArrows({ load, pull }: Show, reach: number): Arrow[] {
+  if (pull) return [{ from: pull.from, along: times(pull.force, pull.scale) }];
+  return load ? [loadArrow(load, reach)] : [];
 }
 
 /** Of one length whatever the load: it shows where and which way. */

@@ -2,8 +2,8 @@
 import type { Posture, RobotSource } from "../api/types";
 import type { Box } from "../lib/box";
 import type { Vector } from "../lib/vector";
-import type { Arrow } from "./parts";
-import { text } from "../i18n";
+import type { Show } from "./show";
+import { text } from "../words";
 import { useEffect, useRef, useState, useMemo } from "preact/hooks";
 import { Busy, Button, ProblemNote } from "../components/basics";
 import { Handle } from "../components/fields";
@@ -12,32 +12,8 @@ import type { Stage } from "./stage";
 import { fixed } from "../lib/format";
 import { position, positionIn, positionUnit } from "../lib/stiffness";
 import { useKinematics } from "../state/kinematics";
-import { later } from "../i18n/later";
-
-/** What is shown. Lengths in m, R0. */
-export interface Show {
-  posture: Posture;
-  measured: Arrow[];
-  predicted: Arrow[];
-  load: Arrow | null;
-  /** By how much deflections are exaggerated. */
-  factor: number;
-  axes: boolean;
-  /** Names of the joints; none: no labels. */
-  names: string[];
-  /** Names of the targets of the measured arrows. */
-  targets: string[];
-  /** Lengths of the residuals of the measured arrows [m]. */
-  residuals: number[];
-  /** Greatest residual of the set [m], if arrows are coloured by their residual. */
-  byResidual: number | null;
-  /** Angles by which the joints give way [rad]. */
-  bend: number[];
-  /** Places of a map: where [m], their share of the colours, and how wide one is drawn [m]. */
-  cloud?: { places: Vector[]; shares: number[]; size: number };
-  /** A box that is dragged. */
-  box?: Box;
-}
+import { sceneWords } from "./words";
+import { jointWords } from "../components/words";
 
 /** What a view without a result shows: the arm alone. */
 const ARM_ALONE = {
@@ -66,6 +42,8 @@ interface ArmViewProps extends Partial<Omit<Show, "posture">> {
   bends?: number;
   /** The box was dragged. */
   dragged?: (box: Box) => void;
+  /** The force was pulled [N]. */
+  pulled?: (force: Vector) => void;
 }
 
 /** The arm in a posture, once that is there, with what is drawn beside it. */
@@ -77,13 +55,13 @@ export const ArmView = ({
     <Drawing posture={posture} {...rest} />
   ) : (
     <div class="stage">
-      <Busy label={later.scene.loading} />
+      <Busy label={sceneWords.loading} />
     </div>
   );
 
-function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, ...drawn }: ArmViewProps) {
-  const hears = useRef(dragged);
-  hears.current = dragged;
+function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, pulled, ...drawn }: ArmViewProps) {
+  const hears = useRef({ dragged, pulled });
+  hears.current = { dragged, pulled };
   const show: Show = { ...ARM_ALONE, ...drawn };
   const canvas = useRef<HTMLCanvasElement>(null);
   const [stage, setStage] = useState<Stage | "none" | null>(null);
@@ -93,7 +71,11 @@ function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, ..
     void import("./stage").then(({ Stage: Make }) => {
       if (gone || !canvas.current) return;
       try {
-        made = new Make(canvas.current, (box) => hears.current?.(box));
+        made = new Make(
+          canvas.current,
+          (box) => hears.current.dragged?.(box),
+          (force) => hears.current.pulled?.(force),
+        );
         setStage(made);
       } catch {
         setStage("none");
@@ -116,13 +98,13 @@ function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, ..
   if (stage === "none")
     return (
       <div class="stage sketched">
-        <p class="soft">{later.scene.noWebgl}</p>
+        <p class="soft">{sceneWords.noWebgl}</p>
         <PostureSketch posture={show.posture} force={show.load?.along ?? null} size={[320, 260]} label={label} />
       </div>
     );
   return (
     <div class="stage">
-      {stage === null && <Busy label={later.scene.loading} />}
+      {stage === null && <Busy label={sceneWords.loading} />}
       <canvas ref={canvas} tabIndex={0} role="img" aria-label={label} data-ready={stage !== null} />
     </div>
   );
@@ -164,16 +146,16 @@ export function Arm({ source, start, sliders = true }: ArmProps) {
   return (
     <div class="arm">
       {problem && <ProblemNote problem={problem} />}
-      {(posture || !problem) && <ArmView {...{ posture, names, room }} label={later.scene.canvasPlain} />}
+      {(posture || !problem) && <ArmView {...{ posture, names, room }} label={sceneWords.canvasPlain} />}
       {posture && sliders && (
         <details class="sliders">
-          <summary>{later.robots.sliders}</summary>
+          <summary>{jointWords.sliders}</summary>
           {posture.joint_kinds.map((kind, i) => {
             const shown = `${fixed(position(current[i] ?? 0, kind), 0)}${positionUnit(kind)}`;
             return (
               <Handle
                 look="slider"
-                label={later.robots.angle(names[i] ?? "")}
+                label={jointWords.angle(names[i] ?? "")}
                 said={shown}
                 from={-MOST[kind]}
                 count={2 * MOST[kind] + 1}
@@ -184,7 +166,7 @@ export function Arm({ source, start, sliders = true }: ArmProps) {
               </Handle>
             );
           })}
-          <Button onClick={() => setAngles(names.map(() => 0))}>{later.robots.zero}</Button>
+          <Button onClick={() => setAngles(names.map(() => 0))}>{jointWords.zero}</Button>
         </details>
       )}
     </div>

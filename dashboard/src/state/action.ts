@@ -1,9 +1,9 @@
 /** Where one is, what a button starts, and the messages that say what came of it. */
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { problemOf } from "../api/problem";
 import type { Problem, Usability } from "../api/types";
 import { listen, news, tell } from "../lib/events";
-import { text } from "../i18n";
+import { text } from "../words";
 import { send, useMutation } from "./query";
 import { askFor, sure } from "./question";
 
@@ -143,6 +143,33 @@ export function useAction<Arguments extends unknown[]>(
     void start(...args)?.then(shown, () => undefined); // the view shows the problem
   };
   return { run, busy, problem, took: tooks.get(timed) ?? null };
+}
+
+/** Calls that follow a hand: one at a time, and after it the latest of those that came meanwhile. */
+export function useLatest<Value>(act: (value: Value) => Promise<unknown>): {
+  run: (value: Value) => void;
+  problem: Problem | null;
+} {
+  const waiting = useRef<{ value: Value } | null>(null);
+  const isRunning = useRef(false);
+  const [problem, setProblem] = useState<Problem | null>(null);
+  const run = async (value: Value) => {
+    waiting.current = { value };
+    if (isRunning.current) return;
+    isRunning.current = true;
+    try {
+      while (waiting.current) {
+        const next: Value = waiting.current.value;
+        waiting.current = null;
+        await act(next);
+      }
+      setProblem(null);
+    } catch (error) {
+      setProblem(problemOf(error));
+    }
+    isRunning.current = false;
+  };
+  return { run: (value) => void run(value), problem };
 }
 
 interface Deletable {

@@ -1,6 +1,6 @@
 /** Robots and sets to choose from, with names that tell them apart. */
 import type { MeasurementSetSummary, RobotDocument, RobotSource, RobotSummary } from "../api/types";
-import { text } from "../i18n";
+import { text } from "../words";
 import { dayText, timeText } from "../lib/format";
 
 /** Robots by name, and the newest sets: as many as a page of a listing has. */

@@ -1,10 +1,10 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
 import type { Problem } from "../../src/api/types";
-import { Advanced, useRunForm } from "../../src/views/flow";
+import { Advanced, useRunForm } from "../../src/features/readings/flow";
 import { FormProblem } from "../../src/components/fields";
 import { jsonOf } from "../../src/lib/json";
-import { DhEditor } from "../../src/views/robot_new";
+import { DhEditor } from "../../src/features/robots/new";
 import { drawn, press, settled } from "./drawn";
 
 const NUMBER = { type: "number" };

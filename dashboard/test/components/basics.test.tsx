@@ -27,10 +27,10 @@ describe("warnings", () => {
     expect(root.textContent).toContain("c2");
   });
 
-  it("shows what stands between backticks as code", async () => {
+  it("shows what stands between backticks as code, and a field by its name", async () => {
     const root = await drawn(<Warnings warnings={[warning({ message: "omit `noise` or `<b>`", remedy: "a ` b" })]} />);
-    expect([...root.querySelectorAll("code")].map((code) => code.textContent)).toEqual(["noise", "<b>"]);
-    expect(root.textContent).toContain("Omit noise or <b>");
+    expect([...root.querySelectorAll("code")].map((code) => code.textContent)).toEqual(["<b>"]);
+    expect(root.textContent).toContain("Omit “noise” or <b>");
     expect(root.textContent).toContain("a ` b");
   });
 });
@@ -78,7 +78,7 @@ describe("a refusal", () => {
       errors: [{ where, reason, remedy: null }],
     };
     const root = await drawn(<ProblemNote problem={problem} />);
-    for (const once of [where, reason, "See docs"]) expect(root.textContent?.split(once)).toHaveLength(2);
+    for (const once of ["unit of length", reason, "See docs"]) expect(root.textContent?.split(once)).toHaveLength(2);
   });
 });
 

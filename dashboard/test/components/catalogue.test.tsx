@@ -4,8 +4,8 @@ import { QuestionDialog } from "../../src/components/question";
 import { api } from "../../src/api/calls";
 import type { Catalogue, MeasurementSet, NominalArm, RunSummary } from "../../src/api/types";
 import { StoredActions } from "../../src/components/list";
-import { ArmChooser, ArmFacts, found } from "../../src/views/robot_new";
-import { newestOf, SetMetadata } from "../../src/views/robots";
+import { ArmChooser, ArmFacts, found } from "../../src/features/robots/new";
+import { newestOf, SetMetadata } from "../../src/features/robots/view";
 import { drawn, press, settled } from "./drawn";
 
 const row = { a: 0.35, alpha: -Math.PI / 2, d: 0, theta: 0, lower: -Math.PI, upper: null, kind: "revolute" } as const;

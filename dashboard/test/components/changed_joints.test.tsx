@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 import { expect, it } from "vitest";
 import type { LastCampaign } from "../../src/api/types";
-import { ChangedJoints } from "../../src/components/list";
+import { ChangedJoints } from "../../src/features/trend/changed";
 import { drawn } from "./drawn";
 
 it("separates the word from the joint that changed", async () => {

@@ -1,6 +1,6 @@
 // @vitest-environment happy-dom
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { ImportFlow } from "../../src/views/import_flow";
+import { ImportFlow } from "../../src/features/readings/import";
 import { answering, drawn, settled } from "./drawn";
 
 const column = (number: number, header: string, meaning: string, unit: string | null = null) => ({

@@ -1,8 +1,8 @@
 // @vitest-environment happy-dom
 import { expect, it, vi } from "vitest";
-import type { RunContext } from "../../src/views/run_context";
-import { ProgramForm } from "../../src/views/use";
-import { lackOf } from "../../src/views/import_flow";
+import type { RunContext } from "../../src/state/run_context";
+import { ProgramForm } from "../../src/features/use/forms";
+import { lackOf } from "../../src/features/readings/import";
 import { drawn, settled } from "./drawn";
 
 vi.stubGlobal("fetch", async () => new Response(JSON.stringify({ components: { schemas: {} } })));

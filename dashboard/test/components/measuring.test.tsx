@@ -2,7 +2,7 @@
 import { render } from "preact";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import type { LiveState, Observation } from "../../src/api/types";
-import { sendReadings, useWaiting, type Waits, waitingOf } from "../../src/state/readings";
+import { sendReadings, useWaiting, type Waits, waitingOf } from "../../src/features/measure/readings";
 import { answering, drawn, settled } from "./drawn";
 
 const STATE = { state: "measuring", revision: 1, readings: [], warnings: [] } as unknown as LiveState;

@@ -2,7 +2,7 @@
 import { expect, it, vi } from "vitest";
 import { api } from "../../src/api/calls";
 import { useToasts } from "../../src/state/action";
-import { OpenCampaigns } from "../../src/views/open_campaigns";
+import { OpenCampaigns } from "../../src/features/measure/open_campaigns";
 import { drawn, settled } from "./drawn";
 
 function Said() {

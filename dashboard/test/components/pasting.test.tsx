@@ -1,8 +1,8 @@
 // @vitest-environment happy-dom
 import { useRef, useState } from "preact/hooks";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import type { Rows } from "../../src/lib/live";
-import { type Pasting, usePasting } from "../../src/state/pasting";
+import type { Rows } from "../../src/features/measure/live";
+import { type Pasting, usePasting } from "../../src/features/measure/pasting";
 import { answering, drawn, settled } from "./drawn";
 
 const BLANK: Rows = { P1: { unloaded: "", loaded: "" }, P2: { unloaded: "", loaded: "" } };

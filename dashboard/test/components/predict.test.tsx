@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 import { expect, it } from "vitest";
 import type { DeflectionResult } from "../../src/api/types";
-import { Answer } from "../../src/views/use";
+import { Answer } from "../../src/features/use/forms";
 import { drawn } from "./drawn";
 
 const budget = {

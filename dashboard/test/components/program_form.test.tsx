@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 import { afterEach, beforeEach, expect, it, vi } from "vitest";
 import { remember } from "../../src/state/kept";
-import { ProgramForm } from "../../src/views/use";
+import { ProgramForm } from "../../src/features/use/forms";
 import { drawn, press, settled } from "./drawn";
 
 const remedy = "if 'GRIPPER' does neither, state `trust_routines`, or name the routine in `leave_alone`: ['GRIPPER']";

@@ -2,8 +2,8 @@
 import { describe, expect, it, vi } from "vitest";
 import type { RunResult } from "../../src/api/types";
 import { QuestionDialog } from "../../src/components/question";
-import type { RunContext } from "../../src/views/run_context";
-import { RunFiles } from "../../src/views/use";
+import type { RunContext } from "../../src/state/run_context";
+import { RunFiles } from "../../src/features/use/forms";
 import { drawn, press, settled } from "./drawn";
 
 const USE = { verdict: "use" as const, reasons: [], joints_identified: 6, joint_count: 6, headline: null, notes: [] };

@@ -3,7 +3,7 @@ import { act } from "preact/test-utils";
 import { describe, expect, it } from "vitest";
 import type { RunSummary } from "../../src/api/types";
 import { Rows, wanted } from "../../src/components/list";
-import { JobList, runRows } from "../../src/views/runs";
+import { JobList, runRows } from "../../src/features/runs/view";
 import { answering, drawn, settled } from "./drawn";
 
 const run = (id: string, part: Partial<RunSummary> = {}): RunSummary => ({

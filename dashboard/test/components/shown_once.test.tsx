@@ -2,7 +2,7 @@
 import { describe, expect, it } from "vitest";
 import type { JointResult, Run } from "../../src/api/types";
 import { Show } from "../../src/components/basics";
-import { RunsTable } from "../../src/views/run_stiffness";
+import { RunsTable } from "../../src/features/run/stiffness";
 import { drawn, press } from "./drawn";
 
 const FAILED = { data: undefined, isFetching: false, isStand: false };

@@ -2,7 +2,7 @@
 import { expect, it } from "vitest";
 import type { Assessment, Run } from "../../src/api/types";
 import { VerdictCard } from "../../src/components/job_page";
-import type { RunContext } from "../../src/views/run_context";
+import type { RunContext } from "../../src/state/run_context";
 import { drawn } from "./drawn";
 
 it.each([

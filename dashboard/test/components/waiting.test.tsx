@@ -23,7 +23,7 @@ afterEach(() => localStorage.clear());
 /** The page as it is loaded, with nothing but what this device keeps. */
 async function loaded() {
   vi.resetModules();
-  const page = await import("../../src/state/readings");
+  const page = await import("../../src/features/measure/readings");
   page.startReadings();
   return page;
 }

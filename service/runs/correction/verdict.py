@@ -1,4 +1,4 @@
-"""Worth of a correction: reasons and remedies of the statuses of its rows, and its assessment.
+"""Worth of a correction: reasons and remedies of the statuses of its rows, and its assessment."""
 
 from __future__ import annotations
 

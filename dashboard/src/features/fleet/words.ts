@@ -1,0 +1,20 @@
+/** Words of fleets. */
+export const fleetWords = {
+  title: "Fleet",
+  wall: "Robots and their joints: change since the first campaign",
+  none: "No robot was measured yet",
+  noneHint: "After its first campaign, a robot is shown here with the change of each joint.",
+  joint: (number: number) => `J${number}`,
+  last: "Last campaign",
+  same: (joint: string) => `${joint}: no change is known; see the trend for what was tested`,
+  all: (count: number) => `All ${count} robots`,
+  again: "Identify again",
+  sets: "Sets",
+  set: "Measurement set",
+  unit: (unit: string) => `Stiffness in ${unit}, with its interval.`,
+  intro:
+    "Identify the last measurement set with loads of each robot again in one job, such as after an update. The API also accepts chosen sets and options.",
+  start: "Identify all robots again",
+  going: "Looking for the sets…",
+  csv: "Table (CSV)",
+};

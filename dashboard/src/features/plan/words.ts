@@ -1,0 +1,52 @@
+/** Words of plans. */
+import { causeNames, some } from "../../words/shared";
+
+export const planWords = {
+  kind: "Plan",
+  begin: "Plan a campaign",
+  goOn: "Plan next readings",
+  title: (subject: string) => `Plan for ${subject}`,
+  intro:
+    "Choose postures and loads before measuring, so that each stiffness has the smallest uncertainty. A certificate shows how close the list is to the best one.",
+  subject: "Robot or measurement set",
+  robotGroup: "begin",
+  setGroup: "go on",
+  pick: "Choose one",
+  labels: {
+    readings: "Number of readings",
+    targets: "Targets: name, x, y, z, flange frame, one per line",
+    load_point: "Load point: x, y, z, flange frame",
+    load: "Load",
+    "load.force": "Force",
+    "load.anchors": "Anchors: x, y, z, R0, one per line",
+    tracker: "Position and errors of the tracker",
+    "tracker.station": "Tracker station: x, y, z, R0",
+    sigma: "Standard uncertainty of a coordinate",
+    "surroundings.floor": "Least height above the floor",
+    work_area: "Work area: two opposite corners in R0, one per line",
+    joints: "Joints to be determined",
+  },
+  asInRun: (leftOut: string[], causes: { name: string }[]) =>
+    `As in the run so far: ${[
+      ...(leftOut.length > 0 ? [`without ${some(leftOut)}`] : []),
+      ...causes.map(({ name }) => `with ${causeNames[name] ?? name} fitted`),
+    ].join(", ")}.`,
+  fromCampaign: "Empty fields are taken from the campaign.",
+  more: "Targets, tracker and load, if they change",
+  notReady: "State the force and at least one target",
+  go: "Plan",
+  going: "Planning…",
+  csv: "List as CSV",
+  fillIn: "Campaign to fill in",
+  postures: "Postures",
+  reading: "Reading",
+  load: "Load",
+  heldOut: "held out: omitted from the fit to test the model",
+  anchor: (number: number) => `cable to anchor ${number}`,
+  readAlong: (axis: string) => `read the gauge along (${axis}), axes of R0`,
+  posture: (label: string) => `Posture ${label}`,
+  show: (label: string) => `Show ${label}`,
+  drawn: (label: string) => `3D view of the arm in posture ${label}`,
+  missing: (what: string) => `The table lacks ${what}. Use the campaign to fill in instead.`,
+  nothingRead: "No posture in this file is complete yet.",
+};

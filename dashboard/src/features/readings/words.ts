@@ -1,0 +1,148 @@
+/** Words of imports and of the options of a run. */
+import type { FilePreview, ImportFault } from "./imports";
+import { plural } from "../../words/shared";
+
+export const importWords = {
+  readingFiles: "Reading the files…",
+  rest: "Missing information",
+  understood: "Interpretation of the files",
+  line: "Line",
+  firstRows: (file: string) => `First rows of ${file}`,
+  fileFacts: ({ row_count, format, sheet, encoding, delimiter, decimal_mark }: FilePreview) =>
+    [
+      plural(row_count, "row", "rows"),
+      { text: null, xlsx: "Excel", mat: "MATLAB", hdf5: "HDF5", parquet: "Parquet" }[format],
+      sheet && `${format === "xlsx" ? "sheet" : "group"} “${sheet}”`,
+      encoding,
+      delimiter && `delimiter ${delimiter}`,
+      decimal_mark && `decimal ${decimal_mark}`,
+    ]
+      .filter(Boolean)
+      .join(" · "),
+  columnNumber: (column: number) => `column ${column}`,
+  meaningOf: (header: string) => `Meaning of ${header}`,
+  unitOf: (header: string) => `Unit of ${header}`,
+  pickUnit: "unit?",
+  unknown: "not understood",
+  chooseUnit: "Choose the unit of this column; the unit applies to all columns of this kind.",
+  chooseMeaning: "Choose the meaning of this column, or “not used”.",
+  toLookAt: "Check:",
+  leaveUnknown: (count: number) => `Ignore the ${count} columns that were not understood`,
+  guessed: "assumed: please check",
+  groups: {
+    texts: "Texts",
+    joints: "Joint angles",
+    loads: "Load",
+    target: "Position, target named elsewhere",
+  },
+  meanings: {
+    ignored: "not used",
+    name: "label of the configuration or point",
+    target: "target",
+    state: "state: unloaded, loaded",
+  } as Record<string, string>,
+  place: ({ file, line, column }: ImportFault) =>
+    [file, line === null ? null : `line ${line}`, column === null ? null : `column ${column}`]
+      .filter(Boolean)
+      .join(", "),
+  labels: {
+    encoders: "Position loop closed by",
+    force: "Force on the robot, x, y, z, axes of R0",
+    load_point: "Load point, x, y, z, flange frame",
+    flange_targets: "Positions of the targets in the flange frame: name, x, y, z, one per line",
+    accept_unusual: "These values are correct",
+    name: "Name of the set",
+  },
+  mass: "Or the mass of the hung weight",
+  massHelp: "The mass is the same in all configurations. Its weight pulls along −z of R0, with 9.80665 N per kilogram.",
+  frameTitle: "Positions in the tracker’s frame",
+  frame: {
+    geometry_id: "By the geometry of the robot",
+    translation: "The tracker’s origin in R0, x, y, z",
+    rotation: "Rotation matrix, tracker to R0, one row per line",
+    forces: "Forces are in the axes of",
+  } as Record<string, string>,
+  noGeometry: "None: by a transform",
+  later: "Readings in a tracker's frame are checked when they are stored; the result shows the findings.",
+  bodies: (count: number, mass: string) =>
+    `${plural(count, "body", "bodies")}, ${mass} kg together: the robot is stored again with these masses.`,
+  noRobot: (joints: number) => `No stored robot has ${plural(joints, "joint", "joints")}. Add it; the files stay here.`,
+  fits: (name: string) => `The headers match “${name}”, which was identified here before.`,
+  takeProposal: "Take it",
+  byProposal: "Read as the robot proposes.",
+  withoutProposal: "Read by the names of the columns",
+  useTemplate: "Read the files the same way",
+  byTemplate: "Read by a template: files with other headers are refused.",
+  withoutTemplate: "Read without the template",
+  saveTemplate: "Save as template",
+  templateFirst: (name: string) => `Template “${name}”: drop the tables to read with it.`,
+  columnsFirst: "Choose the columns that were not understood",
+  faultsFirst: (count: number) => `${plural(count, "fault", "faults")} must be corrected first; see each remedy`,
+  missing: {
+    joints: "Joint angles are missing: choose their columns, or add a file that has them",
+    force: "Give the load",
+    readings: "Readings are missing: choose their columns, or add a file that has them",
+    unloaded: "Positions without load are missing: add their file",
+    loaded: "Positions under load are missing: add their file",
+    flange_targets: "Give the positions of the targets",
+    load_point: "Give the load point",
+    encoders: "Choose the encoders that close the position loop",
+    "units.force": "Choose the unit of the force",
+    accept_unusual: "Confirm the unusual values",
+  },
+  reading: {
+    nameColumns: "Name the columns by hand",
+    unloadedWord: "Word for columns without load",
+    state: "These positions are",
+    states: { unloaded: "without load", loaded: "under load", deflection: "deflections" },
+    texts: {
+      delimiter: "Between cells",
+      allow_missing: "Omit incomplete readings",
+      mean_of_repeats: "Use the mean of repeated readings of a point",
+      joint_tolerance: "Greatest difference of a joint between files, in ° or mm",
+      by_order: "Number the rows of files without names",
+      point_name: "Names of points, for example {label}_{target}_{state}",
+      file_name: "Names of files, for example {target}_{state}, without the extension",
+    },
+    pickSheet: "Choose the sheet or group that has the readings",
+  },
+};
+
+/** Options of a run, in the words of the glossary. */
+export const settingWords = {
+  title: "Advanced",
+  defaults: "The defaults give the best known result",
+  labels: {
+    positive: "Keep every stiffness positive",
+    weight: "Own weight is the load (needs masses of the robot)",
+    resampling: "Resample: repeat on random draws of configurations",
+    "resampling.repetitions": "Draws",
+    "resampling.size": "Configurations in a draw",
+    "cross_validation.draws": "Draws of the folds",
+    "cross_validation.seed": "Seed of the folds",
+    elasticity: "Elastic elements",
+    stiffness_bounds: "Bounds of the stiffness",
+    stiffness_order: "Order: stiffer joint, softer joint, one order per line",
+  },
+  noiseTitle: "Noise of the readings and of the load",
+  noiseHelp:
+    "Standard uncertainties, coverage factor 1. If you change nothing, the stated values of the set are used; a change is stored as a new set.",
+  residuals: "Estimate the tracker’s noise from the residuals",
+  noise: {
+    sigma: "σ of one coordinate",
+    instrument: "Data sheet of the tracker",
+    "instrument.station": "Position of the tracker, in the frame of the positions",
+    "instrument.range.constant": "Along the line of sight",
+    "instrument.range.per_distance": "Along it, per metre",
+    "instrument.transverse.constant": "Across the line of sight",
+    "instrument.transverse.per_distance": "Across it, per metre",
+    force: "Uncertainty of the load",
+    "force.scale": "Scale of the force",
+    "force.direction": "Direction of the force",
+    load_point: "Uncertainty of the load point",
+    target_places: "Uncertainty of the targets’ positions",
+    drift: "Drift from one observation to the next",
+    encoder_sigma: "Secondary encoder",
+    repeatability: "Repeatability of a joint",
+  },
+};
