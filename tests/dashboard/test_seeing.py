@@ -304,10 +304,12 @@ def test_the_address_and_the_list_agree(visit, stored, section):
     page = visited.page
     search, count = page.get_by_label("Search", exact=True), page.locator(".list > [role=status]")
     expect(count).to_have_text(re.compile(r"\d"))
+    expect(count).to_be_visible()  # what stands below something busy is hidden
     everything_there = count.inner_text()
     search.fill("cell 12")
     page.wait_for_url(re.compile(rf"#/{section}\?q=cell\+12$"))
     expect(count).not_to_have_text(everything_there)
+    expect(count).to_be_visible()
     found = count.inner_text()
     page.evaluate(f"location.hash = '#/{section}'")
     expect(search).to_have_value("")
