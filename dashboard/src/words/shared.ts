@@ -334,7 +334,7 @@ export const en = {
     title: "Assessment",
     sentence: {
       use: "The readings support these stiffnesses.",
-      use_with_care: "Use these stiffnesses only with the reservations below.",
+      use_with_care: "Mind the reservations below.",
       do_not_use: "Do not use these stiffnesses before the cause below is removed.",
     },
     supported: (identified: number, count: number) =>
