@@ -64,6 +64,12 @@ class ProcessPath:
         """(m, 3) unit vectors from spindle to tip, axes of R0."""
         return np.asarray((self.poses[:, :3, :3] @ self.spindle[..., None])[..., 0])
 
+    @property
+    def moves(self) -> BoolArray:
+        """(m,) mask of the points to which a line leads along which the tool's centre moves."""
+        distance = np.linalg.norm(np.diff(self.centres, axis=0), axis=1)
+        return np.asarray(self.continuous & np.append(False, distance > _REST))
+
     @cached_property
     def steps(self) -> FloatArray:
         """(m,) length of the line that leads to each point [m]; zero without a line.

@@ -44,7 +44,7 @@ _DOUBT: Final = 1.01
 _ATTEMPTS: Final = 4
 """Smooth turns of one roughness that are tried, each with lower limits where the one before exceeds them."""
 _MOST_FIXED: Final = 8
-"""Fixed turns that are followed at all points."""
+"""Fixed turns worse than a smooth turn that are followed at all points, until one keeps all limits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,13 +357,15 @@ class _Choice:
         is_equal = unturned is not None and unturned.size <= (1.0 + _EQUAL) * chosen.size
         if unturned is not None and is_equal and unturned.excess <= least:
             chosen = unturned  # a tool that gains nothing is not turned
-        # Sizes at the knots are to first order: the turns that are followed show by how much they err.
-        ratio = float(np.median([each.size / sizes[k] for k, each in followed.items() if sizes[k]] or [1.0]))
+        legal = {k: each for k, each in followed.items() if each.excess <= least}
+        best_fixed = min(legal.values(), key=lambda each: each.size, default=None)
+        ratio = _find_ratio(followed, sizes)
         fixed = np.full(len(self.task.angles), np.inf)
         for k, size in sizes.items():
-            fixed[k] = followed[k].size if k in followed else ratio * size
-        legal = [each for each in followed.values() if each.excess <= least]
-        best_fixed = min(legal, key=lambda each: each.size, default=None)
+            if k in legal:
+                fixed[k] = legal[k].size
+            elif k not in followed:  # one that is faster than its limits between the knots is not allowed
+                fixed[k] = ratio * size
         given = ~np.isnan(self.path.given[:, 0])
         return TurnChoice(
             joints=self._controller_joints(chosen),
@@ -490,23 +492,26 @@ class _Choice:
     def _follow_fixed(
         self, sequences: dict[int, IndexArray], sizes: dict[int, float], best: float
     ) -> dict[int, TurnedMotion]:
-        """Follow the fixed turns that may be better than the best smooth turn, the best one, and turn zero.
+        """Follow turn zero, and the fixed turns that may be the best motion or the best fixed turn.
 
-        A turn that no motion can keep is removed from `sequences` and `sizes`.
+        No other turn is then expected to be better than the best motion that keeps all limits. A turn that no
+        motion can keep is removed from `sequences` and `sizes`.
         """
-        followed, tried = dict[int, TurnedMotion](), 0
+        followed = dict[int, TurnedMotion]()
         zero = int(np.argmin(np.abs(self.task.angles)))
-        for k in sorted(sizes, key=lambda each: sizes[each]):
-            has_best = any(each.excess <= _KEPT for each in followed.values())
-            needless = has_best and sizes[k] > _DOUBT * min(
-                [best, *(each.size for each in followed.values() if each.excess <= _KEPT)]
-            )
-            if k != zero and (needless or tried >= _MOST_FIXED):
-                continue
-            tried += 1
+        for tried, k in enumerate(sorted(sizes, key=lambda each: (each != zero, sizes[each]))):
+            legal = [each.size for each in followed.values() if each.excess <= _KEPT]
+            is_worse = _find_ratio(followed, sizes) * sizes[k] > _DOUBT * min([best, *legal])
+            if k != zero and is_worse and (legal or tried >= _MOST_FIXED):
+                break
             found = next(self._follow(*self._expand(self.lattice.turns(sequences[k]), sequences[k])), None)
             if found is None:
                 del sizes[k]
             else:
                 followed[k] = found
         return followed
+
+
+def _find_ratio(followed: dict[int, TurnedMotion], sizes: dict[int, float]) -> float:
+    """Return how much the exact deflections of fixed turns differ from those at the knots, to first order."""
+    return float(np.median([each.size / sizes[k] for k, each in followed.items() if sizes[k]] or [1.0]))

@@ -33,6 +33,7 @@ from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import find_accepted_run, make_reason
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.inverse import flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import point
@@ -41,6 +42,7 @@ from jointstiff.solver.process.cut import UNCERTAINTY
 from jointstiff.solver.process.deflection import Band, PathDeflection, Ranking
 from jointstiff.solver.process.inspection import Inspector
 from jointstiff.solver.process.pace import REFERENCE_FEED, Pace
+from jointstiff.solver.process.path import ProcessPath
 from jointstiff.solver.process.placing import (
     Flatness,
     PlaceBox,
@@ -200,7 +202,7 @@ class ProcessWork(ProgramWork):
             joints = program.programmed.cases.joints[program.visits.number]
             size = self._predict(program, joints).size
             turn = np.where(np.isnan(program.path.given[:, 0]), 0.0, np.nan)
-            motion = self._inspect(program, joints)
+            motion = self._inspect(program.path, joints)
             return TurnChoice(joints, turn, size, np.array([size]), joints, joints, motion)
         return choose_turns(self._run_model.model, self._inverse, program.path, self._task, program.same)
 
@@ -219,10 +221,10 @@ class ProcessWork(ProgramWork):
             weights=program.sum_weights(),
         )
 
-    def _inspect(self, program: ProgramToTurn, joints: FloatArray) -> FloatArray:
+    def _inspect(self, path: ProcessPath, joints: FloatArray) -> FloatArray:
         """Return the motion (v, n) of the model's joints for a length of the lines of a path [rad/m]."""
         model = self._run_model.model
-        inspector = Inspector(model, self._inverse, program.path, self._task.clearance, self._task.corrects)
+        inspector = Inspector(model, self._inverse, path, self._task.clearance, corrects=False)
         angles = model.robot.joint_map.model_angles(joints)
         return inspector.inspect(angles, np.zeros(len(joints))).motion
 
@@ -412,9 +414,16 @@ class ProcessWork(ProgramWork):
         return [make_reason("no_order", verdict, message, remedy)]
 
     def _find_speed_reasons(self) -> list[Finding]:
-        """Return the reason that the program needs more than a joint's speed, as chosen or as sent."""
+        """Return the reason that the path as chosen, as corrected or as sent exceeds a joint's speed."""
         reasons = list[Finding]()
-        for shares, subject in ((self._shares, "the path"), (self._sent_shares, "the program as sent")):
+        slower = "lower the feed there, or "
+        away = slower + "place the workpiece away from the singularity"
+        over_a_length = slower + "state a force that changes over a length of the path, and not at one point"
+        for shares, subject, remedy in (
+            (self._shares, "the path", away),
+            (self._corrected_shares, "the corrected path", over_a_length),
+            (self._sent_shares, "the program as sent", away),
+        ):
             if shares is None or not (shares > 1.0).any():
                 continue
             point, joint = np.unravel_index(int(np.nanargmax(shares)), shares.shape)
@@ -426,7 +435,6 @@ class ProcessWork(ProgramWork):
                 f"line {line}: at {figure(1e3 * shown, '.3g')} mm/s {subject} needs "
                 f"{figure(100.0 * shares[point, joint], '.3g')} % of the greatest speed of {name}"
             )
-            remedy = "lower the feed there, or place the workpiece away from the singularity"
             reasons.append(make_reason("too_fast", "use_with_care", message, remedy))
         return reasons[:1]
 
@@ -461,13 +469,30 @@ class ProcessWork(ProgramWork):
         return self._pace.shares(self._placed.choice.motion)
 
     @cached_property
+    def _corrected_shares(self) -> FloatArray | None:
+        """(v, n) parts of the joints' speeds that the corrected targets need; None without a correction.
+
+        Where the force changes at a point, the correction does, too, so that the line there has a step.
+        """
+        if not self.corrects:
+            return None
+        robot, path = self._run_model.model.robot, self._placed.program.path
+        poses = flange_poses(robot, robot.joint_map.model_angles(self._meant))
+        corrected = replace(path, poses=poses)
+        # A tool that turns in one place, as programmed, takes its time, though the correction moves it a bit.
+        moves = path.moves & (corrected.steps > 0.0)
+        length = np.where(moves, corrected.steps, np.where(path.steps > 0.0, path.steps, 1.0))
+        motion = self._inspect(path, self._meant) * (path.steps / length)[:, None]
+        return self._pace.shares(motion)
+
+    @cached_property
     def _sent_shares(self) -> FloatArray | None:
         """(v, n) parts of the joints' speeds that the program as sent needs; None if it is not followed."""
         sent = self._as_sent
         if sent.programmed is None:
             return None
         joints = sent.programmed.cases.joints[sent.visits.number]
-        return self._pace.shares(self._inspect(sent, joints))
+        return self._pace.shares(self._inspect(sent.path, joints))
 
     def must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
         """Return whether the written program gets a comment that marks it as compensated."""

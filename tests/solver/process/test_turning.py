@@ -27,6 +27,7 @@ from jointstiff.solver.predict.models import ElasticPredictor, JointModel
 from jointstiff.solver.process.candidates import find_branches, list_candidates
 from jointstiff.solver.process.deflection import PathDeflection
 from jointstiff.solver.process.inspection import Inspector
+from jointstiff.solver.process.knots import find_knots, find_spacing
 from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
 from jointstiff.solver.process.prior import build_prior_model
@@ -203,6 +204,19 @@ def test_limits_speeds_and_rate_are_kept_and_no_fixed_turn_is_better(greatest):
         own = lengths.max() if greatest else np.sqrt(p.weights @ lengths**2)
         assert choice.size == pytest.approx(own, rel=1e-12)
     assert found >= 6
+
+
+@pytest.mark.parametrize(
+    ("shape", "seed"), [("pocket", 3), ("blade", 4), ("pocket", 6), ("trim", 11), ("blade", 13)]
+)
+def test_no_fixed_turn_is_better_where_the_knots_do_not_show_the_force(shape, seed):
+    """Forces at the knots are those of no other point, so that deflections there err differently by turn."""
+    p = path(shape, count=400)
+    stated = task(400, 72, feed=0.2)
+    knots = find_knots(p, find_spacing(p, stated.pace, stated.step), np.arange(400))
+    p.force[knots] += np.random.default_rng(seed).normal(0.0, 200.0, 3)
+    choice = choose_turns(MODEL, INVERSE, p, stated)
+    assert choice.size <= choice.fixed.min() * (1.0 + 1e-9)
 
 
 def test_the_choice_does_not_depend_on_how_densely_a_path_is_sampled():
