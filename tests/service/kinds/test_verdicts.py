@@ -417,5 +417,5 @@ def test_a_note_on_what_is_assumed_names_the_field_of_a_file_and_the_entry_of_th
     notes = " ".join(js.identify(clean).result.assessment.notes)
     named = re.findall(r"\(`noise\.([\w.]+)`; on the page: Advanced, ([^)]+)\)", notes)
     assert [field for field, _ in named] == ["load_point", "force.scale"]
-    words = (ROOT / "dashboard" / "src" / "i18n" / "later.ts").read_text(encoding="utf-8")
+    words = (ROOT / "dashboard" / "src" / "features" / "readings" / "words.ts").read_text(encoding="utf-8")
     assert all(f'"{entry}"' in words for _, entry in named)
