@@ -270,7 +270,9 @@ def _make_disposition(
         suffix: ending of the name, without the point.
         use: `attachment` if a browser saves the file, `inline` if it displays the file.
     """
-    name = f"{' '.join([*_subject_words(requested), words])}.{suffix}"
+    # A report states its number inside; of other files the name tells from which job they are.
+    number = [] if use == "inline" else [requested.job_id[:8]]
+    name = f"{' '.join([*_subject_words(requested), words, *number])}.{suffix}"
     return {"Content-Disposition": f"{use}; filename*=UTF-8''{quote(name, safe=' ').replace(' ', '%20')}"}
 
 

@@ -78,8 +78,8 @@ NOTHING_ELSE = "default-src 'none'; frame-ancestors 'none'"
         ("report.pdf", "application/pdf", "inline; NAME%20stiffness.pdf"),
         ("report.html", "text/html; charset=utf-8", "inline; NAME%20stiffness.html"),
         ("report.xml", "application/problem+json", None),
-        ("model.mjcf", "application/xml", "attachment; NAME%20model.mjcf"),
-        ("joints.csv", "text/csv; charset=utf-8", "attachment; NAME%20run%20joints.csv"),
+        ("model.mjcf", "application/xml", "attachment; NAME%20model%20ID.mjcf"),
+        ("joints.csv", "text/csv; charset=utf-8", "attachment; NAME%20run%20joints%20ID.csv"),
         ("tables.json", "application/json", None),
     ],
 )
@@ -88,6 +88,7 @@ def test_browsers_show_reports_and_save_the_rest_and_load_nothing(local, run, na
     assert answer.headers["content-type"] == media_type
     name_of_set = quote(POSTED["measurement_set"]["name"])
     day = run["provenance"]["created_at"][:10]
+    disposition = disposition and disposition.replace("ID", run["id"][:8])
     expected = disposition and disposition.replace("NAME", f"filename*=UTF-8''{name_of_set}%20{day}")
     assert answer.headers.get("content-disposition") == expected
     policy = answer.headers["content-security-policy"]
@@ -111,7 +112,7 @@ def test_a_file_has_a_name_that_people_can_file(local):
         "measured_at": "2026-09-21T09:00:00Z",
     }
     run = post(local, "/v1/campaigns", POSTED | {"measurement_set": measured})
-    for name, shown in (("report.pdf", "stiffness.pdf"), ("joints.csv", "run joints.csv")):
+    for name, shown in (("report.pdf", "stiffness.pdf"), ("joints.csv", f"run joints {run['id'][:8]}.csv")):
         disposition = local.get(file_at(run, name)).headers["content-disposition"]
         assert unquote(disposition).endswith(f"''F-2110 press - cell- 7 2026-09-21 {shown}")
 
