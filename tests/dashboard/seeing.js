@@ -2,7 +2,7 @@
 (() => {
   const NUMBER = /\d[.,]\d|\d\s*·\s*10/; // a fraction is a quantity; whole numbers may count things
   const FIGURES = /^[-−+\d.,;\s]*\d[-−+\d.,;\se]*$/; // a number or several
-  const NOTATION = /3\.188\(17\): .*/; // says how uncertainties are written
+  const NOTATION = /3\.188\(17\): .*|\bp [<=] [\d.]+/; // says how uncertainties are written
   const UNIT =
     /%|°|‰|\b(?:mm|µm|μm|m|km|rad|mrad|µrad|deg|N|kN|kg|g|s|ms|min|h|Hz|MB|kB|m²|s²)\b|N·m|Nm|\/rad|\/m\b|\/N\b/;
   const ALONE = /\b(?:scale|ratio|times|weight|p value|correlation|singular values|condition number|degrees of freedom)\b|×|χ²|O[₁-₅]|R$|versions|direction|points along|\bcondition\b|std\. uncertaint|parameters|penalty|\bsigma\b|K_c\/k|combination of|\bdetermine\b/i; // pure numbers
