@@ -12,6 +12,7 @@ from support.programs import FORCE, START, TOOL, compensated, exact_run, loaded_
 from jointstiff.service.kinds.program.files import decompress_file
 from jointstiff.service.runs.verdicts import RunModel
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.forward import CorrectionLimits
@@ -346,6 +347,25 @@ def test_forces_by_length_are_interpolated():
     lengths = np.array([0.0, 1.0, 2.0, 4.0])
     table = np.array([[0.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, -200.0], [4.0, 0.0, 0.0, -200.0]])
     assert place_forces(table, lengths)[:, 2].tolist() == [0.0, -100.0, -200.0, -200.0]
+
+
+def test_two_rows_of_one_length_are_a_step_of_the_force():
+    table = np.array([[0.0, 0.0, 0.0, -1.0], [2.0, 0.0, 0.0, -1.0], [2.0, 0.0, 0.0, -5.0], [4.0, 0.0, 0.0, -5.0]])
+    assert place_forces(table, np.array([0.0, 1.0, 3.0]))[:, 2].tolist() == [-1.0, -1.0, -5.0]
+
+
+@pytest.mark.parametrize(
+    ("lengths", "reason"),
+    [
+        ([2.0, 0.0, 4.0], "the length 0 in row 2 of the forces is less than 2 in the row before"),
+        ([0.0, 1.0, NAN], "the length in row 3 of the forces is no finite number"),
+    ],
+)
+def test_forces_whose_lengths_are_not_in_rising_order_are_refused(lengths, reason):
+    table = np.column_stack([lengths, np.zeros((3, 2)), [0.0, -200.0, -200.0]])
+    with pytest.raises(RequestError, match=reason) as caught:
+        place_forces(table, np.array([0.0, 1.0, 2.0, 4.0]))
+    assert caught.value.where == "forces"
 
 
 def test_the_joint_speed_follows_from_the_feed():
