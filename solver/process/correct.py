@@ -508,8 +508,8 @@ def turn_loads(axes: FloatArray, loads: FloatArray) -> FloatArray:
 def place_forces(forces: FloatArray, lengths: FloatArray) -> FloatArray:
     """Return forces (N, 3) of N rows from one force (3,), a force a row, or rows (K, 4) of length and force.
 
-    Forces at lengths are interpolated; before the first and behind the last length there is no force. Two rows
-    of the same length are a step of the force.
+    Forces at lengths are interpolated; before the first and behind the last length there is no force. Two
+    rows of the same length are a step of the force.
 
     Args:
         forces: forces in one of the three shapes.
@@ -552,8 +552,8 @@ def _refuse_falling_lengths(lengths: FloatArray) -> None:
     if len(falls):
         row = int(falls[0]) + 1
         raise RequestError(
-            f"the length {lengths[row]:.6g} in row {row + 1} of the forces is less than {lengths[row - 1]:.6g} "
-            "in the row before",
+            f"the length {lengths[row]:.6g} in row {row + 1} of the forces is less than "
+            f"{lengths[row - 1]:.6g} in the row before",
             where="forces",
             remedy="sort the rows by their length along the path",
         )

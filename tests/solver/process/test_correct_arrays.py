@@ -350,7 +350,9 @@ def test_forces_by_length_are_interpolated():
 
 
 def test_two_rows_of_one_length_are_a_step_of_the_force():
-    table = np.array([[0.0, 0.0, 0.0, -1.0], [2.0, 0.0, 0.0, -1.0], [2.0, 0.0, 0.0, -5.0], [4.0, 0.0, 0.0, -5.0]])
+    table = np.array(
+        [[0.0, 0.0, 0.0, -1.0], [2.0, 0.0, 0.0, -1.0], [2.0, 0.0, 0.0, -5.0], [4.0, 0.0, 0.0, -5.0]]
+    )
     assert place_forces(table, np.array([0.0, 1.0, 3.0]))[:, 2].tolist() == [-1.0, -1.0, -5.0]
 
 
