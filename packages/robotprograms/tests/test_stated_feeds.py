@@ -39,8 +39,20 @@ KRL = {
     "moves of the joints": (["$VEL.CP=0.2", "PTP POSE", "LIN POSE"], [NONE, 200]),
     "in a branch": (["$VEL.CP=0.2", "IF $IN[1] THEN", "$VEL.CP=0.1", "ENDIF", "LIN POSE"], [NONE]),
     "in a loop": (["$VEL.CP=0.2", "LOOP", "LIN POSE", "$VEL.CP=0.1", "LIN POSE", "ENDLOOP"], [NONE, 100]),
+    "a structure by its name": (["$VEL.CP=0.2", "$VEL=DEF_VEL", "LIN POSE"], [NONE]),
+    "an element by its name": (["$VEL.CP=0.2", "$VEL=SPEEDS[2]", "LIN POSE"], [NONE]),
+    "another field": (["$VEL.CP=0.2", "$VEL.ORI1=100.0", "LIN POSE"], [200]),
+    "a structure by its name, by a routine": (
+        ["$VEL.CP=0.2", "fast()", "LIN POSE", "END", "DEF fast()", "$VEL=DEF_VEL"], [NONE],
+    ),
+    "for a move, by its name": (["$VEL.CP=0.2", "SLIN POSE WITH $VEL=DEF_VEL", "LIN POSE"], [NONE, 200]),
+    "for a move, twice": (["SLIN POSE WITH $VEL=DEF_VEL, $VEL.CP=0.1"], [100]),
+    "of a block, by its name": (
+        ["$VEL.CP=0.2", "SPLINE WITH $VEL=LVEL", "SPL POSE", "ENDSPLINE", "LIN POSE"], [NONE, 200],
+    ),
+    "read from outside": (["$VEL.CP=0.2", "r=EKI_GETREAL(\"C\",\"V\",$VEL.CP)", "LIN POSE"], [NONE]),
     "zero": (["$VEL.CP=0", "LIN POSE"], [NONE]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", KRL)
