@@ -92,7 +92,34 @@ RAPID = {
     "argument T": ("", f"MoveL {TARGET},v200\\T:=12,z1,tool0;", [NONE]),
     "moves of the joints": ("", f"MoveJ {TARGET},v200,z1,tool0;MoveL {TARGET},v100,z1,tool0;", [NONE, 100]),
     "arcs": ("", f"MoveC {TARGET},{TARGET},v100,z1,tool0;", [100]),
-    "welds": ("", f"ArcL {TARGET},v15,seam1,weld1,z1,tool0;", [15]),
+    "welds, whose speed is that of the welddata": (
+        "",
+        f"ArcLStart {TARGET},v15,seam1,weld1,z1,tool0;ArcL {TARGET},v15,seam1,weld1,z1,tool0;"
+        f"ArcLEnd {TARGET},v15,seam1,weld1,z1,tool0;ArcL\\On,{TARGET},v15,seam1,weld1,z1,tool0;",
+        [15, NONE, NONE, 15],
+    ),
+    "a way to a weld": ("", f"ArcMoveL {TARGET},v15,z1,tool0;", [15]),
+    "a percentage of all speeds": (
+        "", f"VelSet 50,800;MoveL {TARGET},v200,z1,tool0;MoveL {TARGET},v200\\V:=12,z1,tool0;", [100, 6],
+    ),
+    "a greatest speed": (
+        "", f"VelSet 50, 80;MoveL {TARGET},v200,z1,tool0;MoveL {TARGET},vmax,z1,tool0;", [80, NONE],
+    ),
+    "a speed that is set again": (
+        "",
+        f"VelSet 100,5000;MoveL {TARGET},v200,z1,tool0;VelSet 10,5000;MoveL {TARGET},v200,z1,tool0;",
+        [200, 20],
+    ),
+    "a percentage that is computed": ("", f"VelSet p,800;MoveL {TARGET},v200,z1,tool0;", [NONE]),
+    "a greatest speed that is computed": (
+        "", f"VelSet 50,MaxRobSpeed();MoveL {TARGET},v200,z1,tool0;", [NONE],
+    ),
+    "a percentage in a branch": ("", f"IF a THEN;VelSet 50,800;ENDIF;MoveL {TARGET},v200,z1,tool0;", [NONE]),
+    # At the first pass the controller's default counts, later the setting of the pass before.
+    "a percentage behind the move": ("", f"MoveL {TARGET},v200,z1,tool0;VelSet 50,800;", [NONE]),
+    "a percentage by a routine": (
+        "PROC slow()\nVelSet 50,800;\nENDPROC", f"slow;MoveL {TARGET},v200,z1,tool0;", [100],
+    ),
 }  # fmt: skip
 
 
