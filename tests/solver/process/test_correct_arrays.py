@@ -191,6 +191,34 @@ class TestWrongFrames:
             done = corrected(replace(points, **stated))
             assert (done.status != RowStatus.CONTRADICTORY).all()
 
+    @pytest.mark.parametrize("wrong", ["tool", "base", "world_and_flange"])
+    @pytest.mark.parametrize("bad", [[6], [2, 17]])
+    def test_single_rows_with_a_mistake_do_not_hide_a_wrong_frame(self, wrong, bad):
+        generator = np.random.default_rng(8)
+        for size in (0.003, 0.05, 1.0):
+            joints = spread_joints(generator, 20)
+            stated = joints.copy()
+            stated[bad, 1] += size
+            points = waypoints(joints, joints=stated)
+            if wrong != "base":
+                points = replace(points, tool=TOOL_POSE @ random_pose(generator, 0.2, 0.3))
+            if wrong != "tool":
+                points = replace(points, base=random_pose(generator, 0.5, 0.3) @ BASE)
+            error = refusal(points)
+            np.testing.assert_allclose(error.proposal.tool, TOOL_POSE, atol=1e-9)
+            np.testing.assert_allclose(error.proposal.base, BASE, atol=1e-9)
+            assert f"{20 - len(bad)} of 20 rows agree with `" in error.remedy
+            named = ", ".join(str(row + 1) for row in bad)
+            assert error.remedy.endswith(f"; check pose and joints of row {named}, too")
+
+    def test_single_rows_with_a_mistake_do_not_hide_a_wrong_unit(self):
+        joints = spread_joints(np.random.default_rng(9), 20)
+        stated = np.degrees(joints)
+        stated[4, 2] += 20.0
+        error = refusal(waypoints(joints, joints=stated))
+        assert error.proposal.cause == "joints"
+        assert error.remedy.endswith("; check pose and joints of row 5, too")
+
     def test_joints_of_another_robot_are_refused_without_a_proposal(self):
         generator = np.random.default_rng(5)
         joints = spread_joints(generator)
