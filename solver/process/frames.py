@@ -233,10 +233,10 @@ class _Comparison:
         for unit, factor in _LENGTHS.items():
             poses, tool, base = (_scale(each, factor) for each in (self.poses, self.tool, self.base))
             alone = f"{unit}, in the poses alone"
-            for words, *frames in ((unit, tool, base), (alone, self.tool, self.base)):
-                gaps = _measure_gaps(self.robot, self.joints, poses, *frames)
+            for words, own_tool, own_base in ((unit, tool, base), (alone, self.tool, self.base)):
+                gaps = _measure_gaps(self.robot, self.joints, poses, own_tool, own_base)
                 if gaps.agree.mean() >= least_agreement:
-                    return FrameProposal("lengths", *frames, words, others=_list_others(gaps))
+                    return FrameProposal("lengths", own_tool, own_base, words, others=_list_others(gaps))
         return None
 
     def try_frames(self, least_agreement: float) -> FrameProposal | None:
