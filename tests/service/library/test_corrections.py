@@ -114,6 +114,18 @@ class TestFiles:
         done.save(tmp_path / "out.parquet")
         assert list(pandas.read_parquet(tmp_path / "out.parquet")["label"])[:2] == ["P1", "P2"]
 
+    def test_a_label_that_is_a_formula_has_an_apostrophe_in_csv(self, tmp_path):
+        rows = [
+            label + row[row.index(",") :]
+            for label, row in zip(["-1", "+2", "@x"] * 7, self.rows(), strict=False)
+        ]
+        done = self.corrected(tmp_path, self.HEADER, rows)
+        done.save(tmp_path / "out.csv")
+        done.save(tmp_path / "out.parquet")
+        lines = (tmp_path / "out.csv").read_text().splitlines()
+        assert [line.split(",")[0] for line in lines[1:4]] == ["'-1", "'+2", "'@x"]
+        assert list(pandas.read_parquet(tmp_path / "out.parquet")["label"])[:3] == ["-1", "+2", "@x"]
+
     def test_semicolons_come_with_decimal_commas(self, tmp_path):
         rows = [row.replace(",", ";").replace(".", ",") for row in self.rows()]
         done = self.corrected(tmp_path, self.HEADER.replace(",", ";"), rows)
@@ -367,6 +379,16 @@ class TestService:
         assert answer.status_code == 413
         assert answer.json()["detail"] == "the table has 5,020 rows, and one request may have 5,000"
         assert "`jointstiff correct`" in answer.json()["remedy"]
+
+    def test_so_are_as_many_rows_as_a_body_can_have(self, client, run):
+        zeros = ",".join(["0"] * 160_000)
+        columns = ",".join(f'"{name}":[{zeros}]' for name in ("x", "y", "z", "rx", "ry", "rz"))
+        units = '{"length":"mm","angle":"deg","force":"N"}'
+        content = f'{{"units":{units},"run_id":"{run["id"]}","columns":{{{columns}}}}}'
+        assert 1.9e6 < len(content) < 2**21
+        answer = client.post("/v1/corrections", content=content, headers={"Content-Type": "application/json"})
+        assert answer.status_code == 413
+        assert answer.json()["detail"] == "the table has 160,000 rows, and one request may have 5,000"
 
     def test_columns_are_checked(self, client, run):
         for change in ({"x": [1.0]}, {"colour": [0.0] * 20}, {"q1": [1.0] * 20}):
