@@ -395,9 +395,9 @@ MAX_ITEMS: Final = 20
 MAX_PROBLEM_BYTES: Final = 8_000
 """Maximum size of an error body [bytes]."""
 _LONGEST: Final = 300
-_SEE_EXAMPLE: Final = (
-    "compare with an example: `jointstiff simulate FILE` writes a campaign, and /openapi.json has examples"
-)
+_WITHIN_LIMIT: Final = "give a number within this limit, and check its unit"
+_AN_OBJECT: Final = 'give named fields in braces, such as {"name": "cell 3"}'
+_A_TIME: Final = "write a time such as 2026-11-20T14:30:00+01:00"
 
 _OUTSIDE_BODY: Final = {"query", "path", "header"}  # parts of a request other than its body
 # pydantic's types of faults of a value that is no JSON object
@@ -452,6 +452,26 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "bool_type": "give true or false, without quotes",
         "float_type": "give a number, without quotes",
         "timezone_aware": "add the time zone, such as 2026-11-20T14:30:00+01:00",
+        "greater_than": _WITHIN_LIMIT,
+        "greater_than_equal": _WITHIN_LIMIT,
+        "less_than": _WITHIN_LIMIT,
+        "less_than_equal": _WITHIN_LIMIT,
+        "int_type": "give a whole number, without quotes",
+        "int_parsing": "give a whole number, without quotes",
+        "int_from_float": "give a whole number",
+        "string_type": "give a text, in quotes",
+        "string_too_short": "write a longer text",
+        "string_too_long": "write a shorter text",
+        "list_type": "give a list in brackets, such as [1, 2, 3]",
+        "tuple_type": "give a list in brackets, such as [1, 2, 3]",
+        "too_short": "add the missing entries",
+        "dict_type": _AN_OBJECT,
+        "model_type": _AN_OBJECT,
+        "model_attributes_type": _AN_OBJECT,
+        "datetime_parsing": _A_TIME,
+        "datetime_from_date_parsing": _A_TIME,
+        "datetime_type": _A_TIME,
+        "union_tag_not_found": "add this field",
     }
 )
 """Type of a fault that pydantic found → remedy."""
@@ -586,7 +606,7 @@ def _general_remedy(error: Mapping[str, Any]) -> str:
     """Return the remedy for a fault whose type has no remedy in `_REMEDIES`."""
     if error["loc"] and error["loc"][0] in _OUTSIDE_BODY:
         return "see the description of this address in /openapi.json"
-    return "correct the field as the reason says" if error["type"] == "value_error" else _SEE_EXAMPLE
+    return "correct the field as the reason says"
 
 
 def _find_remedy(error: Mapping[str, Any]) -> str | None:
