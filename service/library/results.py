@@ -135,6 +135,11 @@ class Presented(ABC):
         """Draw the result as a figure of matplotlib."""
 
     @property
+    def _endings(self) -> Sequence[str]:
+        """Endings of the files that `save` writes."""
+        return (".json", ".csv", ".xlsx", ".svg", ".png")
+
+    @property
     def _message(self) -> Message:
         """This object, typed as the message that every subclass also is."""
         return cast("Message", self)
@@ -282,7 +287,8 @@ class Presented(ABC):
 
     def _save_other(self, path: Path, suffix: str) -> None:  # noqa: ARG002 - for subclasses
         """Raise ValueError for an ending that no result has; subclasses write files with further endings."""
-        raise ValueError(f"'{path}' must end in .json, .csv, .xlsx, .svg or .png")
+        *endings, last = self._endings
+        raise ValueError(f"'{path}' must end in {', '.join(endings)} or {last}")
 
     def _make_table(self, name: str | None) -> Sheet:
         """Return the table with a name; the first table if the name is None.
@@ -311,6 +317,19 @@ class PresentedJob(Presented):
     def __hash__(self) -> int:
         """Return the hash of the job's id, which is unique."""
         return hash(self._job.id)
+
+    @property
+    def _endings(self) -> Sequence[str]:
+        """Endings of the files that `save` writes, those of reports and of further tables included."""
+        kind = import_kind(self._job.kind)
+        endings = [*super()._endings]
+        if kind.has_report or kind.message is Run:
+            endings += [".html", ".pdf"]
+        if any(file.suffix == "npz" for file in kind.files):
+            endings.append(".npz")
+        if kind.message is Run:
+            endings += [".mjcf", ".xml"]
+        return endings
 
     @property
     def _job(self) -> Job:
@@ -504,10 +523,16 @@ class TabledRun(PresentedJob, Run):
             allow a rigid joint; joints without an interval are NaN.
 
         Raises:
-            RequestError: the run has no result.
+            RequestError: the run has no result, or there is no such interval.
         """
         import numpy as np
 
+        if of not in ("stiffness", "compliance"):
+            raise RequestError(
+                f"there is no interval of {of!r}",
+                where="of",
+                remedy="give `stiffness` or `compliance`; the level is the option `confidence` of `identify`",
+            )
         unknown, field = (np.nan, np.nan), f"{of}_interval"
         intervals = [getattr(joint, field) or unknown for joint in self._require_result().joints]
         return np.array(

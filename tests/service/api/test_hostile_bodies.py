@@ -13,7 +13,7 @@ from jointstiff.service.problems import MAX_PROBLEM_BYTES
 from jointstiff.service.security.admission import refuse_structure
 
 PATHS = ["/v1/robots", "/v1/measurement-sets", "/v1/runs"]
-AN_OBJECT = 'give named fields in braces, such as {"name": "cell 3"}'
+AN_OBJECT = "give its fields by name, in braces"
 JSON = "send valid JSON with finite numbers and at most 200 levels"
 SPLIT = "split the body into several requests"
 NO_OBJECT = f"422 invalid-request | body | must be an object | {AN_OBJECT}"
