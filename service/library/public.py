@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.comparison import CampaignComparison
     from jointstiff.schemas.correction import CorrectionOptions
     from jointstiff.schemas.deflection import DeflectionOptions, LoadCase, MapOptions
+    from jointstiff.schemas.gearbox import GearboxRequest
     from jointstiff.schemas.geometry import GeometryRequest
     from jointstiff.schemas.measurement import Noise, Units
     from jointstiff.schemas.options import RunOptions
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     identify = _here.identify
     compare = _here.compare
     geometry = _here.geometry
+    gearbox = _here.gearbox
     plan = _here.plan
     fleet = _here.fleet
     map = _here.map  # noqa: A001 - the command's name
@@ -69,6 +71,7 @@ _HOMES = {
     "Correction": "service.library.correction",
     "CorrectionOptions": "schemas.correction",
     "DeflectionOptions": "schemas.deflection",
+    "GearboxRequest": "schemas.gearbox",
     "GeometryRequest": "schemas.geometry",
     "LoadCase": "schemas.deflection",
     "MapOptions": "schemas.deflection",
@@ -107,6 +110,7 @@ __all__ = [
     "Correction",
     "CorrectionOptions",
     "DeflectionOptions",
+    "GearboxRequest",
     "GeometryRequest",
     "ImportedReadings",
     "LoadCase",
@@ -129,6 +133,7 @@ __all__ = [
     "correct",
     "datasets",
     "fleet",
+    "gearbox",
     "geometry",
     "identify",
     "identify_many",
