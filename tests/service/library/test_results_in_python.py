@@ -13,8 +13,10 @@ from support.guide_files import EXAMPLES
 from support.rows import rows_of
 
 import jointstiff as js
+from jointstiff.service.kinds.gearbox.kind import GEARBOX
+from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.kinds.run.kind import ASSUMPTIONS
-from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator import default_arm, robot_document, simulate_campaign
 from jointstiff.solver.mechanics.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
 
 USE_OF = "no fault was found; all 6 joints of its run passed the checks"
@@ -35,8 +37,11 @@ def run(document):
 def results(run, document):
     area = [[1400, -200, 600], [1800, 200, 600]]
     postures = [[0, 0, 0, 0, 30, 0], [10, 0, 0, 0, 30, 0]]
+    steps = {**GEARBOX.examples["weighed load"], "robot": robot_document(default_arm())}
+    del steps["robot_id"]
     return {
         "run": run,
+        "gearbox": js.gearbox(steps),
         "comparison": js.compare(run),
         "geometry": js.geometry(EXAMPLES / "sweeps.json"),
         "plan": js.plan(run, readings=4, candidates=200),
@@ -114,8 +119,12 @@ def test_a_printed_result_has_its_numbers(results, name, sentences):
     assert_said(" ".join(str(results[name]).split()), *sentences)
 
 
-KINDS = ("run", "comparison", "geometry", "plan", "map", "fleet", "process", "program")
+KINDS = ("run", "comparison", "geometry", "plan", "map", "fleet", "process", "program", "gearbox")
 """Every kind of work."""
+
+
+def test_the_kinds_of_these_tests_are_all_kinds():
+    assert sorted(KINDS) == sorted(ROOMS)
 
 
 def test_the_first_screen_of_a_run_is_verdict_table_and_one_line(run):
