@@ -4,6 +4,7 @@ import { go, link } from "../../state/action";
 import { ask } from "../../state/query";
 import { text } from "../../words";
 import { compareWords } from "../compare/words";
+import { gearboxWords } from "../gearbox/words";
 import { geometryWords } from "../geometry/words";
 import { measureWords } from "../measure/words";
 import { planWords } from "../plan/words";
@@ -29,6 +30,7 @@ const VIEWS: readonly Entry[] = [
   view(planWords.begin, "plans"),
   view(text.app.compare, "compare", compareWords.methods.toLowerCase()),
   view(geometryWords.title, "geometries"),
+  view(gearboxWords.title, "gearboxes"),
 ];
 
 /** Whether each word that was typed is in a name. */
