@@ -241,6 +241,14 @@ FindingCode = Literal[
     "prior_joint",
     "too_fast",
     "place_kept",
+    # in a weight step
+    "mass_assumed",
+    "approach_unknown",
+    "approaches_alike",
+    "posture_against_encoders",
+    "encoder_referenced_anew",
+    "step_suspect",
+    "gearbox_uncertain",
     # in what is made of a run
     "prediction_implausible",
     "point_implausible",

@@ -909,6 +909,7 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
         finish=_write_paper,
         list_paths=_check_paper,
     ),
+    "gearbox": _FileOptions(options={"robot": (cli.NamedRobot, None)}, passed_options=("robot",)),
     "geometry": _FileOptions(
         options={
             "robot": (cli.NamedRobot, None),

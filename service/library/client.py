@@ -781,6 +781,7 @@ class AsyncClient:
         identify = _as_awaited(Client.identify)
         compare = _as_awaited(Client.compare)
         geometry = _as_awaited(Client.geometry)
+        gearbox = _as_awaited(Client.gearbox)
         plan = _as_awaited(Client.plan)
         map = _as_awaited(Client.map)
         fleet = _as_awaited(Client.fleet)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.comparison import CampaignComparison
     from jointstiff.schemas.correction import CorrectionOptions
     from jointstiff.schemas.deflection import DeflectionOptions, LoadCase, MapOptions
+    from jointstiff.schemas.gearbox import GearboxRequest
     from jointstiff.schemas.geometry import GeometryRequest
     from jointstiff.schemas.measurement import Noise, Units
     from jointstiff.schemas.options import RunOptions
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     identify = _here.identify
     compare = _here.compare
     geometry = _here.geometry
+    gearbox = _here.gearbox
     plan = _here.plan
     fleet = _here.fleet
     map = _here.map  # noqa: A001 - the command's name
@@ -67,6 +69,7 @@ _HOMES = {
     "Correction": "service.library.correction",
     "CorrectionOptions": "schemas.correction",
     "DeflectionOptions": "schemas.deflection",
+    "GearboxRequest": "schemas.gearbox",
     "GeometryRequest": "schemas.geometry",
     "LoadCase": "schemas.deflection",
     "MapOptions": "schemas.deflection",
@@ -105,6 +108,7 @@ __all__ = [
     "Correction",
     "CorrectionOptions",
     "DeflectionOptions",
+    "GearboxRequest",
     "GeometryRequest",
     "ImportedReadings",
     "LoadCase",
@@ -126,6 +130,7 @@ __all__ = [
     "compensate",
     "correct",
     "fleet",
+    "gearbox",
     "geometry",
     "identify",
     "identify_many",

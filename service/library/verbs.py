@@ -12,6 +12,7 @@ from jointstiff.service.kinds.verb import import_verb
 if TYPE_CHECKING:
     from jointstiff.service.kinds.comparison import verb as of_comparison
     from jointstiff.service.kinds.fleet import verb as of_fleet
+    from jointstiff.service.kinds.gearbox import verb as of_gearbox
     from jointstiff.service.kinds.geometry import verb as of_geometry
     from jointstiff.service.kinds.map import verb as of_map
     from jointstiff.service.kinds.plan import verb as of_plan
@@ -27,6 +28,7 @@ class Verbs:
         identify = of_run.identify
         compare = of_comparison.compare
         geometry = of_geometry.geometry
+        gearbox = of_gearbox.gearbox
         plan = of_plan.plan
         map = of_map.map
         fleet = of_fleet.fleet

@@ -221,6 +221,7 @@ def _explain_other_document(
 
 
 _OTHER_DOCUMENTS: Final = (
+    ({"observations", "load"}, "a weight step", "use `jointstiff gearbox FILE`"),
     (
         {"observations"},
         "a measurement set without a robot",

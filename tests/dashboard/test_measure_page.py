@@ -181,6 +181,7 @@ LENGTHEN = """
     put(row.querySelector("bdi"), "joint_of_the_shoulder_at_the_column");
     put(row.querySelector("small"), "\u00b1 1\u202f800\u00a0%");
     put(row.querySelector(".reason"), "the load never twists this joint, and no posture of this robot would");
+    row.querySelector("svg").setAttribute("class", "estimate-bar beyond");
   }
 }
 """

@@ -39,7 +39,7 @@ export function EstimateBar({ of: { limit, relative, unusable }, goal }: Estimat
   const half = relative === null ? WIDTH / 2 : Math.max(1, sizeOf(relative));
   const [from, to] = limit === null ? [WIDTH / 2 - half, WIDTH / 2 + half] : [WIDTH / 2, WIDTH];
   const isOpen = limit !== null || relative === null;
-  const look = unusable ? "grey" : isOpen ? "open" : relative > most ? "wide" : "narrow";
+  const look = unusable ? "grey" : isOpen ? "open" : relative > most ? "beyond" : "narrow";
   return (
     <svg
       class={`estimate-bar ${look}`}

@@ -11,7 +11,7 @@ describe("an estimate", () => {
     const root = await drawn(<Estimate of={shownEstimate(3.07, [2.97, 3.18])} unit="µm" />);
     expect(root.textContent).toBe("3.070 µm (2.970 … 3.180)".replaceAll(" … ", "\u00a0…\u00a0"));
     expect(lookOf(root)).toContain("narrow");
-    expect(lookOf(await drawn(<Estimate of={shownEstimate(3, [2, 4])} />))).toContain("wide");
+    expect(lookOf(await drawn(<Estimate of={shownEstimate(3, [2, 4])} />))).toContain("beyond");
     expect(lookOf(await drawn(<Estimate of={shownEstimate(3, [2, 4])} goal={0.5} />))).toContain("narrow");
   });
 

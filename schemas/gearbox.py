@@ -1,0 +1,231 @@
+"""Stiffness of gearboxes from two encoders: a weight step, read at the motors and behind the gearboxes."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import FailFast, Field, model_validator
+
+from jointstiff.schemas.fields import (
+    Dimensionless,
+    Identifier,
+    Interval,
+    Kilograms,
+    Message,
+    Metres,
+    Name,
+    Quantity,
+    Radians,
+    RotationalCompliance,
+    Stiffness,
+    Terminal,
+    Torque,
+    Vector3,
+)
+from jointstiff.schemas.finding import Assessment, Finding, ResultSummary
+from jointstiff.schemas.job import Job, Result
+from jointstiff.schemas.measurement import AngleUnit, LengthUnit
+from jointstiff.schemas.robot import MAX_JOINTS, RobotDocument
+
+LEAST_MASS, GREATEST_MASS = 0.01, 1e4
+MAX_POSTURES = 200
+MAX_READINGS_OF_POSTURE = 2 * MAX_JOINTS
+
+
+class GearboxUnits(Message):
+    """Units of the numbers of a weight step; masses are in kg."""
+
+    length: LengthUnit = Field(description="Unit of the load's place.")
+    angle: AngleUnit = Field(description="Unit of joint angles, encoder angles and encoder_sigma.")
+
+
+class HungLoad(Message):
+    """Load that is at the flange in the second state, and not in the first."""
+
+    mass: Kilograms[Annotated[float, Field(strict=True, ge=LEAST_MASS, le=GREATEST_MASS)]] = Field(
+        description="Mass of the load in kg, with the hook or the tool that is added with it."
+    )
+    mass_uncertainty: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=GREATEST_MASS)] | None] = (
+        Field(
+            default=None,
+            description="Standard uncertainty of the mass in kg, if it was weighed; absent: 1 % of the mass "
+            "is assumed, and the verdict is at best `use_with_care`.",
+        )
+    )
+    point: Vector3 = Field(
+        description="Centre of mass of the load in the flange frame, in units.length; for a load on a hook, "
+        "the hook."
+    )
+    point_uncertainty: Annotated[float, Field(strict=True, ge=0.0, le=1e4)] | None = Field(
+        default=None,
+        description="Standard uncertainty of each coordinate of `point`, in units.length; absent: 10 mm is "
+        "assumed.",
+    )
+
+
+class EncoderAngles(Message):
+    """Angles of both encoders of a joint at rest."""
+
+    motor: Quantity = Field(
+        description="Angle of the motor's encoder, divided by the gear ratio, in units.angle; a constant "
+        "offset does not matter."
+    )
+    link: Quantity = Field(
+        description="Angle of the encoder behind the gearbox, in units.angle; a constant offset does not "
+        "matter."
+    )
+
+
+class TwistReading(Message):
+    """Angles of both encoders of one joint, without and with the load, in one posture."""
+
+    joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
+    unloaded: EncoderAngles
+    loaded: EncoderAngles
+    approach: Literal["+", "-"] | None = Field(
+        default=None,
+        description="Sense in which the joint turned last before it stopped, in both states; absent: "
+        "unknown.",
+    )
+
+
+_TwistReadings = Annotated[
+    list[TwistReading], Field(min_length=1, max_length=MAX_READINGS_OF_POSTURE), FailFast()
+]
+
+
+class StepPosture(Message):
+    """Readings in one posture."""
+
+    label: Name = Field(description="Label, unique in the step.", examples=["s01"])
+    joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
+        description="Joints as the controller shows them, in units.angle or units.length."
+    )
+    encoder_readings: _TwistReadings = Field(
+        description="Readings of both encoders, at most one per joint and approach."
+    )
+
+
+class GearboxRequest(Message):
+    """A weight step of one robot: angles of two encoders in postures, without and with a load."""
+
+    name: Name = Field(default="weight step", examples=["LBR cell 2, 10 kg"])
+    units: GearboxUnits
+    robot_id: Annotated[Identifier | None, Terminal(hidden=True)] = Field(
+        default=None, description="Id of the robot; or give `robot`."
+    )
+    robot: RobotDocument | None = Field(default=None, description="The robot, which is not stored.")
+    load: HungLoad
+    encoder_sigma: Annotated[float, Field(strict=True, ge=0.0, le=10.0)] | None = Field(
+        default=None,
+        description="Standard uncertainty of one angle of one encoder, in units.angle. The noise of a step "
+        "is estimated from its residuals, and is at least twice this value.",
+    )
+    observations: Annotated[list[StepPosture], Field(min_length=1, max_length=MAX_POSTURES), FailFast()] = (
+        Field(description="Postures: at least four; 12 planned ones are good practice.")
+    )
+
+    @model_validator(mode="after")
+    def _require_one_robot(self) -> GearboxRequest:
+        if (self.robot_id is None) == (self.robot is None):
+            raise ValueError("give either `robot_id` or `robot`")
+        return self
+
+    @model_validator(mode="after")
+    def _refuse_repeated_readings(self) -> GearboxRequest:
+        """Refuse labels that repeat, and two readings of one joint from the same side in one posture."""
+        labels = [posture.label for posture in self.observations]
+        if len(set(labels)) != len(labels):
+            repeated = next(label for label in labels if labels.count(label) > 1)
+            raise ValueError(f"the label '{repeated}' is there twice: give each posture a label of its own")
+        for posture in self.observations:
+            sides = [(reading.joint, reading.approach) for reading in posture.encoder_readings]
+            if len(set(sides)) != len(sides):
+                joint = next(side[0] for side in sides if sides.count(side) > 1)
+                raise ValueError(
+                    f"posture '{posture.label}' has two readings of {joint} with the same `approach`: state "
+                    "'+' for one and '-' for the other, or omit one"
+                )
+        return self
+
+
+class GearboxStiffness(Message):
+    """The gearbox of one joint, between the motor's encoder and the encoder behind the gearbox."""
+
+    joint: Name
+    stiffness: Stiffness[float | None] = Field(
+        description="Stiffness of the gearbox; null if `reason` says why."
+    )
+    stiffness_interval: Stiffness[tuple[float, float | None] | None] = Field(
+        description="95 % interval; its upper end is null if the gearbox may be rigid."
+    )
+    half_width: Dimensionless[float | None] = Field(
+        description="Half of the interval's width, relative to the stiffness; null if the interval has no "
+        "upper end."
+    )
+    compliance: RotationalCompliance[float | None]
+    compliance_interval: RotationalCompliance[Interval | None]
+    reason: str | None = Field(description="Reason why there is no stiffness.")
+    least_torque: Torque[float] = Field(
+        description="Least torque with which the motor holds the load, over the postures."
+    )
+    greatest_torque: Torque[float]
+    offset: Radians[float | None] = Field(
+        description="Change of the twist between the states that no torque explains, such as a drift of an "
+        "encoder."
+    )
+    lost_motion: Radians[float | None] = Field(
+        description="Twist from the positive side less that from the negative side, mean over postures; null "
+        "without readings from both sides."
+    )
+    lost_motion_interval: Radians[Interval | None] = Field(description="95 % interval of the mean.")
+    noise: Radians[float | None] = Field(
+        description="Standard deviation of the step of the twist in one posture."
+    )
+    degrees_of_freedom: int
+    postures: int = Field(description="Number of postures with readings of this joint.")
+
+
+class StepResidual(Message):
+    """Step of the twist of one joint in one posture."""
+
+    label: Name
+    joint: Name
+    torque: Torque[float] = Field(description="Torque with which the motor holds the load.")
+    step: Radians[float] = Field(
+        description="Twist with the load less twist without; mean over the approaches."
+    )
+    residual: Radians[float | None] = Field(description="Step less prediction; null without a stiffness.")
+
+
+class GearboxResult(Result):
+    """Stiffness of gearboxes. It says nothing about structure behind the encoders."""
+
+    assessment: Assessment
+    gearboxes: list[GearboxStiffness]
+    not_observed: list[Name] = Field(description="Joints without readings of two encoders.")
+    mass_uncertainty: Kilograms[float] = Field(description="Standard uncertainty of the mass, as used.")
+    point_uncertainty: Metres[float] = Field(
+        description="Standard uncertainty of each coordinate of the load's place, as used."
+    )
+    residuals: list[StepResidual]
+    findings: list[Finding]
+
+    @property
+    def summary(self) -> ResultSummary:
+        """Summary of the result for listings."""
+        return ResultSummary(
+            verdict=self.assessment.verdict,
+            warning_count=sum(not finding.is_remark for finding in self.findings),
+        )
+
+
+class Gearbox(Job):
+    """A stored identification of gearboxes. It never changes."""
+
+    collection: ClassVar[str] = "gearboxes"
+
+    kind: Literal["gearbox"] = "gearbox"
+    name: Name
+    request: GearboxRequest
+    result: GearboxResult | None = Field(description="Present if the job succeeded.")

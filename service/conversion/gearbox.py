@@ -1,0 +1,77 @@
+"""A weight step from messages to SI units."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.gearbox import GearboxRequest
+from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.solver.errors import MeasurementError, RequestError
+from jointstiff.solver.gearboxes.step import EncoderReadings, Load, WeightStep
+from jointstiff.solver.mechanics.robot import Robot
+
+ASSUMED_MASS: Final = 0.01
+"""Standard uncertainty of a mass that is not weighed, relative to the mass."""
+ASSUMED_PLACE: Final = 0.01
+"""Standard uncertainty of each coordinate of the load's place where nothing is stated [m]."""
+_SENSE: Final = {"+": 1, "-": -1, None: 0}
+
+
+def to_weight_step(request: GearboxRequest, robot: Robot) -> WeightStep:
+    """Return the weight step of a request, in SI units.
+
+    Raises:
+        MeasurementError: a posture has another number of joints than the robot.
+        RequestError: the robot has no joint of a name, or the joint slides.
+    """
+    angle, length = ANGLE[request.units.angle], LENGTH[request.units.length]
+    per_controller_unit = np.where(robot.prismatic, length, angle)
+    for index, posture in enumerate(request.observations):
+        if len(posture.joints) != robot.n:
+            raise MeasurementError(
+                f"there are {len(posture.joints)} joint angles, but the robot has {robot.n} joints",
+                where=f"observations[{index}].joints",
+                remedy="give the positions of all controller joints in every posture",
+            )
+    rows = [
+        (i, _find_joint(robot, reading.joint, f"observations[{i}].encoder_readings[{k}].joint"), reading)
+        for i, posture in enumerate(request.observations)
+        for k, reading in enumerate(posture.encoder_readings)
+    ]
+    states = [(reading.unloaded, reading.loaded) for _, _, reading in rows]
+    readings = EncoderReadings(
+        posture=np.array([i for i, _, _ in rows]),
+        joint=np.array([joint for _, joint, _ in rows]),
+        approach=np.array([_SENSE[reading.approach] for _, _, reading in rows]),
+        motor=angle * np.array([[state.motor for state in pair] for pair in states], dtype=np.float64),
+        link=angle * np.array([[state.link for state in pair] for pair in states], dtype=np.float64),
+    )
+    load = request.load
+    mass_uncertainty = ASSUMED_MASS * load.mass if load.mass_uncertainty is None else load.mass_uncertainty
+    stated = load.point_uncertainty
+    return WeightStep(
+        robot=robot,
+        labels=tuple(posture.label for posture in request.observations),
+        joints=per_controller_unit * np.array([posture.joints for posture in request.observations]),
+        readings=readings,
+        load=Load(
+            mass=load.mass,
+            mass_uncertainty=mass_uncertainty,
+            point=length * np.array(load.point, dtype=np.float64),
+            point_uncertainty=ASSUMED_PLACE if stated is None else length * stated,
+            is_weighed=load.mass_uncertainty is not None,
+        ),
+        encoder_sigma=0.0 if request.encoder_sigma is None else angle * request.encoder_sigma,
+    )
+
+
+def _find_joint(robot: Robot, name: str, where: str) -> int:
+    """Return the index of a joint that turns."""
+    joint = robot.joint_index(name, where)
+    if robot.prismatic[joint]:
+        raise RequestError(
+            f"{name} slides: a twist is an angle", where=where, remedy="omit the readings of this joint"
+        )
+    return joint

@@ -1,0 +1,265 @@
+"""Gearboxes from a weight step: the declaration of the kind, its report and its computation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from jointstiff.schemas.gearbox import Gearbox, GearboxRequest, GearboxResult, GearboxStiffness
+from jointstiff.service.kinds.kind import READINGS_BYTES, Kind, list_table_files
+from jointstiff.service.tables.estimate import NORMAL_95, estimate_columns, show_estimate, style_for
+from jointstiff.service.tables.report import Report, View, joint_reason_lines
+from jointstiff.service.tables.table import (
+    NO_NUMBER,
+    Chart,
+    Column,
+    Line,
+    Part,
+    Sheet,
+    Table,
+    format_percent,
+    number_formatter,
+)
+from jointstiff.solver.text import figure, length_text
+
+if TYPE_CHECKING:
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.resources.inputs import Inputs
+
+_MEGA, _MICRO = 1e-6, 1e6
+_CONFIDENCE: Final = 0.95
+
+
+def _make_report(job: Gearbox, result: GearboxResult, view: View) -> Report:
+    """Return the report: verdict, gearboxes and what they rest on; `view.details` adds the evidence."""
+    parts: list[Part] = [_gearbox_table(result)]
+    parts += joint_reason_lines((each.joint, each.reason) for each in result.gearboxes)
+    if result.not_observed:
+        parts.append(Line(f"  {', '.join(result.not_observed)}: no second encoder was read, not observed"))
+    mass, half = job.request.load.mass, figure(NORMAL_95 * result.mass_uncertainty, ".2g")
+    parts.append(
+        Line(
+            f"  by a load of {figure(mass)} kg ± {half} kg, whose "
+            f"place is known to ± {length_text(NORMAL_95 * result.point_uncertainty)} (95 %)"
+        )
+    )
+    parts.append(Line("  bearings and links behind the encoders are not in these numbers", "dim"))
+    if view.details:
+        parts += [_evidence_table(result), _residuals_table(result)]
+    return Report(parts)
+
+
+def _gearbox_table(result: GearboxResult) -> Table:
+    """Return the table of stiffnesses with their intervals."""
+    style = style_for(result.assessment.verdict)
+    shown = [
+        show_estimate(each.stiffness, each.stiffness_interval, _MEGA, style=style)
+        for each in result.gearboxes
+    ]
+    return Table(
+        [
+            Column("gearbox of", [each.joint for each in result.gearboxes], text=True),
+            *estimate_columns("stiffness", shown, _CONFIDENCE),
+            Column("±", [format_percent(each.half_width) for each in result.gearboxes]),
+            Column("load's torque", [_format_torques(each) for each in result.gearboxes]),
+        ],
+        title="Gearboxes, motor to link encoder",
+        caption="stiffness in 10⁶ N·m/rad, with its 95 % interval; torque in N·m",
+    )
+
+
+def _format_torques(gearbox: GearboxStiffness) -> str:
+    """Return the range of the load's torque [N·m] over the postures."""
+    return f"{gearbox.least_torque:.0f} … {gearbox.greatest_torque:.0f}"
+
+
+def _evidence_table(result: GearboxResult) -> Table:
+    """Return the table of what else the twists show: lost motion, offsets and noise."""
+    lost = [
+        show_estimate(each.lost_motion, each.lost_motion_interval, _MICRO).cell for each in result.gearboxes
+    ]
+    return Table(
+        [
+            Column("gearbox of", [each.joint for each in result.gearboxes], text=True),
+            Column("postures", [each.postures for each in result.gearboxes]),
+            Column("lost motion", lost, lambda line: line),
+            Column("offset", [each.offset for each in result.gearboxes], _format_micro),
+            Column("noise", [each.noise for each in result.gearboxes], _format_micro),
+        ],
+        title="Twist without torque",
+        caption="in µrad; offset: change between the states; noise: standard deviation of a step",
+    )
+
+
+def _format_micro(angle: float | None) -> str:
+    """Return an angle [rad] in µrad."""
+    return NO_NUMBER if angle is None else figure(_MICRO * angle, ".3g")
+
+
+def _residuals_table(result: GearboxResult) -> Table:
+    """Return the table of all steps."""
+    return Table(
+        [
+            Column("posture", [each.label for each in result.residuals], text=True),
+            Column("joint", [each.joint for each in result.residuals], text=True),
+            Column("torque", [each.torque for each in result.residuals], number_formatter(".0f")),
+            Column("step", [each.step for each in result.residuals], _format_micro),
+            Column("residual", [each.residual for each in result.residuals], _format_micro),
+        ],
+        title="Steps of the twist",
+        caption="torque with which the motor holds the load, in N·m; step and residual in µrad",
+    )
+
+
+def gearboxes_sheet(job: Gearbox) -> Sheet:
+    """Return the table of the gearboxes, in SI units; empty if the job has no result."""
+    return Sheet.from_messages(job.result.gearboxes if job.result else [], _GEARBOXES)
+
+
+def steps_sheet(job: Gearbox) -> Sheet:
+    """Return the table of all steps, in SI units; empty if the job has no result."""
+    return Sheet.from_messages(job.result.residuals if job.result else [], _STEPS)
+
+
+_GEARBOXES: Final = {
+    "joint": "joint",
+    "stiffness": "stiffness",
+    "stiffness {lower upper}": "stiffness_interval",
+    "half-width": "half_width",
+    "compliance": "compliance",
+    "compliance {lower upper}": "compliance_interval",
+    "offset": "offset",
+    "lost motion": "lost_motion",
+    "noise": "noise",
+    "degrees of freedom": "degrees_of_freedom",
+    "reason": "reason",
+}
+_STEPS: Final = {
+    "label": "label",
+    "joint": "joint",
+    "torque": "torque",
+    "step": "step",
+    "residual": "residual",
+}
+
+
+def make_charts(result: GearboxResult) -> list[Chart]:
+    """Return a chart of the stiffnesses of the gearboxes."""
+    names = [each.joint for each in result.gearboxes]
+    series = {"stiffness": [each.stiffness for each in result.gearboxes]}
+    return [Chart("Stiffness of gearboxes", names, series, _MEGA, "10⁶ N·m/rad", "gearboxes")]
+
+
+def _prepare_work(inputs: Inputs, request: GearboxRequest) -> Work:
+    """Check robot and readings, and return the work that identifies the gearboxes.
+
+    Raises:
+        RequestError: the robot does not exist or cannot be used, or the readings do not fit it.
+    """
+    from jointstiff.service.conversion.gearbox import to_weight_step
+    from jointstiff.service.conversion.prepared import prepare_robot
+    from jointstiff.service.conversion.readings import hash_texts
+    from jointstiff.service.kinds.work import QuickWork, as_request_errors
+    from jointstiff.solver.gearboxes.outcome import identify_gearboxes
+
+    if request.robot is not None:
+        with as_request_errors("robot"):
+            prepared = prepare_robot(request.robot)
+        robot, robot_hash = prepared.robot, ""  # a robot in the request is hashed with the other fields
+    else:
+        robot, robot_hash = inputs.robot(request.robot_id or "", "robot_id")
+    with as_request_errors():
+        step = to_weight_step(request, robot)
+    content = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
+    return QuickWork(
+        result=lambda: identify_gearboxes(step),
+        input_hash=hash_texts(robot_hash, content, repr(robot.payload)),
+        robot_id=request.robot_id,
+        details={"name": request.name},
+    )
+
+
+def _make_example(options: dict[str, Any]) -> dict[str, Any]:
+    """Return a small weight step: joint_2 of a stored robot, in six postures, from both sides."""
+    return {
+        "units": {"length": "mm", "angle": "deg"},
+        "robot_id": "ID_OF_A_STORED_ROBOT",
+        "load": {"mass": 100.0, "point": [0.0, 0.0, 150.0], **options},
+        "observations": [
+            {
+                "label": label,
+                "joints": joints,
+                "encoder_readings": [
+                    {
+                        "joint": "joint_2",
+                        "approach": approach,
+                        "unloaded": {"motor": angles[0], "link": angles[1]},
+                        "loaded": {"motor": angles[2], "link": angles[3]},
+                    }
+                    for approach, *angles in readings
+                ],
+            }
+            for label, joints, readings in _READ
+        ],
+    }
+
+
+_READ: Final[tuple[tuple[str, list[float], tuple[tuple[Any, ...], ...]], ...]] = (
+    (
+        "s01",
+        [0.0, 60.0, 0.0, 0.0, 0.0, 0.0],
+        (("+", 59.99994, 60.09423, 59.99989, 60.12817), ("-", 59.99997, 60.09505, 60.00001, 60.12923)),
+    ),
+    (
+        "s02",
+        [40.0, 45.0, 10.0, 0.0, 30.0, 0.0],
+        (("+", 44.99995, 45.08064, 44.99987, 45.11001), ("-", 44.99992, 45.08129, 44.99992, 45.11093)),
+    ),
+    (
+        "s03",
+        [0.0, -35.0, 55.0, 0.0, -40.0, 0.0],
+        (("+", -35.00007, -35.0386, -34.99998, -35.0207), ("-", -34.99986, -35.03769, -34.99991, -35.01987)),
+    ),
+    (
+        "s04",
+        [-30.0, -30.0, 45.0, 0.0, 0.0, 0.0],
+        (
+            ("+", -29.99995, -30.02905, -30.00011, -30.00879),
+            ("-", -29.99994, -30.02806, -30.00013, -30.00795),
+        ),
+    ),
+    (
+        "s05",
+        [0.0, 0.0, 0.0, 0.0, 20.0, 0.0],
+        (("+", -0.00001, 0.01725, 0.00011, 0.04779), ("-", 0.00024, 0.01821, -0.00012, 0.04875)),
+    ),
+    (
+        "s06",
+        [90.0, 20.0, -20.0, 0.0, 45.0, 0.0],
+        (("+", 19.99994, 20.05039, 20.00007, 20.08631), ("-", 20.00006, 20.05112, 19.99988, 20.0872)),
+    ),
+)
+
+
+GEARBOX: Final = Kind[Gearbox, GearboxRequest](
+    message=Gearbox,
+    request=GearboxRequest,
+    options=GearboxRequest,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
+    sources=("readings",),
+    make_charts=make_charts,
+    files=(
+        *list_table_files("gearboxes", "each gearbox with stiffness and interval", gearboxes_sheet, "result"),
+        *list_table_files("steps", "each step of a twist, with torque and residual", steps_sheet, "result"),
+    ),
+    title="Gearboxes from two encoders",
+    max_bytes=READINGS_BYTES,
+    examples={
+        "weighed load": _make_example({"mass_uncertainty": 0.1, "point_uncertainty": 5.0}),
+        "load not weighed": _make_example({}),
+    },
+    description="""Identify the stiffness of gearboxes from the angles of two encoders, without a tracker.
+
+Read motor and link angle of joints at rest in planned postures, without and with a weighed load. The result
+is the gearbox between the two encoders, not the joint.""",
+)

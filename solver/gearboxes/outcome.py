@@ -1,0 +1,358 @@
+"""Result of a weight step: gearboxes, findings and verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from scipy import special
+
+from jointstiff.schemas.finding import Assessment, Finding, combine_assessments
+from jointstiff.schemas.gearbox import GearboxResult, GearboxStiffness, StepResidual
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import NotObservableError
+from jointstiff.solver.evidence.payload import R_2000IC, MeasuredArm, payload_torque
+from jointstiff.solver.fit.estimate import invert_compliance, stiffness_interval
+from jointstiff.solver.fit.stages import student_quantile
+from jointstiff.solver.gearboxes.identification import LEAST_FREEDOM, GearboxFit, fit_gearboxes
+from jointstiff.solver.gearboxes.step import JointStep, WeightStep
+from jointstiff.solver.mechanics.postures import measure_reach
+from jointstiff.solver.messages import build_messages, finite_or_none
+from jointstiff.solver.text import PAST_DO_NOT_USE, figure
+
+GOOD_HALF_WIDTH: Final = 0.05
+"""Relative half-width of an interval up to which a gearbox is certain."""
+_GREATEST_HALF_WIDTH: Final = 0.5
+"""Relative half-width of an interval from which no stiffness is stated."""
+_GOOD_FREEDOM: Final = 4
+"""Degrees of freedom from which the noise of a step is known well enough."""
+_AGAINST: Final = 2.0
+"""Standard uncertainties by which a compliance is negative if a sign is wrong."""
+_GREATEST_OFFSET: Final = 200e-6
+"""Change of the twist [rad] that no torque explains, beyond which an encoder was referenced anew."""
+_GREATEST_STEP: Final = 20e-3
+"""Twist [rad] that no gearbox survives."""
+_POSTURE: Final = 5e-3
+"""Difference [rad] of a motor's angle from the stated posture, beyond which the posture is another one."""
+_FALSE_ALARM: Final = 0.01
+"""Probability that a test names something in a step without a mistake."""
+_FACTOR: Final = 5.0
+"""Factor on the ratio of stiffness to payload and reach of a measured arm within which it is plausible."""
+_TWICE: Final = 2.0
+"""Load over payload from which the load is implausible."""
+_SHOWN: Final = 5
+"""Greatest number of labels in a message."""
+_ARM: Final = MeasuredArm("FANUC R-2000iC", 240.0, 2.687, R_2000IC)
+
+
+def identify_gearboxes(step: WeightStep) -> GearboxResult:
+    """Identify the gearboxes of a weight step; suspicious readings are findings.
+
+    Raises:
+        NotObservableError: no joint has enough postures, or the load twists none of them differently.
+        SolverError: an optimum or an end of an interval could not be certified.
+    """
+    names = step.robot.joint_names
+    joints = [step.select(joint) for joint in np.unique(step.readings.joint).tolist()]
+    reasons = {each.joint: _explain_undetermined(each) for each in joints}
+    determined = [each for each in joints if reasons[each.joint] is None]
+    if not determined:
+        raise NotObservableError(
+            "; ".join(f"{names[joint]}: {reason}" for joint, reason in reasons.items()),
+            where="observations",
+            remedy="read both encoders in more postures, in which the load's lever about the joint differs: "
+            "12 postures, half of them with the arm stretched out, half with the load near the axis",
+        )
+    fits = {fit.steps.joint: fit for fit in fit_gearboxes(step, determined)}
+    gearboxes = [_describe_gearbox(step, each, fits.get(each.joint), reasons[each.joint]) for each in joints]
+    findings = [
+        *_report_load(step),
+        *_report_postures(step),
+        *_report_approaches(step, joints),
+        *(finding for fit in fits.values() for finding in _report_fit(step, fit)),
+        *_report_implausible(step, fits),
+        *_report_uncertain(gearboxes),
+    ]
+    identified = sum(gearbox.stiffness is not None for gearbox in gearboxes)
+    if identified == 0:
+        findings.append(
+            Finding(
+                code="no_joint_identified",
+                weight="do_not_use",
+                message="no gearbox has an interval with an upper end",
+                remedy="use a heavier load, or postures in which its lever about the joint differs more",
+            )
+        )
+    reasons_of_verdict = [finding for finding in findings if not finding.is_remark]
+    assessment = combine_assessments(
+        [Assessment(verdict=each.weight, reasons=[each]) for each in reasons_of_verdict]
+    )
+    return GearboxResult(
+        assessment=assessment.model_copy(
+            update={"joints_identified": identified, "joint_count": len(gearboxes)}
+        ),
+        joint_kinds={},
+        gearboxes=gearboxes,
+        not_observed=[name for j, name in enumerate(names) if j not in reasons],
+        mass_uncertainty=step.load.mass_uncertainty,
+        point_uncertainty=step.load.point_uncertainty,
+        residuals=[row for each in joints for row in _list_residuals(step, each, fits.get(each.joint))],
+        findings=findings,
+    )
+
+
+def _explain_undetermined(steps: JointStep) -> str | None:
+    """Return why the steps of a joint cannot determine its gearbox; None if they can."""
+    if steps.degrees_of_freedom < LEAST_FREEDOM:
+        needed = steps.columns.shape[1] + LEAST_FREEDOM
+        return f"it was read in {len(steps.step)} postures, and at least {needed} are needed"
+    if not steps.has_varied_torque:
+        return "the load's torque about it is the same in all postures"
+    return None
+
+
+def _describe_gearbox(
+    step: WeightStep, steps: JointStep, fit: GearboxFit | None, reason: str | None
+) -> GearboxStiffness:
+    """Return the row of one joint."""
+    lost = _estimate_mean(step.lost_motion(steps.joint))
+    interval = None if fit is None else stiffness_interval(fit.interval)
+    stiffness = None if fit is None else invert_compliance(fit.compliance)
+    half_width = None
+    if fit is not None and interval is not None and interval[1] is not None and fit.compliance > 0.0:
+        half_width = 0.5 * (fit.interval[1] - fit.interval[0]) / fit.compliance
+    if fit is not None and (half_width is None or half_width > _GREATEST_HALF_WIDTH):
+        reason = "its twist is not greater than the noise of the readings"
+        if interval is not None:
+            reason += f"; the gearbox has at least {figure(interval[0], '.3g')} N·m/rad"
+        stiffness, half_width = None, None
+    return GearboxStiffness(
+        joint=step.robot.joint_names[steps.joint],
+        stiffness=stiffness,
+        stiffness_interval=interval,
+        half_width=half_width,
+        compliance=None if fit is None else fit.compliance,
+        compliance_interval=None if fit is None else fit.interval,
+        reason=reason,
+        least_torque=float(steps.torques[0].min()),
+        greatest_torque=float(steps.torques[0].max()),
+        offset=None if fit is None else finite_or_none(fit.offset),
+        lost_motion=None if lost is None else lost[0],
+        lost_motion_interval=None if lost is None else (lost[0] - lost[1], lost[0] + lost[1]),
+        noise=None if fit is None else fit.noise,
+        degrees_of_freedom=max(steps.degrees_of_freedom, 0),
+        postures=len(steps.step),
+    )
+
+
+def _estimate_mean(values: FloatArray, probability: float = 0.975) -> tuple[float, float] | None:
+    """Return the mean of values, and half of its interval by Student's distribution; None for one value."""
+    if len(values) < 2:
+        return None
+    half = student_quantile(probability, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
+    return float(values.mean()), float(half)
+
+
+def _list_residuals(step: WeightStep, steps: JointStep, fit: GearboxFit | None) -> list[StepResidual]:
+    """Return the steps of one joint with their residuals."""
+    count = len(steps.step)
+    return build_messages(
+        StepResidual,
+        label=[step.labels[posture] for posture in steps.postures],
+        joint=[step.robot.joint_names[steps.joint]] * count,
+        torque=steps.torques[0],
+        step=steps.step,
+        residual=[None] * count if fit is None else fit.residuals,
+    )
+
+
+def _report_load(step: WeightStep) -> Iterator[Finding]:
+    """Report a mass that was not weighed, and a mass far beyond the payload."""
+    load, payload = step.load, step.robot.payload
+    if not load.is_weighed:
+        yield Finding(
+            code="mass_assumed",
+            weight="use_with_care",
+            where="load.mass_uncertainty",
+            message="the uncertainty of the mass is not stated: "
+            f"{figure(load.mass_uncertainty, '.2g')} kg is assumed, and each stiffness is as wrong as "
+            "the mass",
+            remedy="weigh the load, and state `mass_uncertainty`",
+        )
+    if payload is not None and load.mass > _TWICE * payload:
+        yield Finding(
+            code="stiffness_against_payload",
+            weight="do_not_use",
+            where="load.mass",
+            message=f"the load has {figure(load.mass)} kg, but the robot's payload is {figure(payload)} kg",
+            remedy="state the mass in kg, not the weight in N or the mass in lb; " + PAST_DO_NOT_USE,
+        )
+
+
+def _report_postures(step: WeightStep) -> Iterator[Finding]:
+    """Report postures in which a motor's angle is not that of the stated posture.
+
+    A motor's zero does not matter: its median difference from the postures is left out.
+    """
+    read = step.readings
+    q = step.robot.joint_map.model_angles(step.joints)
+    for joint in np.unique(read.joint).tolist():
+        rows = np.flatnonzero(read.joint == joint)
+        differences = read.motor[rows, 0] - q[read.posture[rows], joint]
+        off = differences - np.median(differences)
+        wrong = rows[np.abs(off) > _POSTURE]
+        if not wrong.size:
+            continue
+        labels = list(dict.fromkeys(step.labels[posture] for posture in read.posture[wrong]))
+        name = step.robot.joint_names[joint]
+        farthest = float(np.degrees(np.abs(off).max()))
+        shown = ", ".join(labels[:_SHOWN]) + (", …" if len(labels) > _SHOWN else "")
+        yield Finding(
+            code="posture_against_encoders",
+            weight="do_not_use",
+            where=name,
+            observation=labels[0] if len(labels) == 1 else None,
+            message=f"the motor of {name} is up to {figure(farthest, '.3g')}° from the "
+            f"stated posture in {shown}",
+            remedy="correct the postures, or the sign and unit of the encoders' angles: they are those of "
+            "the model's joints, after the joint map",
+        )
+
+
+def _report_approaches(step: WeightStep, joints: Sequence[JointStep]) -> Iterator[Finding]:
+    """Report joints that were not read from both sides, or whose sides read the same."""
+    alike, unknown = [], []
+    for each in joints:
+        lost = _estimate_mean(step.lost_motion(each.joint), 1.0 - 0.5 * _FALSE_ALARM)
+        name = step.robot.joint_names[each.joint]
+        if lost is None or np.abs(each.imbalance).max() > 0.0:
+            unknown.append(name)
+        elif abs(lost[0]) <= lost[1]:
+            alike.append(name)
+        of_joint = step.readings.joint == each.joint
+        if name not in unknown and not step.readings.approach[of_joint].all():
+            unknown.append(name)
+    if unknown:
+        yield Finding(
+            code="approach_unknown",
+            weight="use_with_care",
+            message=f"{', '.join(unknown)}: not every posture was read from both sides, so lost motion may "
+            "be in the steps",
+            remedy="approach each posture from the positive and from the negative side, in both states, and "
+            "state `approach`",
+        )
+    if alike:
+        yield Finding(
+            code="approaches_alike",
+            weight="use_with_care",
+            message=f"{', '.join(alike)}: readings from both sides show no lost motion, which every gearbox "
+            "has",
+            remedy="check that each posture was approached from both sides, by some degrees; if the lost "
+            "motion is that small, use the result with care",
+        )
+
+
+def _report_fit(step: WeightStep, fit: GearboxFit) -> Iterator[Finding]:
+    """Report what the fit of one joint shows: signs, offsets, single steps, too few postures."""
+    steps, name = fit.steps, step.robot.joint_names[fit.steps.joint]
+    greatest = float(np.abs(steps.step).max())
+    if greatest > _GREATEST_STEP:
+        yield Finding(
+            code="encoder_deflection_implausibly_large",
+            weight="do_not_use",
+            where=name,
+            message=f"the twist of {name} changes by up to {figure(1e3 * greatest, '.3g')} mrad, more than "
+            "any gearbox twists",
+            remedy="check the unit of the encoders' angles, and the sign of the link's",
+        )
+    if fit.free_compliance + _AGAINST * fit.uncertainty < 0.0:
+        yield Finding(
+            code="encoder_against_torque",
+            weight="do_not_use",
+            where=name,
+            message=f"the gearbox of {name} twists against the load",
+            remedy="exchange `unloaded` and `loaded`, or reverse the signs of the encoders' angles: they are "
+            "those of the model's joints, after the joint map",
+        )
+    elif abs(fit.offset) > _GREATEST_OFFSET:
+        yield Finding(
+            code="encoder_referenced_anew",
+            weight="do_not_use",
+            where=name,
+            message=f"the twist of {name} changed by {figure(1e6 * fit.offset, '.3g')} µrad between the "
+            "states, without a torque",
+            remedy="do not reference or switch off the encoders between the states; " + PAST_DO_NOT_USE,
+        )
+    limit = float(
+        special.stdtrit(max(steps.degrees_of_freedom - 1, 1), 1.0 - 0.5 * _FALSE_ALARM / len(steps.step))
+    )
+    for row in np.flatnonzero(np.abs(fit.deleted) > limit).tolist():
+        label = step.labels[steps.postures[row]]
+        yield Finding(
+            code="step_suspect",
+            weight="use_with_care",
+            where=name,
+            observation=label,
+            message=f"the step of {name} in {label} is {figure(1e6 * fit.residuals[row], '.3g')} µrad off "
+            f"the others, which scatter by {figure(1e6 * fit.noise, '.2g')} µrad",
+            remedy=f"check whether the load hung in {label}, and its posture; read it again or omit it",
+        )
+    if steps.degrees_of_freedom < _GOOD_FREEDOM:
+        yield Finding(
+            code="few_postures",
+            weight="use_with_care",
+            where=name,
+            message=f"{name} was read in {len(steps.step)} postures, which leave "
+            f"{steps.degrees_of_freedom} to judge the noise",
+            remedy="read at least 8 postures; 12 are good practice",
+        )
+
+
+def _report_implausible(step: WeightStep, fits: dict[int, GearboxFit]) -> Iterator[Finding]:
+    """Report stiffnesses that are implausible for the payload, as by a weight in place of a mass."""
+    robot = step.robot
+    if robot.payload is None:
+        yield Finding(
+            code="payload_not_stated",
+            weight="use_with_care",
+            message="the robot states no payload, so that nothing checks the unit of the mass",
+            remedy="state `payload` of the robot [kg]",
+        )
+        return
+    ratios = _ARM.ratios()
+    if robot.n != len(ratios) + 1 or robot.prismatic.any():
+        return
+    expected = ratios * payload_torque(robot.payload, measure_reach(robot))
+    compared = [fit for joint, fit in fits.items() if joint > 0 and fit.compliance > 0.0]
+    if not compared:
+        return
+    logs = [-np.log(fit.compliance * expected[fit.steps.joint - 1]) for fit in compared]
+    factor = float(np.exp(np.mean(logs)))
+    if not 1.0 / _FACTOR < factor < _FACTOR:
+        names = ", ".join(robot.joint_names[fit.steps.joint] for fit in compared)
+        yield Finding(
+            code="stiffness_against_payload",
+            weight="do_not_use",
+            message=f"the gearboxes of {names} are {figure(factor, '.2g')} times as stiff as those of a "
+            "measured arm, by payload and reach",
+            remedy="check that `load.mass` is in kg, not in N or lb, and the units of angles and lengths; "
+            + PAST_DO_NOT_USE,
+        )
+
+
+def _report_uncertain(gearboxes: Sequence[GearboxStiffness]) -> Iterator[Finding]:
+    """Report gearboxes whose interval is wide or has no upper end."""
+    wide = [
+        gearbox.joint
+        for gearbox in gearboxes
+        if gearbox.half_width is None or gearbox.half_width > GOOD_HALF_WIDTH
+    ]
+    if wide:
+        yield Finding(
+            code="gearbox_uncertain",
+            weight="use_with_care",
+            message=f"the interval of {', '.join(wide)} is wider than ± {figure(100 * GOOD_HALF_WIDTH)} %, "
+            "or has no upper end",
+            remedy="use a heavier load, or postures at the extremes of the load's torque about the joint",
+        )
