@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { Finding } from "../src/api/types";
-import { fieldName, isUnseen, onPage, roundedP, placeName, sentence, unsaid } from "../src/lib/said";
+import { fieldName, firstSentence, isUnseen, onPage, roundedP, placeName, sentence, unsaid } from "../src/lib/said";
 
 const warning = (code: string, message: string) => ({ code, message, remedy: "", where: null }) as Finding;
 const reason = (code: string, message: string) => ({ code, message }) as Finding;
@@ -50,4 +50,14 @@ it("names fields as a person does who sends no requests, and rounds small probab
   expect(roundedP("the model explains more (F test, p = 2e-80); p = 0.02")).toBe(
     "the model explains more (F test, p < 0.001); p = 0.02",
   );
+});
+
+describe("a message in a line", () => {
+  it("is its first sentence, not a number or a name with a point", () => {
+    expect(firstSentence("Something bends (F test, p < 0.001). The model predicts 145 µm")).toEqual([
+      "Something bends (F test, p < 0.001).",
+      "The model predicts 145 µm",
+    ]);
+    expect(firstSentence("2.25 times sigma; see cell.3 A")).toEqual(["2.25 times sigma; see cell.3 A", ""]);
+  });
 });

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import PurePath
@@ -25,6 +27,7 @@ from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.program.files import decompress_file
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.problems import NotFoundError
 from jointstiff.service.reports.certificate import build_certificate
 from jointstiff.service.reports.document import Document
 from jointstiff.service.reports.exports import FORMATS, ExportedModel, ModelFormat, export_model
@@ -166,9 +169,8 @@ def _make_table_file(file: File, requested: _RequestedFile) -> Content:
         raise HTTPException(404, f"{reason}; use tables.json, or another file of the job")
     body = csv_parts(sheet) if file.suffix == "csv" else write_sheet(sheet, file.suffix)
     is_alone = sum(each.suffix == file.suffix for each in kind.files) == 1
-    table = "" if is_alone else f"-{PurePath(file.name).stem}"
-    name = f"{kind.name}{table}-{job.id}.{file.suffix}"
-    return Content(body, file.media_type, _make_attachment_header(name))
+    table = "" if is_alone else f" {PurePath(file.name).stem}"
+    return Content(body, file.media_type, _make_disposition(requested, f"{kind.name}{table}", file.suffix))
 
 
 def _make_job_report(requested: _RequestedFile) -> Content:
@@ -180,15 +182,14 @@ def _make_job_report(requested: _RequestedFile) -> Content:
     )
     json_text = jobs.kind.to_answer(record.document)
     return _render_report(
-        build_job_report(jobs.kind, requested.job, json_text, requested.laboratory, subject_lines),
-        requested.name,
+        build_job_report(jobs.kind, requested.job, json_text, requested.laboratory, subject_lines), requested
     )
 
 
 def _make_run_report(requested: _RequestedFile) -> Content:
     """Return the report of a run, as PDF or HTML."""
     subject = make_run_subject(requested.parts, requested.job_id, requested.laboratory)
-    return _render_report(build_run_report(subject), requested.name)
+    return _render_report(build_run_report(subject), requested)
 
 
 def _make_certificate(requested: _RequestedFile) -> Content:
@@ -197,7 +198,7 @@ def _make_certificate(requested: _RequestedFile) -> Content:
     return Content(
         build_certificate(subject),
         "application/xml",
-        _make_attachment_header(f"certificate-{requested.job_id}.xml"),
+        _make_disposition(requested, "certificate", "xml"),
     )
 
 
@@ -207,9 +208,7 @@ def _make_model_file(requested: _RequestedFile) -> Content:
     model = export_model(
         prepare_exported_model(requested.parts, requested.job_id), suffix, requested.query.accept_verdict
     )
-    return Content(
-        model, FORMATS[suffix].media_type, _make_attachment_header(f"model-{requested.job_id}.{suffix}")
-    )
+    return Content(model, FORMATS[suffix].media_type, _make_disposition(requested, "model", suffix))
 
 
 def _make_program_file(requested: _RequestedFile) -> Content:
@@ -246,24 +245,65 @@ def _require_result(jobs: Jobs, job_id: str) -> Job:
     return job
 
 
-def _render_report(document: Document, name: str) -> Content:
-    """Render a report as PDF if `name` is `report.pdf`, else as HTML."""
-    if name == "report.pdf":
-        return _add_report_headers(render_pdf(document), document.number, "pdf")
-    return _add_report_headers(render_html(document), document.number, "html")
+def _render_report(document: Document, requested: _RequestedFile) -> Content:
+    """Render a report as PDF if `report.pdf` is requested, else as HTML; a browser displays the report."""
+    is_run = requested.jobs.kind.name == Run.kind_name()
+    words = "stiffness" if is_run else requested.jobs.kind.name
+    if requested.name == "report.pdf":
+        headers = _make_disposition(requested, words, "pdf", "inline")
+        return Content(render_pdf(document), "application/pdf", headers)
+    headers = _make_disposition(requested, words, "html", "inline") | {"Content-Security-Policy": POLICY}
+    return Content(render_html(document), "text/html", headers)
 
 
-def _add_report_headers(content: bytes, number: str, suffix: Literal["pdf", "html"]) -> Content:
-    """Return a rendered report with headers for display in a browser; `number` is the report's number."""
-    headers = {"Content-Disposition": f'inline; filename="report-{number}.{suffix}"'}
-    if suffix == "html":
-        return Content(content, "text/html", headers | {"Content-Security-Policy": POLICY})
-    return Content(content, "application/pdf", headers)
+def _make_disposition(
+    requested: _RequestedFile, words: str, suffix: str, use: Literal["attachment", "inline"] = "attachment"
+) -> dict[str, str]:
+    """Return the header with the name under which a browser saves a file.
+
+    The name tells people the robot's serial number, the measurement set, the day and the content of a file:
+    `F-2110 press 2026-09-21 stiffness.pdf`.
+
+    Args:
+        requested: the file.
+        words: content of the file, such as `stiffness`.
+        suffix: ending of the name, without the point.
+        use: `attachment` if a browser saves the file, `inline` if it displays the file.
+    """
+    # A report states its number inside; of other files the name tells from which job they are.
+    number = [] if use == "inline" else [requested.job_id[:8]]
+    name = f"{' '.join([*_subject_words(requested), words, *number])}.{suffix}"
+    return {"Content-Disposition": f"{use}; filename*=UTF-8''{quote(name, safe=' ').replace(' ', '%20')}"}
 
 
-def _make_attachment_header(name: str) -> dict[str, str]:
-    """Return the header that makes a browser save the answer as a file of this name."""
-    return {"Content-Disposition": f'attachment; filename="{name}"'}
+def _subject_words(requested: _RequestedFile) -> list[str]:
+    """Return serial number, name and day of the measurement set of a job; of its robot if it has no set.
+
+    The day is that of the measurement in UTC; if it is not stated, the day on which the job was posted.
+    """
+    record, store = requested.jobs.records.get(requested.job_id), requested.parts.store
+    serial_number, subject, time = None, None, record.created_at
+    # What a job is about may have been deleted since.
+    with suppress(NotFoundError):
+        if record.measurement_set_id is not None:
+            measured = store.sets.get(record.measurement_set_id)
+            serial_number, subject = measured.serial_number, measured.name
+            time = measured.measured_at or record.created_at
+        elif record.robot_id is not None:
+            subject = store.robots.get(record.robot_id).name
+    words = [_as_file_name(each) for each in (serial_number, subject) if each]
+    return [*filter(None, words), f"{time:%Y-%m-%d}"]
+
+
+_UNSAFE: Final = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"/\\|?*\u200e\u200f\u202a-\u202e\u2066-\u2069]+')
+"""Characters that a file system refuses, or that change the order in which a name is read."""
+_LONGEST_PART: Final = 60
+"""Most characters of a serial number or of a name in the name of a file."""
+
+
+def _as_file_name(text: str) -> str:
+    """Return a text that may be a part of a file's name on any system."""
+    return _UNSAFE.sub("-", text)[:_LONGEST_PART].strip(" .-")
 
 
 def prepare_exported_model(parts: Parts, run_id: str) -> ExportedModel:

@@ -17,7 +17,14 @@ from typing import Final
 
 from jointstiff.schemas.finding import Verdict
 from jointstiff.schemas.robot import Estimate
-from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Style, format_rounded
+from jointstiff.service.tables.table import (
+    NO_NUMBER,
+    Column,
+    Line,
+    NumberParts,
+    Style,
+    format_rounded,
+)
 from jointstiff.solver.text import figure
 
 Ends = tuple[float | None, float | None]
@@ -44,24 +51,34 @@ class ShownEstimate:
     limit: str = ""  # such as `> 3.1`, if the readings give a limit instead of a number
     unit: str = ""  # unit behind the number; empty if the column states it
     style: Style = ""  # "dim" for a number that must not be used
+    relative: float | None = None  # half of the interval relative to the number; None without both ends
 
     @property
     def value_cell(self) -> Line:
         """Cell of the number, or of the limit in place of the number."""
-        return Line(self._with_unit(self.limit or self.value), self.style)
+        return Line(self._with_unit(self.limit or self.value), self.style, self._parts(""))
 
     @property
     def interval_cell(self) -> Line:
         """Cell of the interval."""
         interval = ONE_SIDED if self.limit else self.interval
-        return Line(interval or NO_NUMBER, self.style)
+        numbers = () if self.limit or not interval else (NumberParts(interval=interval),)
+        return Line(interval or NO_NUMBER, self.style, numbers)
 
     @property
     def cell(self) -> Line:
         """Cell of the number and its interval together, such as `3.07 (2.97 … 3.18)`."""
         if self.limit or not self.interval:
             return self.value_cell
-        return Line(self._with_unit(f"{self.value} ({self.interval})"), self.style)
+        return Line(
+            self._with_unit(f"{self.value} ({self.interval})"), self.style, self._parts(self.interval)
+        )
+
+    def _parts(self, interval: str) -> tuple[NumberParts, ...]:
+        """Return the number in its parts, with the interval if the cell has it; none without a number."""
+        if self.value == NO_NUMBER and not self.limit:
+            return ()
+        return (NumberParts(self.value, interval, self.limit, self.unit, self.relative),)
 
     def _with_unit(self, text: str) -> str:
         """Return a text with the unit behind it, if the number has a unit of its own."""
@@ -93,7 +110,16 @@ def show_estimate(
         return ShownEstimate(figure(scale * value, bare), NO_INTERVAL, style=style)
     spread = scale * max(_find_spread(value, interval), least)
     ends = [NO_LIMIT if end is None else format_rounded(scale * end, spread, bare) for end in interval]
-    return ShownEstimate(format_rounded(scale * value, spread, bare), " … ".join(ends), style=style)
+    shown = format_rounded(scale * value, spread, bare)
+    return ShownEstimate(shown, " … ".join(ends), style=style, relative=_find_relative_width(value, interval))
+
+
+def _find_relative_width(value: float, interval: Ends) -> float | None:
+    """Return half of an interval relative to its number; None if an end is open or the number is zero."""
+    low, high = interval
+    if low is None or high is None or not isfinite(high - low) or not value or not isfinite(value):
+        return None
+    return abs((high - low) / 2 / value)
 
 
 def _find_spread(value: float, interval: Ends) -> float:
@@ -136,6 +162,11 @@ def normal_quantile(confidence: float) -> float:
 def half_width(uncertainty: float | None, scale: float = 1.0, form: str = ".2g") -> str | None:
     """Format the half-width of the 95 % interval that belongs to a standard uncertainty: `± 15`."""
     return None if uncertainty is None else f"± {figure(NORMAL_95 * scale * uncertainty, form)}"
+
+
+def width_cell(text: str, relative: float | None = None) -> Line:
+    """Return the cell of a half-width, such as `± 15 %`, of a number that is not known yet."""
+    return Line(text, numbers=(NumberParts(text, relative=relative),))
 
 
 def estimate_columns(

@@ -148,7 +148,9 @@ class StiffnessUnit:
         shown = show_estimate(inf if stiffness is None else stiffness, ends, self.factor)
         if stiffness is None:
             shown = replace(shown, value="rigid")
-        return replace(shown, interval=f"not {shown.interval}") if can_be_rigid_or_negative else shown
+        if can_be_rigid_or_negative:
+            return replace(shown, interval=f"not {shown.interval}", relative=None)
+        return shown
 
     def _format_limit(self, at_least: float) -> str:
         """Format the lower limit of a stiffness in SI units, or the upper limit of the compliance."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from math import floor, isfinite, log10
 from types import MappingProxyType
 from typing import Any, Literal, get_args
@@ -38,11 +38,24 @@ Value = str | float | int | None
 
 
 @dataclass(frozen=True)
+class NumberParts:
+    """A number of a cell in its parts, from which the page draws the number with its interval and width."""
+
+    value: str = ""  # number, or the half-width of its interval; empty if the cell has the interval alone
+    interval: str = ""  # such as `2.97 … 3.18`; empty if another cell has the interval, or none has
+    limit: str = ""  # such as `> 3.1`, in place of the number
+    unit: str = ""  # unit behind the number; empty if the column states it
+    relative: float | None = None  # half of the interval relative to the number; None if unknown
+
+
+@dataclass(frozen=True)
 class Line:
     """A line of text."""
 
     text: str
     style: Style = ""
+    # numbers that the text consists of; empty for words. Two lines are equal if their texts are.
+    numbers: tuple[NumberParts, ...] = field(default=(), repr=False, compare=False)
 
 
 Show = Callable[[Any], str | Line]
@@ -104,7 +117,10 @@ class Table:
         return [index for index, column in enumerate(self.columns) if column.text]
 
     def shown(self) -> dict[str, object]:
-        """Return the table as a dictionary for JSON: all cells as texts, and the places of dim cells."""
+        """Return the table as a dictionary for JSON: all cells as texts, places of dim cells, and numbers.
+
+        `numbers` has (row, column, numbers in their parts) for each cell that consists of numbers.
+        """
         rows = self.rows()
         texts = {"title": self.title, "caption": self.caption, "legend": self.legend}
         dim = [
@@ -113,8 +129,15 @@ class Table:
             for column, cell in enumerate(cells)
             if cell.style == "dim"
         ]
+        numbers = [
+            (row, column, [asdict(number) for number in cell.numbers])
+            for row, cells in enumerate(rows)
+            for column, cell in enumerate(cells)
+            if cell.numbers
+        ]
         cells = [[cell.text for cell in row] for row in rows]
-        return {**texts, "head": self.head(), "rows": cells, "texts": self.text_columns(), "dim": dim}
+        places = {"texts": self.text_columns(), "dim": dim, "numbers": numbers}
+        return {**texts, "head": self.head(), "rows": cells, **places}
 
 
 @dataclass(frozen=True)

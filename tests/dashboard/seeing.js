@@ -234,6 +234,27 @@
     return count <= most ? [] : [`${Math.round(count)} words above the fold`];
   }
 
+  /** Stiffnesses and intervals of tables that another way than the component of estimates has printed. */
+  function secondWays() {
+    const UNIT = /N[·.]m\/(?:rad|arcmin)|kN[·.]m\/(?:°|deg)|rad\/\(k?N[·.]m\)|N\/[µu]m|µm\/k?N/;
+    const NO_STIFFNESS = /^(?:p|freedom|prior\/data|negative|rigid|undetermined)$/;
+    const A_SENTENCE = 60; // characters
+    const faults = new Set();
+    for (const cell of document.querySelectorAll("main :is(td, [role=cell])")) {
+      const shown = words(cell);
+      if (cell.textContent.length > A_SENTENCE) continue;
+      if (!/\d/.test(shown) || !cell.checkVisibility() || cell.querySelector(".estimate, .interval-of, input")) continue;
+      const table = cell.closest("table, [role=table]");
+      const heads = table.querySelectorAll("thead th, [role=columnheader]");
+      const head = heads.length > 0 ? words(heads[[...cell.parentElement.children].indexOf(cell)] ?? cell) : "";
+      const about = [...(table.closest("section, figure")?.querySelectorAll(":scope > :is(h2, p.soft)") ?? [])];
+      const isNumber = cell.classList.contains("number") && !/%/.test(shown) && !NO_STIFFNESS.test(head);
+      const inUnit = UNIT.test(head) || UNIT.test(shown) || (isNumber && about.some((each) => UNIT.test(words(each))));
+      if (inUnit || /\d\s…\s/.test(shown)) faults.add(`"${shown}" below "${head}" is no estimate`);
+    }
+    return [...faults];
+  }
+
   /** Numbers in bold that must not be used. */
   function boldUnusable() {
     const faults = new Set();
@@ -309,6 +330,7 @@
       ...squeezedSentences(),
       ...headings(),
       ...boldUnusable(),
+      ...secondWays(),
       ...(mostRow ? highRows(mostRow) : []),
     ];
   };

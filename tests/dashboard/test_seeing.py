@@ -30,8 +30,8 @@ TARGET = {"phone": 40, "tablet": 44}
 """Least size of what a finger taps [px]: a phone shows a whole reading on one screen."""
 WORDS = {"phone": 200, "desk": 400}
 """Most words above the fold."""
-WORDS_OF_A_RESULT, WIDEST_RESULT = 120, 1280
-"""Most words above the fold of a result, for every verdict, and the widest page [px] that is so short."""
+WORDS_OF_A_RESULT = 120
+"""Most words above the fold of a result, for every verdict."""
 HIGHEST = 20_000
 """Most that a view is high [px]."""
 ASKING = (
@@ -81,7 +81,7 @@ def stored(database):
 def limits_of_first(view: str, width: int) -> list[int]:
     """Return the most words, height, and room above the first number and stiffness [px]; 0 for no limit."""
     words = WORDS["phone"] if width <= PHONE else WORDS["desk"]
-    if IS_RUN.match(view) and width <= WIDEST_RESULT:
+    if IS_RUN.match(view):
         words = WORDS_OF_A_RESULT
     if width > PHONE or view.startswith("#/ ") or view == "#/" or view.endswith(ASKING):
         return [words, HIGHEST, 0, 0]

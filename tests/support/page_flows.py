@@ -148,10 +148,12 @@ class Flow:
         assert text in self.asked[0]
 
     def downloaded(self, name: str, file: str) -> None:
-        """Follow a link to a file of a name."""
+        """Follow a link to a file whose name ends with words and the number of a job: `map NUMBER.csv`."""
+        stem, _, suffix = file.rpartition(".")
+        words, _, number = stem.rpartition(" ")
         with self.page.expect_download() as download:
             self.named("link", name).click()
-        assert download.value.suggested_filename == file
+        assert download.value.suggested_filename.endswith(f" {words} {number[:8]}.{suffix}")
 
     def saved(self, selector: str, begin: str) -> None:
         """Tap on a link to a file, which begins with these letters."""

@@ -38,6 +38,17 @@ export interface ShownTable {
   texts: number[];
   /** Row and column of cells that must not be used. */
   dim: [number, number][];
+  /** Row, column and numbers of cells that consist of numbers. */
+  numbers: [number, number, NumberParts[]][];
+}
+
+/** A number of a cell; what it has not is empty. */
+export interface NumberParts {
+  value: string;
+  interval: string;
+  limit: string;
+  unit: string;
+  relative: number | null;
 }
 
 /** What the service says of a job in tables and lines. */

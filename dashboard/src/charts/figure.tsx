@@ -85,6 +85,8 @@ interface FigureProps {
   legend?: LegendItem[];
   /** What is drawn, where no table of the page has its numbers. */
   table?: Table;
+  /** What is downloaded, with all digits, where the table shows estimates. */
+  file?: Table;
   /** Draws the chart for a width in pixels. */
   children: (width: number) => ComponentChildren;
   tools?: ComponentChildren;
@@ -95,7 +97,7 @@ interface FigureProps {
 /** What the view is about, as the browser's tab names it: files of two views do not have one name. */
 const subject = (): string => document.title.replace(` · ${text.app.name}`, "");
 
-export function Figure({ title, note, legend = [], table, children, tools, drawing }: FigureProps) {
+export function Figure({ title, note, legend = [], table, file = table, children, tools, drawing }: FigureProps) {
   const [box, width] = useWidth<HTMLDivElement>();
   const figure = useRef<HTMLElement>(null);
   const [open, setOpen] = useState(false); // a table of hundreds of rows is made when it is looked at
@@ -123,7 +125,7 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
       </div>
       {legend.length > 0 && <Legend items={legend} />}
       {note !== undefined && !drawing && <p class="soft">{note}</p>}
-      {table ? (
+      {table && file ? (
         <details onToggle={(event) => setOpen(event.currentTarget.open)}>
           <summary>{text.figure.table}</summary>
           {open && <DataTable table={table} caption={title} />}
@@ -131,7 +133,7 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
             <Button
               look="quiet"
               onClick={() =>
-                save(csv(table.columns.map(heading), table.rows), "text/csv", fileName(`${subject()} ${title}`, "csv"))
+                save(csv(file.columns.map(heading), file.rows), "text/csv", fileName(`${subject()} ${title}`, "csv"))
               }
               aria-label={text.figure.download("CSV", title)}
             >

@@ -21,9 +21,11 @@ export function EstimateValue({ of: { value, limit, unusable }, unit }: Estimate
   );
 }
 
-/** The interval, in a place of its own. */
-export const EstimateInterval = ({ of: { interval, limit } }: EstimateProps) => (
-  <>{limit !== null || interval === null ? "–" : interval}</>
+/** The interval, in a place of its own; in two lines at most. */
+export const EstimateInterval = ({ of: { interval, limit, unusable } }: EstimateProps) => (
+  <span class={unusable ? "interval-of unusable" : "interval-of"}>
+    {limit !== null || interval === null ? "–" : interval.replace(/(?<!…) /g, "\u00a0")}
+  </span>
 );
 
 /** Size of a bar, and how many times the goal it reaches to each side of its middle. */

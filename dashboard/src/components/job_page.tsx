@@ -25,11 +25,12 @@ import {
   State,
   When,
 } from "./basics";
-import { onPage, sentence } from "../lib/said";
+import { onPage, firstSentence, sentence } from "../lib/said";
 import { STIFFNESS_UNITS } from "../lib/stiffness";
 import { useQuery } from "../state/query";
 import { useSettings } from "../state/session";
 import { StatePayload } from "./state_payload";
+import { tableOf } from "./shown_table";
 import { TableCard, fileName, saveJson } from "./table";
 import type { RunContext } from "../state/run_context";
 import type { ComponentChildren } from "preact";
@@ -105,22 +106,16 @@ interface JobTablesProps {
   /** The first one shown, and the first one not shown. */
   from?: number;
   to?: number | undefined;
-  /** How a cell is shown. */
-  cell?: (each: string | number | null) => string | number | null;
 }
 
-export function JobTables({ collection, id, from = 0, to, cell = (each) => each }: JobTablesProps) {
+export function JobTables({ collection, id, from = 0, to }: JobTablesProps) {
   return (
     <Show of={useTables(collection, id)}>
       {({ tables }) =>
         tables
           .slice(from, to)
-          .map(({ title, caption, head, rows, texts, dim }) => (
-            <TableCard
-              title={title || (head[1] ?? "")}
-              note={caption}
-              table={{ columns: head, rows: rows.map((row) => row.map(cell)), texts, dim }}
-            />
+          .map((table) => (
+            <TableCard title={table.title || (table.head[1] ?? "")} note={table.caption} table={tableOf(table)} />
           ))
       }
     </Show>
@@ -231,6 +226,7 @@ export const Notes = ({ notes }: { notes: string[] }) => (
 function ReasonItem({ reasons, context, brief }: { reasons: Finding[]; context: RunContext | null; brief: boolean }) {
   const [first] = reasons;
   if (!first) return null;
+  const [begun, rest] = firstSentence(first.message);
   const actions = new Map(reasons.flatMap(({ action }) => (action ? [[JSON.stringify(action), action] as const] : [])));
   const remedy = (
     <p class="remedy">
@@ -242,8 +238,13 @@ function ReasonItem({ reasons, context, brief }: { reasons: Finding[]; context: 
       {brief ? (
         <details>
           <summary>
-            <Seen warning={first} />
+            <Seen warning={{ ...first, message: begun }} />
           </summary>
+          {rest && (
+            <p>
+              <Prose text={rest} />
+            </p>
+          )}
           {reasons.slice(1).map((reason) => (
             <Seen warning={reason} />
           ))}

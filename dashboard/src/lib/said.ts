@@ -27,6 +27,12 @@ export function placeName(where: string): string {
 export const sentence = (words: string): string =>
   /^[a-z]+[ ,:;]/.test(words) ? words[0]?.toUpperCase() + words.slice(1) : words;
 
+/** The first sentence of a message, which fits a line, and the rest. */
+export function firstSentence(message: string): [string, string] {
+  const end = /[a-z)]\. (?=[A-Z])/.exec(message);
+  return end ? [message.slice(0, end.index + 2), message.slice(end.index + 3)] : [message, ""];
+}
+
 /** Whether a note says what the readings cannot show: it is no assumption, and is not folded away. */
 export const isUnseen = (note: string): boolean =>
   /\b(cannot show|cannot be checked|not detected|no reading would show)\b/.test(note);

@@ -31,6 +31,7 @@ from jointstiff.service.tables.table import (
     Chart,
     Column,
     Line,
+    NumberParts,
     Part,
     Sheet,
     Table,
@@ -377,9 +378,11 @@ def _resampled_cell(unit: StiffnessUnit, entry: ComparedRun, joint: int) -> Line
     if deviation is not None:
         text += f" & {format_rounded(deviation, deviation)}"
     # A prismatic joint has another unit than the table, which the cell states.
+    own_unit = ""
     if statistics is not None and (joint_unit := unit.for_kind(statistics.kind)) is not unit:
-        text += f" {joint_unit.label}"
-    return Line(text, "bad" if mean_value < 0 else "")
+        own_unit = joint_unit.label
+    numbers = (NumberParts(text, unit=own_unit),)
+    return Line(f"{text} {own_unit}".rstrip(), "bad" if mean_value < 0 else "", numbers)
 
 
 def _shares_cell(entry: ComparedRun, j: int) -> Line:

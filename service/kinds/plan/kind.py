@@ -19,9 +19,9 @@ from jointstiff.schemas.plan import (
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
-from jointstiff.service.tables.estimate import NORMAL_95, half_width
+from jointstiff.service.tables.estimate import NORMAL_95, half_width, width_cell
 from jointstiff.service.tables.report import Report, View
-from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number_formatter
+from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, as_line, number_formatter
 from jointstiff.solver.text import length_text
 
 if TYPE_CHECKING:
@@ -97,8 +97,12 @@ def _joints_table(result: PlanResult) -> Table:
     empty = [None] * len(result.left_out)  # cells of joints that no load of the plan twists
     columns = [
         Column("joint", [*(joint.name for joint in joints), *result.left_out], text=True),
-        Column("plan", [*(_uncertainty_cell(joint, joint.standard_uncertainty) for joint in joints), *empty]),
-        Column("now", [*(_uncertainty_cell(joint, joint.before) for joint in joints), *empty]),
+        Column(
+            "plan",
+            [*(_uncertainty_cell(joint, joint.standard_uncertainty) for joint in joints), *empty],
+            as_line,
+        ),
+        Column("now", [*(_uncertainty_cell(joint, joint.before) for joint in joints), *empty], as_line),
     ]
     caption = "from the noise of the readings, the bounds of the masses and the geometry"
     if any(any(each.force) for each in result.readings):
@@ -123,16 +127,16 @@ def _compute_relative_uncertainty(joint: PlannedJoint, uncertainty: float | None
     return joint.relative * uncertainty / joint.standard_uncertainty
 
 
-def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> str | None:
+def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> Line | None:
     """Format the half-width of a 95 % interval in % of the compliance, or in units of compliance if unknown.
 
     Return None if the uncertainty is unknown.
     """
     relative = _compute_relative_uncertainty(joint, uncertainty)
     if relative is not None:
-        return f"{half_width(relative, 100.0)} %"
+        return width_cell(f"{half_width(relative, 100.0)} %", NORMAL_95 * relative)
     unit = "nm/N" if joint.kind == "prismatic" else "nrad/(N·m)"
-    return None if uncertainty is None else f"{half_width(uncertainty, 1e9)} {unit}"
+    return None if uncertainty is None else width_cell(f"{half_width(uncertainty, 1e9)} {unit}")
 
 
 def _readings_table(job: Plan, result: PlanResult, *, has_tick_boxes: bool) -> Table:

@@ -38,6 +38,7 @@ from jointstiff.service.tables.table import (
     Chart,
     Column,
     Line,
+    NumberParts,
     Part,
     Sheet,
     Table,
@@ -498,8 +499,10 @@ def _links_table(links: LinksResult, model: ElasticModel) -> Table:
     return Table(
         [
             Column("behind", [link.joint for link in links.links], text=True),
-            Column("translation", [_principal_compliances(link, "translation") for link in links.links]),
-            Column("rotation", [_principal_compliances(link, "rotation") for link in links.links]),
+            Column(
+                "translation", [_principal_compliances(each, "translation") for each in links.links], as_line
+            ),
+            Column("rotation", [_principal_compliances(each, "rotation") for each in links.links], as_line),
             Column("freedom", [f"{each.effective_freedom:.1f} of {each.parameters}" for each in links.links]),
         ],
         title=f"Links, {_MODEL_NAMES[model]}",
@@ -517,16 +520,16 @@ def _base_table(base: ElasticCompliance) -> Table:
     ):
         for each in principal_compliances:  # greatest first
             is_elastic = each.value > _NO_COMPLIANCE * principal_compliances[0].value
-            compliance = f"{1e9 * each.value if is_elastic else 0.0:.3g} {compliance_unit}"
-            stiffness = (
-                f"{figure(stiffness_factor / each.value, '.3g')} {stiffness_unit}" if is_elastic else "rigid"
-            )
+            compliance = _bare_cell([f"{1e9 * each.value if is_elastic else 0.0:.3g}"], compliance_unit)
+            stiffness = Line("rigid")
+            if is_elastic:
+                stiffness = _bare_cell([figure(stiffness_factor / each.value, ".3g")], stiffness_unit)
             direction = ", ".join(f"{component:.2f}" for component in each.direction)
             rows.append((motion, direction, compliance, stiffness))
     titles = ("base", "direction in R0", "compliance", "stiffness")
     return Table(
         [
-            Column(title, cells, text=True)
+            Column(title, cells, as_line, text=True)
             for title, cells in zip(titles, zip(*rows, strict=True), strict=True)
         ],
         title="Base below joint 1",
@@ -535,14 +538,20 @@ def _base_table(base: ElasticCompliance) -> Table:
     )
 
 
-def _principal_compliances(link: ElasticCompliance, motion: str) -> str:
+def _bare_cell(values: Sequence[str], unit: str = "") -> Line:
+    """Return a cell of numbers that have no intervals, with their unit; a missing number is a dash."""
+    numbers = tuple(NumberParts(value, unit=unit) for value in values if value != NO_NUMBER)
+    return Line(f"{', '.join(values)} {unit}".rstrip(), numbers=numbers)
+
+
+def _principal_compliances(link: ElasticCompliance, motion: str) -> Line:
     """Format the principal compliances of a link: translation [µm/kN] or rotation [µrad/(kN·m)].
 
     `motion` is "translation" or "rotation".
     """
     values = link.translation if motion == "translation" else link.rotation
     rounding_error = _NO_COMPLIANCE * values[0].value  # values are sorted, greatest first
-    return ", ".join(f"{1e9 * each.value if each.value > rounding_error else 0.0:.3g}" for each in values)
+    return _bare_cell([f"{1e9 * each.value if each.value > rounding_error else 0.0:.3g}" for each in values])
 
 
 def choice_table(choice: ModelChoice) -> Table:
@@ -588,30 +597,28 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     sample_text = f"{options.size} configurations drawn at random" if options else ""
     moments = [compute_mean_and_deviation(joint, unit) for joint in resampling.joints]
     joints, compensation = resampling.joints, resampling.compensation_mean
-    deviation = resampling.compensation_deviation
+    compensation_deviation = resampling.compensation_deviation
     names: list[str] = [joint.name for joint in joints]
-    if compensation is not None and deviation is not None:
+    if compensation is not None and compensation_deviation is not None:
         names.append("compensation")
 
-    def make_column(title: str, joint_cells: list[str], last_cell: float | None) -> Column:
+    def make_column(title: str, joint_cells: Sequence[str | Line], last_cell: float | None) -> Column:
         has_last_row = len(names) > len(joint_cells)  # the row of the compensation
-        return Column(title, [*joint_cells, *([format_percent(last_cell)] if has_last_row else [])])
+        last_cells = [format_percent(last_cell)] if has_last_row else []
+        return Column(title, [*joint_cells, *last_cells], as_line)
 
     return Table(
         [
             Column("joint", names, text=True),
             make_column(
                 "mean",
-                [_rounded_or_dash(mean, deviation_of_joint) for mean, deviation_of_joint in moments],
+                [_bare_cell([_rounded_or_dash(mean, deviation)]) for mean, deviation in moments],
                 compensation,
             ),
             make_column(
                 "deviation",
-                [
-                    _rounded_or_dash(deviation_of_joint, deviation_of_joint)
-                    for _, deviation_of_joint in moments
-                ],
-                deviation,
+                [_bare_cell([_rounded_or_dash(deviation, deviation)]) for _, deviation in moments],
+                compensation_deviation,
             ),
             make_column("negative", [f"{100 * joint.share_negative:.3g} %" for joint in joints], None),
             make_column("rigid", [f"{100 * joint.share_infinite:.3g} %" for joint in joints], None),

@@ -1,6 +1,7 @@
 """Files of jobs over HTTP: names, tags, headers; programs that are sent again; deletion in order."""
 
 import json
+from urllib.parse import quote, unquote
 
 import numpy as np
 import pytest
@@ -74,18 +75,21 @@ NOTHING_ELSE = "default-src 'none'; frame-ancestors 'none'"
 @pytest.mark.parametrize(
     ("name", "media_type", "disposition"),
     [
-        ("report.pdf", "application/pdf", 'inline; filename="report-ID.pdf"'),
-        ("report.html", "text/html; charset=utf-8", 'inline; filename="report-ID.html"'),
+        ("report.pdf", "application/pdf", "inline; NAME%20stiffness.pdf"),
+        ("report.html", "text/html; charset=utf-8", "inline; NAME%20stiffness.html"),
         ("report.xml", "application/problem+json", None),
-        ("model.mjcf", "application/xml", 'attachment; filename="model-ID.mjcf"'),
-        ("joints.csv", "text/csv; charset=utf-8", 'attachment; filename="run-joints-ID.csv"'),
+        ("model.mjcf", "application/xml", "attachment; NAME%20model%20ID.mjcf"),
+        ("joints.csv", "text/csv; charset=utf-8", "attachment; NAME%20run%20joints%20ID.csv"),
         ("tables.json", "application/json", None),
     ],
 )
 def test_browsers_show_reports_and_save_the_rest_and_load_nothing(local, run, name, media_type, disposition):
     answer = local.get(file_at(run, name))
     assert answer.headers["content-type"] == media_type
-    expected = disposition and disposition.replace("ID", run["id"])
+    name_of_set = quote(POSTED["measurement_set"]["name"])
+    day = run["provenance"]["created_at"][:10]
+    disposition = disposition and disposition.replace("ID", run["id"][:8])
+    expected = disposition and disposition.replace("NAME", f"filename*=UTF-8''{name_of_set}%20{day}")
     assert answer.headers.get("content-disposition") == expected
     policy = answer.headers["content-security-policy"]
     if name == "report.html":  # its own pictures, and the one style sheet whose hash is stated
@@ -97,6 +101,20 @@ def test_browsers_show_reports_and_save_the_rest_and_load_nothing(local, run, na
         assert policy == NOTHING_ELSE
     if name != "report.xml":
         assert local.get(file_at(run, name)).content == answer.content
+
+
+def test_a_file_has_a_name_that_people_can_file(local):
+    """Serial number, set, day of the measurement and content, without what a file system refuses."""
+    measured = {
+        **POSTED["measurement_set"],
+        "name": "press / cell: 7?",
+        "serial_number": "F-2110",
+        "measured_at": "2026-09-21T09:00:00Z",
+    }
+    run = post(local, "/v1/campaigns", POSTED | {"measurement_set": measured})
+    for name, shown in (("report.pdf", "stiffness.pdf"), ("joints.csv", f"run joints {run['id'][:8]}.csv")):
+        disposition = local.get(file_at(run, name)).headers["content-disposition"]
+        assert unquote(disposition).endswith(f"''F-2110 press - cell- 7 2026-09-21 {shown}")
 
 
 @pytest.mark.parametrize("mark", [True, False])

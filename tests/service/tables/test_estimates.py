@@ -6,9 +6,16 @@ import pytest
 
 from jointstiff.schemas.robot import Estimate
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.tables.estimate import half_width, percent_text, show_estimate
+from jointstiff.service.tables.estimate import (
+    estimate_columns,
+    half_width,
+    percent_text,
+    show_cell,
+    show_estimate,
+    width_cell,
+)
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.table import Line
+from jointstiff.service.tables.table import Column, Line, Table, as_line
 
 
 def joint(compliance, interval, **changes):
@@ -87,3 +94,32 @@ def test_a_relative_number_and_a_half_width_are_at_95_percent():
     assert half_width(0.1, 100.0) == "± 20"
     assert half_width(None) is None
     assert math.isclose(float(half_width(1.0, form=".6g").removeprefix("± ")), 1.95996)
+
+
+def test_a_table_for_the_page_has_each_number_in_its_parts():
+    """The page prints numbers by its own component: value, interval and width are apart."""
+    estimates = [
+        UNITS["MNm/rad"].show_joint(joint(1 / 3e6, (1 / 3.3e6, 1 / 2.7e6))),
+        UNITS["MNm/rad"].show_joint(joint(0.0, (0.0, 1e-6), verdict="use_with_care")),
+        UNITS["MNm/rad"].show_joint(joint(None, None)),
+    ]
+    columns = [
+        Column("joint", ["joint_1", "joint_2", "joint_3"], text=True),
+        Column("both", estimates, show_cell),
+        *estimate_columns("apart", estimates, 0.95),
+        Column("plan", [width_cell("± 15 %", 0.15), None, None], as_line),
+    ]
+    shown = {
+        (row, column): [
+            (*(each[name] for name in ("value", "interval", "limit")), each["relative"]) for each in numbers
+        ]
+        for row, column, numbers in Table(columns).shown()["numbers"]
+    }
+    assert shown == {
+        (0, 1): [("3.00", "2.70 … 3.30", "", pytest.approx(0.1))],
+        (0, 2): [("3.00", "", "", pytest.approx(0.1))],
+        (0, 3): [("", "2.70 … 3.30", "", None)],
+        (0, 4): [("± 15 %", "", "", 0.15)],
+        (1, 1): [("rigid", "", "> 1", None)],
+        (1, 2): [("rigid", "", "> 1", None)],
+    }

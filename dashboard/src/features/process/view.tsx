@@ -9,7 +9,6 @@ import { Estimate } from "../../components/estimate";
 import { Handle } from "../../components/fields";
 import { boundedLength, type ShownEstimate, shownEstimate } from "../../lib/estimate";
 import { JobLines, JobPage, JobTables } from "../../components/job_page";
-import { inTwoLines } from "../run/rehearsal";
 import { extent, fixed, percent, significant } from "../../lib/format";
 import * as maps from "../../lib/map";
 import { type ProcessPoint, processPointsOf, type SearchedPlace, searchedPlacesOf, type Stage } from "./process";
@@ -82,7 +81,7 @@ export function ProcessView({ id }: { id: string }) {
           <Along loaded={loaded} result={result} />
           {loaded.places.length > 0 && <Places loaded={loaded} result={result} />}
           <div class="wraps">
-            <JobTables collection="processes" id={id} cell={inTwoLines} />
+            <JobTables collection="processes" id={id} />
           </div>
         </>
       )}

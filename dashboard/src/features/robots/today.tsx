@@ -3,12 +3,13 @@ import { queries } from "../../api/queries";
 import type { Robot, Trend } from "../../api/types";
 import { Badge, Busy, Name, When } from "../../components/basics";
 import { Estimate } from "../../components/estimate";
+import { shownChange } from "../../lib/estimate";
 import { dayText } from "../../lib/format";
 import { labelOf, shownStiffness } from "../../lib/stiffness";
 import { link } from "../../state/action";
 import { useQuery } from "../../state/query";
 import { useSettings } from "../../state/session";
-import { changeText, firstCompared } from "../trend/trend";
+import { firstCompared } from "../trend/trend";
 import { text } from "../../words";
 import { robotWords as words } from "./words";
 
@@ -58,10 +59,13 @@ function Changed({ joint: name, trend }: { joint: string; trend: Trend | undefin
   const joint = trend?.joints.find((one) => one.name === name);
   if (!trend) return null;
   if (!joint?.change || joint.p_value === null) return <small class="soft">{words.untested}</small>;
-  if (!joint.changed) return <small class="soft">{changeText(joint.change)}</small>;
+  const change = (
+    <Estimate of={shownChange(joint.change.value, joint.change.standard_uncertainty)} unit={text.units.share} bare />
+  );
+  if (!joint.changed) return <small class="soft">{change}</small>;
   return (
     <small class="bad">
-      {changeText(joint.change)} {words.since(dayText(trend.campaigns[firstCompared(joint)]?.at ?? ""))}
+      {change} {words.since(dayText(trend.campaigns[firstCompared(joint)]?.at ?? ""))}
     </small>
   );
 }

@@ -2,7 +2,8 @@
 import { useEffect, useState } from "preact/hooks";
 import { queries } from "../../api/queries";
 import { ActionButton, Prose } from "../../components/basics";
-import { DataTable } from "../../components/table";
+import { tableOf } from "../../components/shown_table";
+import { DataTable, type Table } from "../../components/table";
 import { sentence } from "../../lib/said";
 import { STIFFNESS_UNITS } from "../../lib/stiffness";
 import { useAction } from "../../state/action";
@@ -12,12 +13,14 @@ import { rehearsalWords } from "./words";
 
 const words = rehearsalWords;
 
-/** An interval stands in two lines at most: the word between its ends stays with the first one. Words wrap as they are. */
-export const inTwoLines = <T,>(cell: T): T =>
-  (typeof cell === "string" && /\d/.test(cell) ? cell.replace(/(?<!\b(?:to)|…) /g, "\u00a0") : cell) as T;
-
 /** What was planted stands last: a phone shows at first what was found, and its interval. */
 const plantedLast = <T,>([joint, planted, ...found]: T[]): T[] => [joint, ...found, planted] as T[];
+
+const plantedAtEnd = ({ columns, rows, texts }: Table): Table => ({
+  columns: plantedLast(columns),
+  rows: rows.map(plantedLast),
+  ...(texts ? { texts } : {}),
+});
 
 export function Rehearsal({ job, atOnce = false }: { job: string; atOnce?: boolean }) {
   const [seed, setSeed] = useState(0); // 0: not rehearsed yet
@@ -51,13 +54,10 @@ export function Rehearsal({ job, atOnce = false }: { job: string; atOnce?: boole
           </ul>
         </div>
       )}
-      {data?.tables.map(({ caption, head, rows, texts }) => (
+      {data?.tables.map((table) => (
         <>
-          <p class="soft">{sentence(caption)}</p>
-          <DataTable
-            caption={words.title}
-            table={{ columns: plantedLast(head), rows: rows.map((row) => plantedLast(row).map(inTwoLines)), texts }}
-          />
+          <p class="soft">{sentence(table.caption)}</p>
+          <DataTable caption={words.title} table={plantedAtEnd(tableOf(table))} />
         </>
       ))}
     </section>

@@ -167,12 +167,23 @@ export function StiffnessPart({ context, result, query }: PartProps) {
       )}
       {query.has("rehearse") && <Rehearsal job={run.id} atOnce />}
       {run.request.variant_of && <BeforeAfter run={run} origin={run.request.variant_of} />}
-      {(result.links || result.choice?.models.length || result.resampling) && (
-        <JobTables collection="runs" id={run.id} from={1} />
-      )}
+      {(result.links || result.choice?.models.length || result.resampling) && <Model run={run.id} />}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       <Evidence context={context} result={result} numbered={!nothing} />
     </>
+  );
+}
+
+/** The parts of the model besides the joints, and what else was tried: behind the result. */
+function Model({ run }: { run: string }) {
+  const [open, setOpen] = useState(false);
+  return (
+    <details class="card evidence" onToggle={(event) => setOpen(event.currentTarget.open)}>
+      <summary>
+        <h2>{words.model}</h2>
+      </summary>
+      {open && <JobTables collection="runs" id={run} from={1} />}
+    </details>
   );
 }
 

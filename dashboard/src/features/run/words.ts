@@ -24,6 +24,7 @@ export const deflectionWords = {
 };
 
 export const evidenceWords = {
+  model: "Model",
   title: "Evidence",
   rank: "Rank",
   rankOf: (rank: number, total: number) => `${rank} of ${total}`,

@@ -9,9 +9,10 @@ import type { Method, Trend as Found, TrendJoint } from "../../api/types";
 import { Select } from "../../components/fields";
 import { changeText, comparedText, pointsOf, type TrendPoint, whenTexts, worstFirst } from "./trend";
 import { useQuery } from "../../state/query";
-import { alike } from "../../components/table";
+import { Estimate } from "../../components/estimate";
+import { alike, type Cell } from "../../components/table";
 import { Rows } from "../../components/list";
-import { unitOf } from "../../lib/stiffness";
+import { shownWithInterval, unitOf } from "../../lib/stiffness";
 import { useSettings } from "../../state/session";
 import { Mark } from "../run/joint_table";
 import { text } from "../../words";
@@ -217,11 +218,24 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
   const { unit } = useSettings();
   const { label, column } = unitOf(unit, joint.kind);
   const points = pointsOf(trend, joint, unit, sayer(joint, trend), (run) => link(["runs", run]));
+  const rows = trend.campaigns.map(({ name, at, verdict }, i): Cell[] => {
+    const [drawn, point] = [points[i], joint.points[i]];
+    const numbers = [drawn?.value, drawn?.low, point?.interval ? drawn?.high : null];
+    return [name, timeText(at), ...numbers, point?.reason ?? "", text.usability[verdict]];
+  });
+  const estimates = joint.points.map(({ stiffness, interval }) => (
+    <Estimate of={shownWithInterval(stiffness ?? null, interval ?? null, unit, joint.kind)} />
+  ));
   return (
     <Figure
       title={joint.name}
       note={noteOf(joint, trend)}
       table={{
+        columns: [text.sets.kind, text.runs.when, `${text.run.value} [${label}]`, words.reason, text.run.verdict],
+        texts: [0, 1, 3, 4],
+        rows: rows.map(([name, when, , , , ...rest], i) => [name, when, estimates[i], ...rest]),
+      }}
+      file={{
         columns: [
           text.sets.kind,
           text.runs.when,
@@ -229,16 +243,7 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
           words.reason,
           text.run.verdict,
         ],
-        rows: trend.campaigns.map(({ name, at, verdict }, i) => {
-          const [drawn, point] = [points[i], joint.points[i]];
-          return [
-            name,
-            timeText(at),
-            ...[drawn?.value, drawn?.low, point?.interval ? drawn?.high : null],
-            point?.reason ?? "",
-            text.usability[verdict],
-          ];
-        }),
+        rows,
       }}
     >
       {(width) =>
