@@ -24,8 +24,8 @@ from jointstiff.schemas.robot import MAX_JOINTS
 
 MAX_ROWS = 5_000
 """Greatest number of rows that a service corrects in one request."""
-_MOST_SENT_ROWS = 100_000
-"""Rows that no body holds: up to here, the answer says what to do with too many rows."""
+_MOST_SENT_ROWS = 2**20
+"""Numbers of two bytes in a body of 2 MiB: the answer says what to do with any larger number of rows."""
 MAX_COLUMNS = 64
 
 CorrectionStatus = Literal[

@@ -247,7 +247,7 @@ FindingCode = Literal[
     "approaches_alike",
     "posture_against_encoders",
     "encoder_referenced_anew",
-    "step_suspect",
+    "step_off_the_others",
     "gearbox_uncertain",
     # in what is made of a run
     "prediction_implausible",

@@ -395,9 +395,9 @@ MAX_ITEMS: Final = 20
 MAX_PROBLEM_BYTES: Final = 8_000
 """Maximum size of an error body [bytes]."""
 _LONGEST: Final = 300
-_SEE_EXAMPLE: Final = (
-    "compare with an example: `jointstiff simulate FILE` writes a campaign, and /openapi.json has examples"
-)
+_WITHIN_LIMIT: Final = "give a number within this limit, and check its unit"
+_AN_OBJECT: Final = "give its fields by name, in braces"
+_A_TIME: Final = "write a time such as 2026-11-20T14:30:00+01:00"
 
 _OUTSIDE_BODY: Final = {"query", "path", "header"}  # parts of a request other than its body
 # pydantic's types of faults of a value that is no JSON object
@@ -452,6 +452,26 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "bool_type": "give true or false, without quotes",
         "float_type": "give a number, without quotes",
         "timezone_aware": "add the time zone, such as 2026-11-20T14:30:00+01:00",
+        "greater_than": _WITHIN_LIMIT,
+        "greater_than_equal": _WITHIN_LIMIT,
+        "less_than": _WITHIN_LIMIT,
+        "less_than_equal": _WITHIN_LIMIT,
+        "int_type": "give a whole number, without quotes",
+        "int_parsing": "give a whole number",
+        "int_from_float": "give a whole number",
+        "string_type": "give a text, in quotes",
+        "string_too_short": "write a longer text",
+        "string_too_long": "write a shorter text",
+        "list_type": "give a list in brackets, such as [1, 2, 3]",
+        "tuple_type": "give a list in brackets, such as [1, 2, 3]",
+        "too_short": "add the missing entries",
+        "dict_type": _AN_OBJECT,
+        "model_type": _AN_OBJECT,
+        "model_attributes_type": _AN_OBJECT,
+        "datetime_parsing": _A_TIME,
+        "datetime_from_date_parsing": _A_TIME,
+        "datetime_type": _A_TIME,
+        "union_tag_not_found": "add this field",
     }
 )
 """Type of a fault that pydantic found → remedy."""
@@ -564,7 +584,7 @@ def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequenc
             reason="must be an object"
             if error["type"] in _NO_OBJECT
             else _shorten(reword_fault(error, parameters)),
-            remedy=_find_remedy(error),
+            remedy=_find_remedy(error, parameters),
         )
         for error in errors[:MAX_ITEMS]
     ]
@@ -586,11 +606,17 @@ def _general_remedy(error: Mapping[str, Any]) -> str:
     """Return the remedy for a fault whose type has no remedy in `_REMEDIES`."""
     if error["loc"] and error["loc"][0] in _OUTSIDE_BODY:
         return "see the description of this address in /openapi.json"
-    return "correct the field as the reason says" if error["type"] == "value_error" else _SEE_EXAMPLE
+    return "correct the field as the reason says"
 
 
-def _find_remedy(error: Mapping[str, Any]) -> str | None:
-    """Return the remedy for a type of fault that pydantic found; None if the type has no remedy."""
+def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | None:
+    """Return the remedy for a type of fault that pydantic found; None if the type has no remedy.
+
+    For an unknown field with a name like that of a known field, the remedy names the known field.
+    """
+    meant = _find_meant_name(error, parameters)
+    if meant is not None:
+        return f"give `{meant}` in its place, or remove this field"
     if error["type"] in {"too_long", "too_short"} and str(error["msg"]).startswith("Tuple"):
         # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
         return "give one number per component, with decimal points, not commas"
@@ -646,15 +672,21 @@ def reword_fault(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> st
         if match := pattern.fullmatch(message):
             message = match.expand(wording)
             break
+    meant = _find_meant_name(error, parameters)
+    return message if meant is None else f"{message}; did you mean `{meant}`?"
+
+
+def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str | None:
+    """Return the known name that an unknown field or query parameter resembles; None if there is none."""
     unknown_name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
     is_parameter = error["loc"][:1] == ("query",)
     known_names = parameters if is_parameter else _list_field_names()
     if not is_parameter and unknown_name in _NAMES_ELSEWHERE:
-        return f"{message}; did you mean `{_NAMES_ELSEWHERE[unknown_name]}`?"
+        return _NAMES_ELSEWHERE[unknown_name]
     if not unknown_name or len(unknown_name) > _LONGEST_NAME or unknown_name in known_names:
-        return message
+        return None
     similar_names = get_close_matches(unknown_name, known_names, n=1, cutoff=0.75)
-    return f"{message}; did you mean `{similar_names[0]}`?" if similar_names else message
+    return similar_names[0] if similar_names else None
 
 
 _NAMES_ELSEWHERE: Final = MappingProxyType(

@@ -399,7 +399,8 @@ def _is_worse(choice: TurnChoice) -> bool:
 def _is_illegal(judged: Judged) -> bool:
     """Return whether a motion is beyond half of a joint's speed, the rate, a limit or the clearance.
 
-    At the corners of corrected paths, where the force turns from one point to the next, speeds do not count.
+    At the corners of corrected paths, where the force turns from one point to the next, speeds do not count:
+    a figure of their own counts these paths.
     """
     share = max(judged.chosen.share, judged.chosen.corner, judged.corrected.share)
     is_fast = share > 0.5 * (1.0 + 1e-3) or judged.rate > 1.0 + 1e-3
@@ -458,6 +459,10 @@ def _report_turned(tasks: Sequence[tuple[Case, float]]) -> Section:
     count = len(outcomes)
     beyond = f"of {count}: beyond a limit of speed, rate, position or singularity"
     figures = [Figure.none(beyond, len(notes))]
+    at_corners = sum(each.judged.corrected.corner > 0.5 * (1.0 + 1e-3) for each in outcomes)
+    figures.append(
+        Figure.none(f"of {count}: corrected lines at corners beyond half of a joint's speed", at_corners)
+    )
     figures.append(
         Figure.none(f"of {count}: worse than the best fixed turn", sum(each.is_worse for each in outcomes))
     )

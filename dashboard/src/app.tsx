@@ -90,6 +90,8 @@ const RobotNewView = lazy(async () => (await import("./features/robots/new")).Ro
 const SetView = lazy(async () => (await import("./features/robots/view")).SetView);
 const GeometriesView = lazy(async () => (await import("./features/geometry/view")).GeometriesView);
 const GeometryView = lazy(async () => (await import("./features/geometry/view")).GeometryView);
+const GearboxesView = lazy(async () => (await import("./features/gearbox/view")).GearboxesView);
+const GearboxView = lazy(async () => (await import("./features/gearbox/view")).GearboxView);
 const FleetsView = lazy(async () => (await import("./features/fleet/view")).FleetsView);
 const FleetView = lazy(async () => (await import("./features/fleet/view")).FleetView);
 const PlansView = lazy(async () => (await import("./features/plan/view")).PlansView);
@@ -181,6 +183,7 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["processes", [ProcessesView, ProcessView, "runs"]],
   ["sets", [({ query }) => <RobotsView list="sets" query={query} />, SetView, "robots"]],
   ["geometries", [GeometriesView, GeometryView, "robots"]],
+  ["gearboxes", [GearboxesView, GearboxView, "robots"]],
   ["fleets", [FleetsView, FleetView, "robots"]],
   ["plans", [PlansView, PlanView, "robots"]],
   ["measure", [MeasureView, LiveView, ""]],

@@ -140,7 +140,7 @@ def _make_tables_json(requested: _RequestedFile) -> Content:
     document = {
         "assessment": assessment_json,
         "tables": tables,
-        "lines": _list_text_lines(report.parts),
+        "lines": _list_text_lines([*report.parts, *report.further]),
         "evidence": _list_text_lines(report.evidence),
     }
     return Content(json.dumps(document, ensure_ascii=False, allow_nan=False).encode(), "application/json")

@@ -188,19 +188,17 @@ def demo(
 
 
 def _show_example(address: str, *, once: bool) -> int:
-    """Post the example campaign and a comparison, and print their tables; return the exit status.
+    """Post the example campaign and a comparison, and print the run; return the exit status.
 
     Unless `once`, print the address of the run's page, too. The idempotency keys are made from the content
     of the requests, so that a second demonstration shows the run and the comparison stored by the first.
     """
     from jointstiff.schemas.fields import content_key
-    from jointstiff.service.kinds.comparison.kind import COMPARISON
     from jointstiff.service.kinds.run.kind import RUN
     from jointstiff.service.library.client import Client
     from jointstiff.service.problems import RefusedError
     from jointstiff.service.reports.job import job_parts
     from jointstiff.service.resources.documents import to_json_text
-    from jointstiff.service.tables.table import Line
     from jointstiff.service.tables.terminal import console, lay_out_parts, problem_text
     from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -220,13 +218,11 @@ def _show_example(address: str, *, once: bool) -> int:
             stored = client.measurement_sets.get(run.request.measurement_set_id)
             counts = f"{len(stored.observations)} observations, {len(stored.warnings)} warnings"
             typer.echo(f"robot {stored.robot_id}\nmeasurement set {stored.id} ({counts})\n")
-            comparison = client.compare(run)
+            client.compare(run)  # for the page
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
         return 1
-    run_parts = job_parts(RUN, run)
-    comparison_parts = [part for part in job_parts(COMPARISON, comparison) if part not in run_parts]
-    console().print(lay_out_parts([*run_parts, Line(""), *comparison_parts]))
+    console().print(lay_out_parts(job_parts(RUN, run)))
     if once:  # the service ends now, so that the address of a page would be of no use
         typer.echo(f"\nRun {run.id}\nTo open the page of the run, use the same command without --once")
     else:

@@ -378,8 +378,27 @@ def to_vectors(
     return np.broadcast_to(array, (count, 3))
 
 
+_NUMBERS_OF_TARGETS: Final = (
+    "give an array, lists of equal lengths, or columns of a data frame; write NaN where a target was not read"
+)
+
+
 def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
     """Convert an array, lists, a data frame or a list of its columns to an array; `name` is for messages.
+
+    Raises:
+        MeasurementError: the value has elements that are not numbers, or infinite.
+    """
+    numbers = read_numbers(value, name, _NUMBERS_OF_TARGETS)
+    if np.isinf(numbers).any():
+        raise MeasurementError(
+            f"`{name}` has infinite values", where=name, remedy="write NaN where a target was not read"
+        )
+    return numbers
+
+
+def read_numbers(value: Any, name: str, remedy: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
+    """Convert the same, with infinite numbers; `name` and `remedy` are for messages.
 
     Raises:
         MeasurementError: the value has elements that are not numbers.
@@ -393,10 +412,7 @@ def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anyt
         return _to_numbers(value, name)
     except (TypeError, ValueError) as error:
         raise MeasurementError(
-            f"`{name}` is not an array of numbers: {error}",
-            where=name,
-            remedy="give an array, lists of equal lengths, or columns of a data frame; write NaN where a "
-            "target was not read",
+            f"`{name}` is not an array of numbers: {error}", where=name, remedy=remedy
         ) from None
 
 
@@ -425,10 +441,6 @@ def _to_numbers(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything
     numbers = np.array(array, dtype=np.float64)
     if masked is not None:
         numbers[masked] = np.nan
-    if np.isinf(numbers).any():
-        raise MeasurementError(
-            f"`{name}` has infinite values", where=name, remedy="write NaN where a target was not read"
-        )
     return numbers
 
 

@@ -191,7 +191,11 @@ class Client(Verbs):
         joints: Any = None,  # noqa: ANN401 - an array
         **options: Unpack[CorrectFields],
     ) -> Correction:
-        """Correct up to 5,000 poses in the service; arguments and result as of `jointstiff.correct`."""
+        """Correct up to 5,000 poses in the service; arguments and result as of `jointstiff.correct`.
+
+        Raises:
+            RefusedError: there are more poses, or the service does not answer.
+        """
         from jointstiff.schemas.correction import CorrectionResult
         from jointstiff.service.library.correction import prepare_call
         from jointstiff.service.library.robots import prepare_once

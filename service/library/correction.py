@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypedDict
+from typing import TYPE_CHECKING, Any, Final, Literal, TypedDict
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.arguments import complete_units
+from jointstiff.service.conversion.arrays import read_numbers
+from jointstiff.service.conversion.poses import read_frame, read_poses
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import parse_document
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.verb import Matrix, Vector
     from jointstiff.solver.mechanics.robot import Robot
 
+_NUMBERS: Final = "give an array, or lists of equal lengths, of numbers"
 AnyPoses = Any
 """Poses of the tool in the base: an array (N, 4, 4), an array (N, 6) of X, Y, Z and rotation vector, or a CSV
 or Parquet file."""
@@ -72,7 +75,11 @@ class CorrectFields(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """Corrected poses; arrays have a row for each of N poses, NaN where a row has no numbers."""
+    """Corrected poses; arrays have a row for each of N poses, NaN where a row has no numbers.
+
+    Arrays are in SI units (m, rad, rad/s), whatever the units of the call; files and data frames are in the
+    units of the call.
+    """
 
     poses: FloatArray  # (N, 4, 4) corrected poses of the tool in the base [m]
     joints: FloatArray  # (N, n) corrected controller's joints [rad or m]
@@ -152,19 +159,26 @@ class CorrectionCall:
         stated["units"] = complete_units(stated.get("units"))
         units = parse_document(stated["units"], Units)
         for name in stated.keys() & {"tool", "base"}:
-            frame = np.asarray(stated[name], dtype=np.float64)[None]
-            stated[name] = _read_poses(frame, units)[0].tolist()
+            stated[name] = read_frame(stated[name], name, units.angle).tolist()
         for name in stated.keys() & {"start", "load_point", "force"}:
-            stated[name] = np.asarray(stated[name], dtype=np.float64).tolist()
+            stated[name] = read_numbers(stated[name], name, _NUMBERS).tolist()
         labels = None
         if isinstance(poses, str | PathLike):
             file = read_number_table(Path(poses).read_bytes())
             columns, labels = convert_headers(file.columns, units, robot), file.labels
         else:
-            rows = _read_poses(np.asarray(poses, dtype=np.float64), units)
+            rows = read_poses(poses, "poses", units.angle)
             columns = dict(zip((*POSITION, *ROTATION_VECTOR), rows.T, strict=True))
+        if joints is not None and "j1" in columns:
+            raise RequestError(
+                "the joints are stated twice: by `joints` and by the column j1 of the file",
+                where="joints",
+                remedy="give one of both",
+            )
         columns |= _name_joints(joints, len(next(iter(columns.values()))), robot)
-        forces = np.asarray(stated.pop("forces", ()), dtype=np.float64)
+        forces = read_numbers(stated.pop("forces", ()), "forces", _NUMBERS)
+        if forces.size:
+            _refuse_second_load(stated, columns)
         if forces.shape == (3,):
             stated["force"] = forces.tolist()
         elif forces.size:
@@ -250,7 +264,7 @@ def _name_joints(joints: AnyJoints, count: int, robot: Robot) -> dict[str, Float
     """
     if joints is None:
         return {}
-    array = np.asarray(joints, dtype=np.float64)
+    array = read_numbers(joints, "joints", _NUMBERS)
     if array.shape != (count, robot.n):
         raise RequestError(
             f"the joints have shape {array.shape}",
@@ -258,6 +272,22 @@ def _name_joints(joints: AnyJoints, count: int, robot: Robot) -> dict[str, Float
             remedy=f"give the controller's joints of each pose, ({count}, {robot.n})",
         )
     return {f"j{number}": column for number, column in enumerate(array.T, 1)}
+
+
+def _refuse_second_load(stated: Mapping[str, Any], columns: Mapping[str, FloatArray]) -> None:
+    """Refuse an argument `force`, or columns of forces in a file, together with `forces`.
+
+    Raises:
+        RequestError: names what is stated, too.
+    """
+    in_file = [name for name in FORCES if name in columns]
+    if "force" in stated or in_file:
+        others = "`force`" if "force" in stated else f"the column {in_file[0]} of the file"
+        raise RequestError(
+            f"the load is stated twice: by `forces` and by {others}",
+            where="forces",
+            remedy="give one of both",
+        )
 
 
 def _place_forces(forces: FloatArray, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -270,33 +300,6 @@ def _place_forces(forces: FloatArray, columns: Mapping[str, FloatArray]) -> dict
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     rows = place_forces(forces, np.append(0.0, np.cumsum(steps)))
     return dict(zip(FORCES, rows.T, strict=True))
-
-
-def _read_poses(array: FloatArray, units: Units) -> FloatArray:
-    """Return poses (N, 6), X, Y, Z and rotation vector in the units of the call, from (N, 6) or (N, 4, 4).
-
-    Raises:
-        RequestError: the array has another shape, or a rotation has a number that is not finite.
-    """
-    from scipy.spatial.transform import Rotation
-
-    if array.shape[1:] == (6,):
-        return array
-    if array.shape[1:] != (4, 4):
-        raise RequestError(
-            f"the poses have shape {array.shape}",
-            where="poses",
-            remedy="give poses (N, 4, 4), or (N, 6) with X, Y, Z and rotation vector",
-        )
-    is_known = np.isfinite(array[:, :3, :3]).all(axis=(1, 2))
-    if not is_known.all():
-        raise RequestError(
-            f"the rotation of row {int(np.argmin(is_known)) + 1} has no finite number",
-            where="poses",
-            remedy="give a number in each row, or leave the row out",
-        )
-    rotation = Rotation.from_matrix(array[:, :3, :3]).as_rotvec() / ANGLE[units.angle]
-    return np.concatenate([array[:, :3, 3], rotation], axis=1)
 
 
 def correct(
@@ -321,9 +324,14 @@ def correct(
             `CorrectionOptions`. All numbers of the call are in mm, deg, N and N.m unless `units` states
             others.
 
+    Returns:
+        Corrected rows. Its arrays are in SI units (m, rad, rad/s), whatever the units of the call; `to_frame`
+        and `save` write the units of the call in headers.
+
     Raises:
         CampaignError: source, poses or options cannot be used. A single row never raises an error: see
             `status`.
+        OSError: a file of poses cannot be read.
     """
     from jointstiff.service.library.here import Here
 

@@ -5,6 +5,7 @@
     run = jointstiff.identify("campaign.json")               # in this process; a table in a notebook
     run.joints["joint_2"].stiffness                          # [N·m/rad]
     runs = jointstiff.identify_many(files, executor=pool)    # by processes or a cluster
+    jointstiff.identify(jointstiff.datasets.load("pull"))    # a campaign to try; datasets.names()
     jointstiff.predict(run, "postures.csv")                  # plan, map, compensate, process, compare
     run.correct(poses, tool=tool, forces=(0, 0, -500))       # arrays of poses and joints
     run.save("run.json")                                     # with its campaign; every verb reads the file
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.process import ProcessOptions
     from jointstiff.schemas.program import ProgramOptions
     from jointstiff.schemas.robot import RobotDocument
+    from jointstiff.service.library import datasets
     from jointstiff.service.library.campaigns import Campaign
     from jointstiff.service.library.client import AsyncClient, Client
     from jointstiff.service.library.correction import Correction, correct
@@ -129,6 +131,7 @@ __all__ = [
     "compare",
     "compensate",
     "correct",
+    "datasets",
     "fleet",
     "gearbox",
     "geometry",
@@ -153,6 +156,8 @@ if not TYPE_CHECKING:  # a misspelt name is an error in an editor
         """Return a public name of this package, which is imported when it is first used."""
         if name == "__version__":
             return import_module("jointstiff.service.process").jointstiff_version()
+        if name == "datasets":
+            return import_module("jointstiff.service.library.datasets")
         if name in _HOMES:
             try:
                 return getattr(import_module(f"jointstiff.{_HOMES[name]}"), name)

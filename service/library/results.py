@@ -26,8 +26,9 @@ from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.tables.estimate import percent_text
 from jointstiff.service.tables.files import make_data_frame, write_sheet, xlsx_bytes
+from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
-from jointstiff.service.tables.table import NO_NUMBER, Chart, Line, Part, Sheet, build_text_table
+from jointstiff.service.tables.table import NO_NUMBER, Chart, Line, Part, Sheet, Table, build_text_table
 from jointstiff.service.tables.terminal import lay_out_parts
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.text import figure
@@ -101,6 +102,23 @@ class Backend(verb.Backend, Protocol):
         """Apply an action that the run's assessment recommends; return the run of the changed campaign."""
 
 
+class ShownText(str):
+    """Text of several lines, which Python's prompt and notebooks show as lines."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        """Return the text itself."""
+        return str.__str__(self)
+
+
+def _lay_out_text(parts: Sequence[Part]) -> ShownText:
+    """Lay out the parts of a report as text, as wide as a page of 100 characters."""
+    console = Console(file=StringIO(), width=_WIDTH, highlight=False)
+    console.print(lay_out_parts(parts))
+    return ShownText(cast("StringIO", console.file).getvalue())
+
+
 class Presented(ABC):
     """Base class of results: shown in a line or as tables; made into data frames, plots and files."""
 
@@ -115,6 +133,11 @@ class Presented(ABC):
     @abstractmethod
     def _draw_figure(self, style: PlotStyle) -> Figure:
         """Draw the result as a figure of matplotlib."""
+
+    @property
+    def _endings(self) -> Sequence[str]:
+        """Endings of the files that `save` writes."""
+        return (".json", ".csv", ".xlsx", ".svg", ".png")
 
     @property
     def _message(self) -> Message:
@@ -143,9 +166,7 @@ class Presented(ABC):
 
     def __str__(self) -> str:
         """Return the report of the terminal as text."""
-        console = Console(file=StringIO(), width=_WIDTH, highlight=False)
-        console.print(lay_out_parts(self._parts()))
-        return cast("StringIO", console.file).getvalue()
+        return str(self.summary())
 
     def _repr_html_(self) -> str:
         """Return the report of the terminal as HTML, which notebooks display."""
@@ -160,9 +181,9 @@ class Presented(ABC):
         lines = [part.text for part in self._parts() if isinstance(part, Line)]
         return lines[0].strip().partition("\n")[0] if lines else ""
 
-    def summary(self) -> str:
-        """Return the lines of the report, without its tables: verdict, reasons, counts and remedies."""
-        return "\n".join(part.text for part in self._parts() if isinstance(part, Line))
+    def summary(self) -> ShownText:
+        """Return the text that `print()` shows: verdict, reasons, table and remedies."""
+        return _lay_out_text(self._parts())
 
     def to_frame(self, name: str | None = None) -> Any:  # noqa: ANN401 - of pandas or polars
         """Return a table as a data frame of pandas, or of polars if pandas is not installed.
@@ -185,6 +206,7 @@ class Presented(ABC):
         title: str | None = None,
         joints: Iterable[str] | None = None,
         figsize: tuple[float, float] | None = None,
+        dpi: float | None = None,
     ) -> Figure:
         """Draw the result with matplotlib; notebooks display the figure, and `.savefig(path)` writes it.
 
@@ -196,6 +218,7 @@ class Presented(ABC):
             title: title of the figure; None for no title.
             joints: names of the joints to draw; None for all.
             figsize: width and height of a new figure [inch].
+            dpi: resolution with which `.savefig` writes a new figure [dots per inch]; None for 100.
 
         Raises:
             MissingExtraError: matplotlib is not installed.
@@ -203,9 +226,32 @@ class Presented(ABC):
         """
         from jointstiff.service.reports.plots import PlotStyle
 
-        return self._draw_figure(PlotStyle(ax, title, joints, figsize))
+        return self._draw_figure(PlotStyle(ax, title, joints, figsize, dpi))
 
-    def save(self, path: str | PathLike[str]) -> None:
+    def to_latex(self, name: str | None = None) -> str:
+        r"""Return a table as LaTeX for the package booktabs, by pandas.
+
+        Args:
+            name: name of a table of `to_frame`, which is written in SI units with all digits; default: the
+                first table that `print()` shows, as it is shown.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+            ValueError: the result has no such table.
+        """
+        from jointstiff.service.tables.files import make_latex
+
+        if name is not None:
+            return make_latex(self._make_table(name))
+        shown = next((part for part in self._parts() if isinstance(part, Table)), None)
+        if shown is None:
+            raise ValueError("the result shows no table: print the result")
+        headers = shown.head()
+        cells = [[cell.text for cell in row] for row in shown.rows()]
+        columns = {header: [row[i] for row in cells] for i, header in enumerate(headers)}
+        return make_latex(Sheet(columns, frozenset(headers)), shown.legend)
+
+    def save(self, path: str | PathLike[str], *, dpi: float | None = None) -> None:
         """Write the result to a file, in the format of the file's ending.
 
         Args:
@@ -214,16 +260,19 @@ class Presented(ABC):
                 (the report); of a map `.npz`; of a run `.mjcf` (the model) and `.xml` (the
                 certificate); of a program as the program itself (the corrected file, with its .dat next to
                 it); or is a folder, in which the files of a program keep their names.
+            dpi: resolution of a `.png` [dots per inch]; None for 100. Other files have none.
 
         Raises:
-            ValueError: the result has no file with this ending.
+            ValueError: the result has no file with this ending, or `dpi` is stated for another file.
             CampaignError: the file cannot be made, or the result must not be used.
             RefusedError: the service refuses the request.
         """
         target = Path(path)
         suffix = target.suffix.removeprefix(".").lower()
+        if dpi is not None and suffix != "png":
+            raise ValueError(f"'{path}' has no resolution: leave out `dpi`, or let the name end in .png")
         if suffix in {"svg", "png"}:
-            self.plot().savefig(target)
+            self.plot(dpi=dpi).savefig(target)
         elif suffix == "json":
             from jointstiff.service.library.saved import to_document
 
@@ -238,7 +287,8 @@ class Presented(ABC):
 
     def _save_other(self, path: Path, suffix: str) -> None:  # noqa: ARG002 - for subclasses
         """Raise ValueError for an ending that no result has; subclasses write files with further endings."""
-        raise ValueError(f"'{path}' must end in .json, .csv, .xlsx, .svg or .png")
+        *endings, last = self._endings
+        raise ValueError(f"'{path}' must end in {', '.join(endings)} or {last}")
 
     def _make_table(self, name: str | None) -> Sheet:
         """Return the table with a name; the first table if the name is None.
@@ -269,6 +319,19 @@ class PresentedJob(Presented):
         return hash(self._job.id)
 
     @property
+    def _endings(self) -> Sequence[str]:
+        """Endings of the files that `save` writes, those of reports and of further tables included."""
+        kind = import_kind(self._job.kind)
+        endings = [*super()._endings]
+        if kind.has_report or kind.message is Run:
+            endings += [".html", ".pdf"]
+        if any(file.suffix == "npz" for file in kind.files):
+            endings.append(".npz")
+        if kind.message is Run:
+            endings += [".mjcf", ".xml"]
+        return endings
+
+    @property
     def _job(self) -> Job:
         return cast("Job", self)
 
@@ -281,7 +344,23 @@ class PresentedJob(Presented):
         """Return the lines and tables of the report of the job."""
         from jointstiff.service.reports.job import job_parts
 
-        return job_parts(import_kind(self._job.kind), self._job)
+        kind = import_kind(self._job.kind)
+        return job_parts(kind, self._job, View(door=f"{kind.name}.details()"))
+
+    def details(self) -> ShownText:
+        """Return the whole report as text: all reasons, assumptions, warnings, advice and evidence."""
+        from jointstiff.service.reports.job import job_parts
+
+        return _lay_out_text(job_parts(import_kind(self._job.kind), self._job, View(details=True)))
+
+    def get_params(self) -> dict[str, Any]:
+        """Return the options with which the job was done, by name, as scikit-learn names its method.
+
+        `js.identify(campaign, js.RunOptions(**run.get_params()))` repeats a run. Options that were not stated
+        have their defaults. Values have the units of the API: SI units, unless `units` states others.
+        """
+        options = import_kind(self._job.kind).options
+        return {name: value for name, value in self._job.request if name in options.model_fields}
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
         """Return table name → function that makes the table; names are those of files without the ending."""
@@ -444,10 +523,16 @@ class TabledRun(PresentedJob, Run):
             allow a rigid joint; joints without an interval are NaN.
 
         Raises:
-            RequestError: the run has no result.
+            RequestError: the run has no result, or there is no such interval.
         """
         import numpy as np
 
+        if of not in ("stiffness", "compliance"):
+            raise RequestError(
+                f"there is no interval of {of!r}",
+                where="of",
+                remedy="give `stiffness` or `compliance`; the level is the option `confidence` of `identify`",
+            )
         unknown, field = (np.nan, np.nan), f"{of}_interval"
         intervals = [getattr(joint, field) or unknown for joint in self._require_result().joints]
         return np.array(
@@ -456,6 +541,86 @@ class TabledRun(PresentedJob, Run):
                 for lower, upper in intervals
             ]
         )
+
+    @property
+    def params(self) -> FloatArray:
+        """Estimated parameters (n,) of the fit, as statsmodels names them: `compliance` [rad/(N·m)].
+
+        Compliances of prismatic joints are in m/N. `conf_int("compliance")` has their intervals.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        return self.compliance
+
+    @property
+    def bse(self) -> FloatArray:
+        """Standard uncertainties (n,) of `params` [rad/(N·m)], as statsmodels names them; NaN if unknown.
+
+        Those of prismatic joints are in m/N.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        return self._list_numbers("standard_uncertainty")
+
+    def cov_params(self) -> FloatArray:
+        """Return the covariance matrix (n, n) of `params`, as statsmodels names it: `covariance`.
+
+        Raises:
+            RequestError: the run has no result, or no uncertainty budget.
+        """
+        return self.covariance
+
+    @property
+    def resid(self) -> FloatArray:
+        """Residuals (N, 3) of the N target readings, measured minus fitted, axes of R0 [m].
+
+        The rows are those of `to_frame("residuals")`, which names observation and target.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        return self._stack_residuals("residual")
+
+    @property
+    def fittedvalues(self) -> FloatArray:
+        """Deflections (N, 3) of the N target readings by the fitted model, axes of R0 [m]; rows as `resid`.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        return self._stack_residuals("predicted")
+
+    @property
+    def nobs(self) -> int:
+        """Number N of target readings (vectors of three coordinates) that were fitted.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        return len(self._require_result().residuals)
+
+    @property
+    def rsquared(self) -> float:
+        """Fraction of the sum of the squared deflections that the model explains; 1 for a perfect fit.
+
+        As zero load means zero deflection, the sum is not centred at a mean. NaN without target readings.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        import numpy as np
+
+        total = float(np.sum(self._stack_residuals("deflection") ** 2))
+        return 1.0 - float(np.sum(self.resid**2)) / total if total else np.nan
+
+    def _stack_residuals(self, field: str) -> FloatArray:
+        """Return a vector field of the N residuals as an array (N, 3) [m]."""
+        import numpy as np
+
+        vectors = [getattr(each, field) for each in self._require_result().residuals]
+        return np.array(vectors, dtype=np.float64).reshape(-1, 3)
 
     def _list_numbers(self, field: str) -> FloatArray:
         """Return a field of all n joints as an array (n,); NaN for joints without a number."""

@@ -19,6 +19,7 @@ RESULTS: Final = "Results"
 TO_SIGN: Final = ("Date of receipt of the item", "Date of issue", "Place and date", "Name and signature")
 """Lines at the end of a report that a laboratory signs, to be filled in by hand."""
 STATED: Final = "Statements"
+ASSESSMENT: Final = "Assessment and warnings"
 ORIGIN: Final = "Origin of the numbers"
 NOT_ISO_9283: Final = (
     "The results are derived from the identified stiffness of the joints. They are not a test of static "
@@ -64,6 +65,7 @@ class Section:
     tables: list[Table] = field(default_factory=list)
     pictures: list[Picture] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    boxed: bool = False  # whether a frame is drawn around the section
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from jointstiff.schemas.job import Job
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.reports.document import (
+    ASSESSMENT,
     IDENTIFICATION,
     NOT_ISO_9283,
     ORIGIN,
@@ -28,7 +29,9 @@ from jointstiff.service.reports.document import (
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.tables.report import (
     View,
+    hint_lines,
     list_request_fields,
+    note_lines,
     problem_line,
     remedies,
     to_do_lines,
@@ -56,6 +59,7 @@ def lay_out_job(
     details: bool = False,
     unit: str = DEFAULT_UNIT,
     applies: bool = False,
+    door: str = "--details",
     change_text: Callable[[str], str] = str,
 ) -> RenderableType:
     """Lay out a job for the terminal.
@@ -66,11 +70,12 @@ def lay_out_job(
         details: true to show all details of the result.
         unit: name of a unit of stiffness, a key of `UNITS`.
         applies: true if the command that made the job has the option `--apply`.
+        door: option that shows all details.
         change_text: function that names the options of a command in a line, in place of fields of the API.
     """
     parts: list[Part] = [
         replace(part, text=change_text(part.text)) if isinstance(part, Line) else part
-        for part in job_parts(kind, job, View(details, UNITS[unit], applies))
+        for part in job_parts(kind, job, View(details, UNITS[unit], applies, door))
     ]
     if details:
         facts = [
@@ -97,11 +102,16 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
     if assessment is None:
         return [*report.parts, *report.evidence, *kind.make_charts(result)]
     details, warnings = view.details, getattr(result, "warnings", ())
+    is_accepted = assessment.verdict == getattr(job.request, "accept_verdict", None)
+    if details:
+        further = [*report.further, *note_lines(assessment), *warning_lines(assessment, warnings)]
+    else:
+        further = [*hint_lines(report, assessment, warnings, view.door)]
     return [
         *verdict_lines(assessment, details=details),
-        *([_ACCEPTED_VERDICT] if assessment.verdict == getattr(job.request, "accept_verdict", None) else []),
+        *([_ACCEPTED_VERDICT] if is_accepted else []),
         *report.parts,
-        *warning_lines(assessment, warnings, details=details),
+        *further,
         *report.evidence,
         *to_do_lines([*remedies(assessment, applies=view.applies), *report.advice], details=details),
         *kind.make_charts(result),
@@ -123,7 +133,7 @@ def build_job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
 def build_job_report(
     kind: AnyKind, job: Job, document: str, settings: LaboratorySettings, about: Sequence[Fact] = ()
 ) -> Document:
-    """Build the report of a succeeded job.
+    """Build the report of a succeeded job: results first, and in one box what concerns trust in them.
 
     `document` is the JSON of the job, to be attached; `about` are further facts for the first section.
     """
@@ -139,6 +149,12 @@ def build_job_report(
         dated=provenance.ended_at or provenance.created_at,
         sections=[
             Section(
+                RESULTS,
+                tables=[part for part in parts if isinstance(part, Table)],
+                pictures=[draw_bars(part) for part in parts if isinstance(part, Chart)],
+            ),
+            Section(ASSESSMENT, notes=[note for note in notes if note], boxed=True),
+            Section(
                 IDENTIFICATION,
                 facts=[
                     ("Report", f"{title}, {job.id}"),
@@ -147,12 +163,6 @@ def build_job_report(
                 ],
             ),
             Section(REQUESTED, facts=list_request_fields(job.request, joint_kinds_in(job))),
-            Section(
-                RESULTS,
-                tables=[part for part in parts if isinstance(part, Table)],
-                notes=[note for note in notes if note],
-                pictures=[draw_bars(part) for part in parts if isinstance(part, Chart)],
-            ),
             Section(STATED, paragraphs=[NOT_ISO_9283]),
             Section(
                 ORIGIN,

@@ -48,6 +48,7 @@ class PlotStyle:
     title: str | None = None  # title above all panels; None for no title
     joints: Iterable[str] | None = None  # names of the joints to draw; None for all
     size: tuple[float, float] | None = None  # width and height of a new figure [inch]
+    resolution: float | None = None  # of a new figure [dots per inch]; None for that of matplotlib
 
 
 _DEFAULT: Final = PlotStyle()
@@ -120,7 +121,9 @@ def _make_axes(area_count: int, chart_count: int, style: PlotStyle) -> list[Axes
             raise ValueError(f"the result has {count} panels: give {count} axes, not {len(given)}")
         return given
     height = _AREA_HEIGHT * area_count + _CHART_HEIGHT * chart_count
-    figure = _figure_class()(figsize=style.size or (COLUMN_WIDTH, height), layout="constrained")
+    figure = _figure_class()(
+        figsize=style.size or (COLUMN_WIDTH, height), dpi=style.resolution, layout="constrained"
+    )
     ratios = [_AREA_HEIGHT] * area_count + [_CHART_HEIGHT] * chart_count
     return list(figure.subplots(count, 1, squeeze=False, height_ratios=ratios)[:, 0])
 

@@ -33,7 +33,7 @@ th { border-bottom-color: #222; } .text, caption { text-align: left; } .dim { co
 caption, figcaption, dt, .end { color: #5a5a5a; }
 dl { display: grid; grid-template-columns: minmax(0, 16rem) minmax(50%, 1fr); gap: 2px 1rem; }
 dd { margin: 0; white-space: pre-line; overflow-wrap: anywhere; }
-figure { margin: 1rem 0; } figure svg { width: 100%; }
+.box { border: 1px solid #222; padding: 0 1rem; } figure { margin: 1rem 0; } figure svg { width: 100%; }
 .sign { display: grid; grid-template-columns: 1fr 1fr; gap: 3rem; margin-top: 4rem; }
 .sign p { border-top: 1px solid #222; } .end { text-align: center; }
 """
@@ -78,9 +78,10 @@ def _letterhead_html(head: Letterhead) -> str:
 def _section_html(number: int, section: Section) -> str:
     """Return the HTML of a section with its number: tables, notes, facts, paragraphs, pictures."""
     facts = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in section.facts)
+    box = ' class="box"' if section.boxed else ""
     return "\n".join(
         [
-            f"<section><h2>{number} {escape(section.heading)}</h2>",
+            f"<section{box}><h2>{number} {escape(section.heading)}</h2>",
             *map(_table_html, section.tables),
             *(f"<p>– {escape(note)}</p>" for note in section.notes),
             f"<dl>{facts}</dl>" if facts else "",

@@ -18,6 +18,7 @@ from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.run.kind import format_tested_causes
 from jointstiff.service.reports.document import (
+    ASSESSMENT,
     IDENTIFICATION,
     NOT_ISO_9283,
     NOT_STATED,
@@ -68,7 +69,6 @@ PREDICTED: Final = "Predicted static compliance of the flange"
 METHOD: Final = "Method and deviations from it"
 ADJUSTMENT: Final = "Before and after adjustment"
 TRACEABILITY: Final = "Conditions and traceability"
-ASSESSMENT: Final = "Assessment and warnings"
 
 AT_THE_END: Final = "lines at the end, to fill in and to sign"
 
@@ -145,15 +145,15 @@ def build_run_report(subject: RunSubject) -> Document:
         letterhead=settings.letterhead(),
         dated=run.provenance.ended_at or run.provenance.created_at,
         sections=[
-            _build_identification_section(subject),
             build_results_section(subject.model, subject.readings),
+            build_assessment_section(subject.model.result),
+            _build_identification_section(subject),
             *_build_prediction_section(subject),
             build_uncertainty_section(subject.model),
             build_method_section(subject.model, settings.laboratory),
             Section(REQUESTED, facts=list_request_fields(run.request)),
             _build_adjustment_section(subject.model),
             _build_traceability_section(subject.readings, settings.laboratory),
-            build_assessment_section(subject.model.result),
             Section(STATED, paragraphs=list(STATEMENTS)),
             _build_origin_section(subject),
             Section("Items of ISO/IEC 17025:2017 and their places in this report", tables=[items]),
@@ -613,6 +613,7 @@ def build_assessment_section(result: RunResult) -> Section:
     facts = [("Verdict on the result", VERDICTS[result.assessment.verdict])]
     return Section(
         ASSESSMENT,
+        boxed=True,
         facts=facts,
         notes=[
             *(lines[:_MOST_WARNINGS] or [f"{describe_passed_checks(result.assessment).capitalize()}."]),

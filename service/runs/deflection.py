@@ -407,7 +407,7 @@ def describe_predictions(result: DeflectionResult) -> list[Part]:
         plain=True,
     )
     remarks = [Line(f"{case.label}: {'; '.join(case.remarks)}") for case in cases if case.remarks]
-    return [*verdict_lines(result.assessment, details=False), table, *remarks]
+    return [*verdict_lines(result.assessment, details=True), table, *remarks]
 
 
 def show_component(case: CaseResult, axis: int, scale: float = 1e3) -> ShownEstimate:

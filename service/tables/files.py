@@ -198,6 +198,20 @@ def write_sheet(sheet: Sheet, suffix: str) -> bytes:
     return content.encode() if isinstance(content, str) else content
 
 
+def make_latex(sheet: Sheet, caption: str = "") -> str:
+    """Return a sheet as a LaTeX table, by pandas; texts are escaped.
+
+    Raises:
+        MissingExtraError: pandas is not installed.
+    """
+    with naming_missing_extra("to_latex"):
+        import pandas
+    text: str = pandas.DataFrame(dict(sheet.columns)).to_latex(
+        index=False, escape=True, caption=caption.replace("_", r"\_").replace("%", r"\%") or None
+    )
+    return text
+
+
 def make_data_frame(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars, whichever is installed
     """Return a sheet as a data frame of pandas, or else of polars.
 

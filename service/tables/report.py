@@ -29,6 +29,7 @@ class View:
     details: bool = False  # whether to show the whole result
     unit: StiffnessUnit = UNITS[DEFAULT_UNIT]
     applies: bool = False  # whether the command that shows the job has the option `--apply`
+    door: str = ""  # what shows the whole result, such as `--details`; empty if nothing does
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class Report:
     parts: Sequence[Part]  # between verdict and warnings
     evidence: Sequence[Part] = ()  # below the warnings
     advice: Sequence[str] = ()  # things to do in addition to the remedies
+    further: Sequence[Part] = ()  # below the parts; shown only with all details
+    assumed: Sequence[str] = ()  # assumptions in a few words each, such as `force ± 1 %`
 
 
 METHOD_NAMES: Final = {
@@ -102,22 +105,35 @@ def describe_passed_checks(assessment: Assessment, owner: str = "") -> str:
 
 
 def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
-    """Return lines with the verdict, its reasons and its notes.
-
-    Without `details`, only the worst reasons and the first sentence of each note are returned.
-    """
-    reasons = assessment.reasons
+    """Return lines with the verdict and its reasons; without `details` only with the worst reasons."""
     lines: list[Line] = [verdict_line(assessment)]
-    for reason in reasons if details else reasons[:MOST_SHOWN]:
+    for reason in assessment.reasons if details else assessment.reasons[:MOST_SHOWN]:
         place = f"{reason.where}: " if reason.where else ""
         lines.append(Line(f"  {place}{reason.message}", _STYLES[reason.weight]))
-    hidden_count = len(reasons) - (len(lines) - 1)  # the first line is the verdict
-    if hidden_count:
-        lines.append(Line(f"  and {hidden_count} more (--details)", "dim"))
-    notes = (
-        assessment.notes if details else [f"{note.rstrip('.').split('. ')[0]}." for note in assessment.notes]
-    )
-    return [*lines, *(Line(f"  {note}", "dim") for note in notes)]
+    return lines
+
+
+def note_lines(assessment: Assessment) -> list[Line]:
+    """Return a line for each assumption, and for each check that the readings do not allow."""
+    return [Line(f"  {note}", "dim") for note in assessment.notes]
+
+
+def hint_lines(report: Report, assessment: Assessment, warnings: Sequence[Finding], door: str) -> list[Line]:
+    """Return one line in place of the details: assumptions, counts of what is hidden, and the door to it.
+
+    No line is returned if nothing is hidden.
+    """
+    facts = [f"assumed: {', '.join(report.assumed)}"] if report.assumed else []
+    hidden_count = len(assessment.reasons) - MOST_SHOWN
+    if hidden_count > 0:
+        facts.append(format_count(hidden_count, "more reason"))
+    other_warnings = _list_other_warnings(assessment, warnings)
+    if other_warnings:
+        facts.append(format_count(len(other_warnings), "warning"))
+    is_hidden = bool(facts or assessment.notes or report.further)
+    if is_hidden and door:
+        facts = [*(facts or ["more"]), door]
+    return [Line(f"  {'; '.join(facts)}", "care" if other_warnings else "dim")] if facts else []
 
 
 def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
@@ -148,17 +164,16 @@ def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:
     return [Line("To do", "title"), *lines] if lines else []
 
 
-def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, details: bool) -> list[Line]:
-    """Return lines with the warnings that the reasons do not mention; without `details` only their number."""
+def _list_other_warnings(assessment: Assessment, warnings: Sequence[Finding]) -> list[Finding]:
+    """Return the warnings that the reasons do not mention."""
     covered_codes: set[str] = {reason.code for reason in assessment.reasons}
     covered_codes = covered_codes.union(*(_COVERED_WARNINGS.get(code, ()) for code in covered_codes))
-    other_warnings = [warning for warning in warnings if warning.code not in covered_codes]
-    if not details:
-        return (
-            [Line(f"  {format_count(len(other_warnings), 'warning')} (--details)", "care")]
-            if other_warnings
-            else []
-        )
+    return [warning for warning in warnings if warning.code not in covered_codes]
+
+
+def warning_lines(assessment: Assessment, warnings: Sequence[Finding]) -> list[Line]:
+    """Return a line for each warning that the reasons do not mention."""
+    other_warnings = _list_other_warnings(assessment, warnings)
     return [
         Line(
             f"warning: {f'{warning.where}: ' if warning.where else ''}{warning.message}; {warning.remedy}",

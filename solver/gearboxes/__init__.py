@@ -1,1 +1,1 @@
-"""Gearboxes: their stiffness from the angles of two encoders, without a tracker (method.md §17)."""
+"""Gearboxes: their stiffness from the angles of two encoders, without a tracker (method.md §18)."""

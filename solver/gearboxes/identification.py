@@ -1,4 +1,4 @@
-"""Stiffness of gearboxes by one convex program over all joints with two encoders (method.md §17)."""
+"""Stiffness of gearboxes by one convex program over all joints with two encoders (method.md §18)."""
 
 from __future__ import annotations
 

@@ -290,7 +290,7 @@ def _report_fit(step: WeightStep, fit: GearboxFit) -> Iterator[Finding]:
     for row in np.flatnonzero(np.abs(fit.deleted) > limit).tolist():
         label = step.labels[steps.postures[row]]
         yield Finding(
-            code="step_suspect",
+            code="step_off_the_others",
             weight="use_with_care",
             where=name,
             observation=label,

@@ -508,14 +508,15 @@ def turn_loads(axes: FloatArray, loads: FloatArray) -> FloatArray:
 def place_forces(forces: FloatArray, lengths: FloatArray) -> FloatArray:
     """Return forces (N, 3) of N rows from one force (3,), a force a row, or rows (K, 4) of length and force.
 
-    Forces at lengths are interpolated; before the first and behind the last length there is no force.
+    Forces at lengths are interpolated; before the first and behind the last length there is no force. Two
+    rows of the same length are a step of the force.
 
     Args:
         forces: forces in one of the three shapes.
         lengths: (N,) length of the path up to each row, in the unit of the lengths of the forces.
 
     Raises:
-        RequestError: the forces have another shape.
+        RequestError: the forces have another shape, or a length is less than the one before.
     """
     count = len(lengths)
     if forces.shape == (3,):
@@ -524,6 +525,7 @@ def place_forces(forces: FloatArray, lengths: FloatArray) -> FloatArray:
         return forces.copy()
     if forces.ndim == 2 and forces.shape[1] == 4 and len(forces):
         at = forces[:, 0]
+        _refuse_falling_lengths(at)
         columns = [np.interp(lengths, at, column, left=0.0, right=0.0) for column in forces[:, 1:].T]
         return np.stack(columns, axis=1)
     raise RequestError(
@@ -531,3 +533,27 @@ def place_forces(forces: FloatArray, lengths: FloatArray) -> FloatArray:
         where="forces",
         remedy=f"give one force (3,), forces ({count}, 3) of the rows, or rows (K, 4) of length and force",
     )
+
+
+def _refuse_falling_lengths(lengths: FloatArray) -> None:
+    """Refuse lengths (K,) that are not in rising order: between them, no force could be interpolated.
+
+    Raises:
+        RequestError: names the first row whose length is less than the one before, or not finite.
+    """
+    is_known = np.isfinite(lengths)
+    if not is_known.all():
+        raise RequestError(
+            f"the length in row {int(np.argmin(is_known)) + 1} of the forces is no finite number",
+            where="forces",
+            remedy="give a length in each row",
+        )
+    falls = np.flatnonzero(np.diff(lengths) < 0.0)
+    if len(falls):
+        row = int(falls[0]) + 1
+        raise RequestError(
+            f"the length {lengths[row]:.6g} in row {row + 1} of the forces is less than "
+            f"{lengths[row - 1]:.6g} in the row before",
+            where="forces",
+            remedy="sort the rows by their length along the path",
+        )

@@ -9,7 +9,6 @@ robot-world/hand-eye calibration problem using the Kronecker product*, 2013).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from math import ceil, log10
@@ -32,6 +31,12 @@ _MOST_ROWS: Final = 200
 """Rows from which frames are proposed."""
 _LEAST_ROWS: Final = 3
 """Rows that are needed before an agreement of frames is no coincidence."""
+_LEAST_AGREEMENT: Final = 0.9
+"""Fraction of the rows that agree with a proposal; single other rows may have a mistake of their own."""
+_MOST_FITS: Final = 10
+"""Fits of a frame, each without the rows that agree least with the fit before."""
+_MOST_NAMED_ROWS: Final = 5
+"""Rows that a message names."""
 _DEFINITE: Final = 1e-3
 """Ratio of singular values below which the orientations do not determine a frame."""
 _ANGLES: Final = {
@@ -64,6 +69,15 @@ class FrameGaps:
     def agree(self) -> BoolArray:
         """(N,) mask of the rows whose pose and joints agree."""
         return np.asarray((self.distance <= AGREED_DISTANCE) & (self.angle <= AGREED_ANGLE))
+
+    def select(self, rows: BoolArray) -> FrameGaps:
+        """Return the differences of some rows, by their mask (N,)."""
+        return FrameGaps(self.distance[rows], self.angle[rows])
+
+    @property
+    def size(self) -> FloatArray:
+        """(N,) differences relative to those that rounding can cause."""
+        return self.distance / AGREED_DISTANCE + self.angle / AGREED_ANGLE
 
 
 class Decimals(NamedTuple):
@@ -117,9 +131,20 @@ class FrameProposal:
     base: FloatArray  #: (4, 4) base in R0 [m]
     unit: str = ""  #: words for the units, such as `mm where m are stated`, if a unit is wrong
     decimals: Decimals = FINEST  #: decimals that the rows determine
+    compared: int = 0  #: number of rows that were compared
+    others: tuple[int, ...] = ()  #: compared rows that do not agree, from 1
 
     @property
     def remedy(self) -> str:
+        """Words that say what to state, and which rows do not agree."""
+        if not self.others:
+            return self._correction
+        named = ", ".join(map(str, self.others[:_MOST_NAMED_ROWS]))
+        more = ", …" if len(self.others) > _MOST_NAMED_ROWS else ""
+        return f"{self._correction}; check pose and joints of row {named}{more}, too"
+
+    @property
+    def _correction(self) -> str:
         """Words that say what to state."""
         if self.cause == "joints":
             return f"correct the unit of the joints: the numbers are {self.unit}"
@@ -130,7 +155,8 @@ class FrameProposal:
             stated.append(f"`base` {describe_pose(self.decimals.round_pose(self.base))}")
         if self.cause != "base":
             stated.append(f"`tool` {describe_pose(self.decimals.round_pose(self.tool))}")
-        return f"all rows agree with {' and '.join(stated)}: check, and state these numbers"
+        agreeing = f"{self.compared - len(self.others)} of {self.compared}" if self.others else "all"
+        return f"{agreeing} rows agree with {' and '.join(stated)}: check, and state these numbers"
 
 
 class FramesError(RequestError):
@@ -163,6 +189,8 @@ def propose_frames(
 ) -> FrameProposal | None:
     """Find a unit, a frame or two frames with which poses and joints agree; None if nothing is found.
 
+    What all rows agree with comes first, then what most rows agree with.
+
     Args:
         robot: n joints.
         poses: (N, 4, 4) poses of the tool in the base [m].
@@ -173,16 +201,82 @@ def propose_frames(
     rows = np.unique(np.linspace(0, len(poses) - 1, _MOST_ROWS).astype(np.intp))
     if len(rows) < _LEAST_ROWS:
         return None
-    poses, joints = poses[rows], joints[rows]
-    if (proposal := _try_units(robot, poses, joints, tool, base)) is not None:
-        return proposal
-    reached = Postures(robot, robot.joint_map.model_angles(joints)).flange_pose
-    for candidate in _list_frames(reached, poses, tool, base):
-        gaps = _measure_gaps(robot, joints, poses, candidate.tool, candidate.base)
-        if gaps.agree.all():
-            decimals = _find_decimals(robot, joints, poses, candidate, gaps)
-            return replace(candidate, decimals=decimals)
+    comparison = _Comparison(robot, poses[rows], joints[rows], tool, base)
+    for least_agreement in (1.0, _LEAST_AGREEMENT):
+        proposal = comparison.try_units(least_agreement) or comparison.try_frames(least_agreement)
+        if proposal is not None:
+            others = tuple(1 + int(rows[k]) for k in proposal.others)
+            return replace(proposal, compared=len(rows), others=others)
     return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Comparison:
+    """Poses and joints of N rows that disagree, with the frames that are stated."""
+
+    robot: Robot
+    poses: FloatArray  # (N, 4, 4) poses of the tool in the base [m]
+    joints: FloatArray  # (N, n) controller's joints [rad or m]
+    tool: FloatArray  # (4, 4) tool in the flange frame [m]
+    base: FloatArray  # (4, 4) base in R0 [m]
+
+    def try_units(self, least_agreement: float) -> FrameProposal | None:
+        """Return the unit with which a fraction of the rows agree; None if there is none.
+
+        Its `others` are indices of rows.
+        """
+        for unit, factor in _ANGLES.items():
+            joints = np.where(self.robot.prismatic, self.joints, factor * self.joints)
+            gaps = _measure_gaps(self.robot, joints, self.poses, self.tool, self.base)
+            if gaps.agree.mean() >= least_agreement:
+                return FrameProposal("joints", self.tool, self.base, unit, others=_list_others(gaps))
+        for unit, factor in _LENGTHS.items():
+            poses, tool, base = (_scale(each, factor) for each in (self.poses, self.tool, self.base))
+            alone = f"{unit}, in the poses alone"
+            for words, own_tool, own_base in ((unit, tool, base), (alone, self.tool, self.base)):
+                gaps = _measure_gaps(self.robot, self.joints, poses, own_tool, own_base)
+                if gaps.agree.mean() >= least_agreement:
+                    return FrameProposal("lengths", own_tool, own_base, words, others=_list_others(gaps))
+        return None
+
+    def try_frames(self, least_agreement: float) -> FrameProposal | None:
+        """Return another base, another tool, or both, with which a fraction of the rows agree, or None.
+
+        Its `others` are indices of rows.
+        """
+        postures = Postures(self.robot, self.robot.joint_map.model_angles(self.joints))
+        for fit in (_fit_base, _fit_tool, _fit_base_and_tool):
+            kept = np.ones(len(self.poses), dtype=np.bool_)
+            for _ in range(_MOST_FITS):
+                candidate = fit(postures.flange_pose[kept], self.poses[kept], self.tool, self.base)
+                if candidate is None:
+                    break
+                gaps = _measure_gaps(self.robot, self.joints, self.poses, candidate.tool, candidate.base)
+                agree = gaps.agree
+                if agree.mean() >= least_agreement and (agree[kept].all() or least_agreement == 1.0):
+                    own = gaps.select(agree)
+                    decimals = _find_decimals(
+                        self.robot, self.joints[agree], self.poses[agree], candidate, own
+                    )
+                    return replace(candidate, decimals=decimals, others=_list_others(gaps))
+                if least_agreement == 1.0:
+                    break
+                kept = _choose_closest(gaps, least_agreement)
+        return None
+
+
+def _choose_closest(gaps: FrameGaps, least_agreement: float) -> BoolArray:
+    """Return the mask (N,) of the rows that agree, or of the fraction of rows that agree best."""
+    if gaps.agree.mean() >= least_agreement:
+        return gaps.agree
+    kept = np.zeros(len(gaps.distance), dtype=np.bool_)
+    kept[np.argsort(gaps.size)[: ceil(least_agreement * len(kept))]] = True
+    return kept
+
+
+def _list_others(gaps: FrameGaps) -> tuple[int, ...]:
+    """Return the indices of the rows that do not agree."""
+    return tuple(np.flatnonzero(~gaps.agree).tolist())
 
 
 def _find_decimals(
@@ -211,33 +305,27 @@ def _read_pose(numbers: FloatArray) -> FloatArray:
     return pose
 
 
-def _try_units(
-    robot: Robot, poses: FloatArray, joints: FloatArray, tool: FloatArray, base: FloatArray
-) -> FrameProposal | None:
-    """Return the unit with which poses and joints agree; None if there is none."""
-    for unit, factor in _ANGLES.items():
-        scaled_joints = np.where(robot.prismatic, joints, factor * joints)
-        if _agree(robot, scaled_joints, poses, tool, base):
-            return FrameProposal("joints", tool, base, unit)
-    for unit, factor in _LENGTHS.items():
-        scaled_poses, scaled_tool, scaled_base = (_scale(each, factor) for each in (poses, tool, base))
-        if _agree(robot, joints, scaled_poses, scaled_tool, scaled_base):
-            return FrameProposal("lengths", scaled_tool, scaled_base, unit)
-        if _agree(robot, joints, scaled_poses, tool, base):
-            return FrameProposal("lengths", tool, base, f"{unit}, in the poses alone")
-    return None
+def _fit_base(reached: FloatArray, poses: FloatArray, tool: FloatArray, base: FloatArray) -> FrameProposal:
+    """Fit another base to flange poses (k, 4, 4) of the joints and poses (k, 4, 4) of the tool."""
+    del base
+    return FrameProposal("base", tool, _average(reached @ tool @ invert_poses(poses)))
 
 
-def _list_frames(
+def _fit_tool(reached: FloatArray, poses: FloatArray, tool: FloatArray, base: FloatArray) -> FrameProposal:
+    """Fit another tool to flange poses (k, 4, 4) of the joints and poses (k, 4, 4) of the tool."""
+    del tool
+    return FrameProposal("tool", _average(invert_poses(reached) @ base @ poses), base)
+
+
+def _fit_base_and_tool(
     reached: FloatArray, poses: FloatArray, tool: FloatArray, base: FloatArray
-) -> Iterator[FrameProposal]:
-    """Yield proposals: another base, another tool, then both."""
-    yield FrameProposal("base", tool, _average(reached @ tool @ invert_poses(poses)))
-    yield FrameProposal("tool", _average(invert_poses(reached) @ base @ poses), base)
+) -> FrameProposal | None:
+    """Fit another base and another tool; None if the orientations do not determine them."""
     fitted = _fit_both(reached, base @ poses @ invert_poses(tool))
-    if fitted is not None:
-        world, flange = fitted
-        yield FrameProposal("base_and_tool", invert_poses(flange) @ tool, world @ base)
+    if fitted is None:
+        return None
+    world, flange = fitted
+    return FrameProposal("base_and_tool", invert_poses(flange) @ tool, world @ base)
 
 
 def _agree(robot: Robot, joints: FloatArray, poses: FloatArray, tool: FloatArray, base: FloatArray) -> bool:

@@ -73,3 +73,25 @@ def steady_roll(path: ProcessPath, rate: float, first: IndexArray) -> FloatArray
         again = np.bincount(first, minlength=len(path))[first] > 1
         turn[np.isin(number, number[again])] = 0.0
     return turn
+
+
+def wrap_turns(turn: FloatArray, roll: FloatArray, path: ProcessPath) -> FloatArray:
+    """Return turns (m,) from the programmed orientations, less whole turns, close to zero [rad].
+
+    Turns behind a jump of the programmed roll, or behind a motion of the joints, get one shift: between jumps
+    the turn stays continuous, so that a tool that turns on and on is seen.
+
+    Args:
+        turn: (m,) turns from the programmed orientations; NaN where the posture was given.
+        roll: (m,) turns of `steady_roll`, which jump where the programmed roll does.
+        path: path of m points.
+    """
+    wrapped = turn.copy()
+    begins = ~path.continuous | np.append(True, np.abs(np.diff(roll)) > _ROUNDING)
+    ends = np.append(np.flatnonzero(begins)[1:], len(turn))
+    for first, last in zip(np.flatnonzero(begins).tolist(), ends.tolist(), strict=True):
+        known = turn[first:last][np.isfinite(turn[first:last])]
+        if len(known):
+            middle = 0.5 * (known.min() + known.max())
+            wrapped[first:last] -= 2.0 * np.pi * np.round(middle / (2.0 * np.pi))
+    return wrapped

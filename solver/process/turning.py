@@ -23,7 +23,7 @@ from jointstiff.solver.process.inspection import Inspection, Inspector
 from jointstiff.solver.process.knots import find_knots, find_spacing
 from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import ProcessPath
-from jointstiff.solver.process.roll import steady_roll
+from jointstiff.solver.process.roll import steady_roll, wrap_turns
 from jointstiff.solver.process.sequence import LineLimits, Trellis
 from jointstiff.solver.process.smooth import ROUGHNESS, Parts, TurnSmoother
 
@@ -171,7 +171,7 @@ def choose_turns(
     choice = _Choice(model, inverse, path, task, first, spacing, lattice).find()
     if not roll.any():
         return choice
-    return replace(choice, turn=choice.turn + roll, unturned=None)
+    return replace(choice, turn=wrap_turns(choice.turn + roll, roll, path), unturned=None)
 
 
 def estimate_least(

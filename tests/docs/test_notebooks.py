@@ -35,3 +35,12 @@ def test_the_notebook_of_the_paper_compares_sets_of_the_same_postures():
     text = "".join("".join(each.get("text", ())) for each in outputs)
     assert "in 19 observations on both sides" in " ".join(text.split())
     assert "joint   side              CP/L              CP              PP             DPP" in text
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_cell_has_an_id_and_a_cell_shows_a_plot(name):
+    cells = read(name)["cells"]
+    ids = [cell["id"] for cell in cells]
+    assert len(set(ids)) == len(cells)
+    shown = [each["output_type"] for cell in cells for each in cell.get("outputs", ())]
+    assert "display_data" in shown

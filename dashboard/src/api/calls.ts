@@ -73,13 +73,23 @@ export type SetQuery = QueryOf<"/v1/measurement-sets">;
 const described = <Path extends keyof paths>(query: QueryOf<Path>) => query as Described<Path>;
 
 /** Kinds of work, as the API names them. */
-export type Collection = "runs" | "comparisons" | "fleets" | "geometries" | "plans" | "maps" | "programs" | "processes";
+export type Collection =
+  | "runs"
+  | "comparisons"
+  | "fleets"
+  | "geometries"
+  | "gearboxes"
+  | "plans"
+  | "maps"
+  | "programs"
+  | "processes";
 
 interface Messages {
   runs: of.Run;
   comparisons: of.Comparison;
   fleets: of.Fleet;
   geometries: of.Geometry;
+  gearboxes: of.Gearbox;
   plans: of.Plan;
   maps: of.Map;
   programs: of.Program;
@@ -97,6 +107,7 @@ const KINDS = {
   comparisons: "comparison",
   fleets: "fleet",
   geometries: "geometry",
+  gearboxes: "gearbox",
   plans: "plan",
   maps: "map",
   programs: "program",
@@ -243,6 +254,7 @@ export const api = {
   comparisons: { ...kind("comparisons"), add: add("comparisons") },
   fleets: { ...kind("fleets"), add: add("fleets") },
   geometries: { ...kind("geometries"), add: add("geometries") },
+  gearboxes: { ...kind("gearboxes"), add: add("gearboxes") },
   plans: { ...kind("plans"), add: add("plans") },
   maps: { ...kind("maps"), add: add("maps") },
   programs: { ...kind("programs"), add: addForm("programs") },

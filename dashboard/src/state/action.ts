@@ -157,15 +157,15 @@ export function useLatest<Value>(act: (value: Value) => Promise<unknown>): {
     waiting.current = { value };
     if (isRunning.current) return;
     isRunning.current = true;
-    try {
-      while (waiting.current) {
-        const next: Value = waiting.current.value;
-        waiting.current = null;
+    while (waiting.current) {
+      const next: Value = waiting.current.value;
+      waiting.current = null;
+      try {
         await act(next);
+        setProblem(null);
+      } catch (error) {
+        setProblem(problemOf(error)); // the value that came meanwhile is called all the same
       }
-      setProblem(null);
-    } catch (error) {
-      setProblem(problemOf(error));
     }
     isRunning.current = false;
   };

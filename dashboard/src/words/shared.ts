@@ -451,6 +451,7 @@ export const en = {
     fleets: "Earlier fleets",
     fleet: "Fleet",
     geometries: "Earlier geometries",
+    gearboxes: "Earlier weight steps",
     plans: "Earlier plans",
     maps: "Maps of this robot",
     programs: "Compensated programs of this robot",

@@ -24,6 +24,8 @@ describe("the command palette", () => {
     expect(matches("KR 240 cell 12", "12 kr")).toBe(true);
     expect(matches("KR 240 cell 12", "13 kr")).toBe(false);
     expect(ownEntries(actionsOfPage(), "")[0]?.name).toBe("PDF report");
+    ownEntries([], "compare").forEach(({ run }) => run());
+    expect(location.hash).toBe("#/compare/methods");
     expect(ownEntries([], "robot").map(({ kind }) => kind)).toEqual(["view", "view"]);
   });
 });

@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 import { expect, it } from "vitest";
 import type { DeflectionResult } from "../../src/api/types";
-import { Answer } from "../../src/features/use/forms";
+import { Answer, withPulled } from "../../src/features/use/forms";
 import { drawn } from "./drawn";
 
 const budget = {
@@ -66,4 +66,14 @@ it("says where the model error is unknown", async () => {
 it("has the ball of the model error as interval where there is no budget", async () => {
   const shown = await facts({ budget: null });
   expect(shown["Deflection"]).toBe("1200 µm (1172\u00a0…\u00a01228)");
+});
+
+it("leaves out a late answer to a pull at another posture", () => {
+  const question = { joints: [0, 10], force: [0, 0, -100] as const, load_point: [0, 0, 0] as const };
+  const place = JSON.stringify({ joints: question.joints, load_point: question.load_point });
+  const answer = { cases: [predicted] } as unknown as DeflectionResult;
+  const found = { force: [0, 0, 0], place } as unknown as Parameters<typeof withPulled>[0];
+  expect(withPulled(found, question, answer)).toEqual({ ...found, force: question.force, answer });
+  expect(withPulled(found, { ...question, joints: [0, 20] }, answer)).toBe(found);
+  expect(withPulled(null, question, answer)).toBeNull();
 });

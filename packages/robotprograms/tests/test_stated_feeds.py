@@ -39,8 +39,20 @@ KRL = {
     "moves of the joints": (["$VEL.CP=0.2", "PTP POSE", "LIN POSE"], [NONE, 200]),
     "in a branch": (["$VEL.CP=0.2", "IF $IN[1] THEN", "$VEL.CP=0.1", "ENDIF", "LIN POSE"], [NONE]),
     "in a loop": (["$VEL.CP=0.2", "LOOP", "LIN POSE", "$VEL.CP=0.1", "LIN POSE", "ENDLOOP"], [NONE, 100]),
+    "a structure by its name": (["$VEL.CP=0.2", "$VEL=DEF_VEL", "LIN POSE"], [NONE]),
+    "an element by its name": (["$VEL.CP=0.2", "$VEL=SPEEDS[2]", "LIN POSE"], [NONE]),
+    "another field": (["$VEL.CP=0.2", "$VEL.ORI1=100.0", "LIN POSE"], [200]),
+    "a structure by its name, by a routine": (
+        ["$VEL.CP=0.2", "fast()", "LIN POSE", "END", "DEF fast()", "$VEL=DEF_VEL"], [NONE],
+    ),
+    "for a move, by its name": (["$VEL.CP=0.2", "SLIN POSE WITH $VEL=DEF_VEL", "LIN POSE"], [NONE, 200]),
+    "for a move, twice": (["SLIN POSE WITH $VEL=DEF_VEL, $VEL.CP=0.1"], [100]),
+    "of a block, by its name": (
+        ["$VEL.CP=0.2", "SPLINE WITH $VEL=LVEL", "SPL POSE", "ENDSPLINE", "LIN POSE"], [NONE, 200],
+    ),
+    "read from outside": (["$VEL.CP=0.2", "r=EKI_GETREAL(\"C\",\"V\",$VEL.CP)", "LIN POSE"], [NONE]),
     "zero": (["$VEL.CP=0", "LIN POSE"], [NONE]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", KRL)
@@ -80,7 +92,34 @@ RAPID = {
     "argument T": ("", f"MoveL {TARGET},v200\\T:=12,z1,tool0;", [NONE]),
     "moves of the joints": ("", f"MoveJ {TARGET},v200,z1,tool0;MoveL {TARGET},v100,z1,tool0;", [NONE, 100]),
     "arcs": ("", f"MoveC {TARGET},{TARGET},v100,z1,tool0;", [100]),
-    "welds": ("", f"ArcL {TARGET},v15,seam1,weld1,z1,tool0;", [15]),
+    "welds, whose speed is that of the welddata": (
+        "",
+        f"ArcLStart {TARGET},v15,seam1,weld1,z1,tool0;ArcL {TARGET},v15,seam1,weld1,z1,tool0;"
+        f"ArcLEnd {TARGET},v15,seam1,weld1,z1,tool0;ArcL\\On,{TARGET},v15,seam1,weld1,z1,tool0;",
+        [15, NONE, NONE, 15],
+    ),
+    "a way to a weld": ("", f"ArcMoveL {TARGET},v15,z1,tool0;", [15]),
+    "a percentage of all speeds": (
+        "", f"VelSet 50,800;MoveL {TARGET},v200,z1,tool0;MoveL {TARGET},v200\\V:=12,z1,tool0;", [100, 6],
+    ),
+    "a greatest speed": (
+        "", f"VelSet 50, 80;MoveL {TARGET},v200,z1,tool0;MoveL {TARGET},vmax,z1,tool0;", [80, NONE],
+    ),
+    "a speed that is set again": (
+        "",
+        f"VelSet 100,5000;MoveL {TARGET},v200,z1,tool0;VelSet 10,5000;MoveL {TARGET},v200,z1,tool0;",
+        [200, 20],
+    ),
+    "a percentage that is computed": ("", f"VelSet p,800;MoveL {TARGET},v200,z1,tool0;", [NONE]),
+    "a greatest speed that is computed": (
+        "", f"VelSet 50,MaxRobSpeed();MoveL {TARGET},v200,z1,tool0;", [NONE],
+    ),
+    "a percentage in a branch": ("", f"IF a THEN;VelSet 50,800;ENDIF;MoveL {TARGET},v200,z1,tool0;", [NONE]),
+    # At the first pass the controller's default counts, later the setting of the pass before.
+    "a percentage behind the move": ("", f"MoveL {TARGET},v200,z1,tool0;VelSet 50,800;", [NONE]),
+    "a percentage by a routine": (
+        "PROC slow()\nVelSet 50,800;\nENDPROC", f"slow;MoveL {TARGET},v200,z1,tool0;", [100],
+    ),
 }  # fmt: skip
 
 

@@ -85,7 +85,7 @@ def process(
         CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
-        ValueError: an array of poses or forces has another shape.
+        ValueError: there are several arrays of poses, or an array of forces has another shape.
     """
     from jointstiff.service.conversion.arguments import complete_units
 
@@ -122,19 +122,15 @@ def _write_poses(arrays: list[Any], units: Mapping[str, str]) -> tuple[dict[str,
     """Write an array of poses as the table of a path; return it by name, and default options for it.
 
     Raises:
-        ValueError: there are several arrays or files, or the array has another shape.
+        ValueError: there are several arrays.
+        CampaignError: the array has another shape, or a matrix is no pose.
     """
-    import numpy as np
-    from scipy.spatial.transform import Rotation
+    from jointstiff.service.conversion.poses import read_poses
 
-    from jointstiff.service.conversion.units import ANGLE
-
-    poses = np.asarray(arrays[0], dtype=np.float64)
-    if len(arrays) > 1 or poses.shape[1:] not in {(4, 4), (6,)}:
+    if len(arrays) > 1:
         raise ValueError("the path must be one array of poses, (N, 4, 4) or (N, 6), or files")
-    if poses.ndim == 3:
-        rotation = Rotation.from_matrix(poses[:, :3, :3]).as_rotvec() / ANGLE[units["angle"]]
-        poses = np.column_stack([poses[:, :3, 3], rotation])
+    with as_campaign_error(""):
+        poses = read_poses(arrays[0], "path", units["angle"])
     lines = [
         ",".join(
             [
@@ -163,14 +159,18 @@ def _state_forces(
 
     Raises:
         ValueError: an array of forces has another shape.
+        CampaignError: the forces are no numbers.
     """
     import numpy as np
+
+    from jointstiff.service.conversion.arrays import read_numbers
 
     if isinstance(forces, str | PathLike):
         return {"loads": forces}
     if isinstance(forces, Mapping) or hasattr(forces, "model_dump"):
         return {"cut": forces}
-    array = np.asarray(forces, dtype=np.float64)
+    with as_campaign_error(""):
+        array = read_numbers(forces, "forces", "give an array, or lists of equal lengths, of numbers")
     if array.shape == (3,):
         return {"force": array.tolist()}
     if array.ndim != 2 or array.shape[1] not in {3, 4}:

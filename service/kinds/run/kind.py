@@ -61,32 +61,62 @@ _VERDICT_CELLS: Final = {
     "do_not_use": Line("do not use", "bad"),
 }
 """Cell in the column of verdicts, by status of the joint or, for an identified joint, by verdict."""
+ASSUMPTIONS: Final = {"assumed_load_point": "load point ± 10 mm", "assumed_force_scale": "force ± 1 %"}
+"""Source of uncertainty → what is assumed about it, in a few words."""
 _GRADES: Final = {0.05: "well determined", 0.2: "determined"}
 """Words for a good joint, by the greatest half width of the interval relative to the stiffness."""
 
 
 def _make_report(run: Run, result: RunResult, view: View) -> Report:
-    """Return the report of a run: joints, summary of the fit, own weight, choice of model, and advice.
+    """Return the report of a run: joints, own weight, choice of model, and advice.
 
     `view.details` adds the evidence.
     """
-    parts: list[Part] = [
-        _joints_table(run, result, view.unit),
-        *joint_reason_lines((joint.name, joint.reason) for joint in result.joints),
-        _fit_summary(result),
-    ]
+    joints_table = _joints_table(run, result, view.unit)
     # If the readings have a mistake that spoils every number, the rest of the report would mislead.
     if not view.details and not ROOT_MISTAKES.isdisjoint(each.code for each in result.assessment.reasons):
-        return Report(parts[:1])
+        return Report([joints_table])
+    reasons = joint_reason_lines((joint.name, joint.reason) for joint in result.joints)
+    parts: list[Part] = [joints_table, *reasons]
+    further: list[Part] = [_fit_summary(result)]
     if result.weight is not None:
-        parts += _weight_lines(result.weight)
+        further += _weight_lines(result.weight)
     evidence: list[Part] = [*detail_lines(result)] if view.details else []
     if result.choice is not None:
-        parts += _choice_lines(result.choice, result.links, details=view.details)
         evidence += _choice_evidence(result.choice, result.links) if view.details else []
+        choice_lines = _choice_lines(result.choice, result.links, details=view.details)
+        if result.links is None:
+            further += choice_lines
+        else:
+            parts += choice_lines
     if result.resampling is not None:
         evidence += [Line(""), resampling_table(run, result.resampling, view.unit)]
-    return Report(parts, evidence, list(_advice_lines(run, result, details=view.details)))
+    advice = list(_advice_lines(run, result, details=view.details))
+    return Report(parts, evidence, advice, further, _list_assumptions(result))
+
+
+def _choice_lines(choice: ModelChoice, links: LinksResult | None, *, details: bool) -> list[Part]:
+    """Return a line on the chosen elastic model.
+
+    Return no line if the user chose the model, or if the details have a table of the model.
+    """
+    if links is not None:
+        return [] if details else [links_line(links, choice)]
+    return [] if choice.source == "given" else [Line(f"  {choice.message}", "dim")]
+
+
+def _choice_evidence(choice: ModelChoice, links: LinksResult | None) -> list[Part]:
+    """Return tables on the elastic model for the details: its links, or the models that were compared."""
+    if links is not None:
+        return [Line(""), *links_report(links, choice)]
+    return [Line(""), choice_table(choice)] if choice.models else []
+
+
+def _list_assumptions(result: RunResult) -> list[str]:
+    """Return in a few words what the intervals assume because the user has not stated it."""
+    components = () if result.budget is None else result.budget.components
+    sources = {each.source for each in components}
+    return [words for source, words in ASSUMPTIONS.items() if source in sources]
 
 
 def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
@@ -385,23 +415,6 @@ _MODEL_NAMES = {
 _NO_COMPLIANCE: Final = 1e-9
 """Share of the greatest principal compliance, below which a compliance is rounding error, shown as 0."""
 _CHOICE_SOURCES = {"given": "given", "cross_validation": "by cross-validation"}
-
-
-def _choice_lines(choice: ModelChoice, links: LinksResult | None, *, details: bool) -> list[Part]:
-    """Return a line on the chosen elastic model.
-
-    Return no line if the user chose the model, or if the details have a table of the model.
-    """
-    if links is not None:
-        return [] if details else [links_line(links, choice)]
-    return [] if choice.source == "given" else [Line(f"  {choice.message}", "dim")]
-
-
-def _choice_evidence(choice: ModelChoice, links: LinksResult | None) -> list[Part]:
-    """Return tables on the elastic model for the details: its links, or the models that were compared."""
-    if links is not None:
-        return [Line(""), *links_report(links, choice)]
-    return [Line(""), choice_table(choice)] if choice.models else []
 
 
 def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:

@@ -37,3 +37,14 @@ if run.result is not None:
 with js.Client("http://127.0.0.1:8000") as client:
     served = client.identify("campaign.json", method="DPP")
     served.save("served.json")
+parameters: np.ndarray = run.params
+errors: list[float] = [float(each) for each in run.bse]
+squared: float = run.rsquared
+count: int = run.nobs
+covariance: np.ndarray = run.cov_params()
+left_over: np.ndarray = run.resid + run.fittedvalues
+options: dict[str, object] = compared.get_params()
+run.plot(dpi=300)
+run.save("run.png", dpi=300)
+text: str = run.to_latex()
+print(run.details(), fleet.details().splitlines())

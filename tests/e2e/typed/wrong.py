@@ -30,3 +30,6 @@ run.plot(titel="all joints")  # wrong
 text: str = js.identify("campaign.json")  # wrong
 js.load("run.json", "run").stifness  # wrong
 js.load("run.json", "results")  # wrong
+run.save("run.png", dpi="300")  # wrong
+run.rsquared()  # wrong
+run.cov_param()  # wrong

@@ -13,12 +13,10 @@ from jointstiff.service.problems import MAX_PROBLEM_BYTES
 from jointstiff.service.security.admission import refuse_structure
 
 PATHS = ["/v1/robots", "/v1/measurement-sets", "/v1/runs"]
-EXAMPLE = (
-    "compare with an example: `jointstiff simulate FILE` writes a campaign, and /openapi.json has examples"
-)
+AN_OBJECT = "give its fields by name, in braces"
 JSON = "send valid JSON with finite numbers and at most 200 levels"
 SPLIT = "split the body into several requests"
-NO_OBJECT = f"422 invalid-request | body | must be an object | {EXAMPLE}"
+NO_OBJECT = f"422 invalid-request | body | must be an object | {AN_OBJECT}"
 LARGE = f"413 request-entity-too-large | - | the body exceeds 64 KiB | {SPLIT}"
 KEYS = (
     "413 request-entity-too-large | - | the body has more than 4000 different keys | "
@@ -60,8 +58,8 @@ BODIES = {
     "not a number": (
         b'{"name": NaN}',
         [
-            f"422 invalid-request | name | 2 faults: must be a text | {EXAMPLE}",
-            f"422 invalid-request | name | 4 faults: must be a text | {EXAMPLE}",
+            "422 invalid-request | name | 2 faults: must be a text | give a text, in quotes",
+            "422 invalid-request | name | 4 faults: must be a text | give a text, in quotes",
             *missing("measurement_set_id | 2 faults"),
         ],
     ),
@@ -214,7 +212,8 @@ REMEDIES = {
     "there is no moving joint": "choose a base and a flange with moving joints between base and flange",
     "processing instruction": "remove the instruction",
     "unexpanded xacro": "expand the document first: xacro robot.urdf.xacro > robot.urdf",
-    "must have at (least 1 character|most 2097152 characters)": EXAMPLE,
+    "must have at least 1 character": "write a longer text",
+    "must have at most 2097152 characters": "write a shorter text",
     "the body exceeds 4096 KiB": SPLIT,
 }
 

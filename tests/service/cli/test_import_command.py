@@ -232,7 +232,7 @@ def test_readings_that_do_not_fit_the_robot_are_written_only_despite_errors(fold
             "--about.measured_at: Input should have timezone info "
             "remedy: add the time zone, such as 2026-11-20T14:30:00+01:00",
         ),
-        ("notes", "--about.notes: must have at least 1 character remedy: compare with an example"),
+        ("notes", "--about.notes: must have at least 1 character remedy: write a longer text"),
     ],
 )
 def test_a_note_about_a_set_has_a_key_and_a_value(note, said):

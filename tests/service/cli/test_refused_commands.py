@@ -119,7 +119,8 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
         (
             '{"robot": {}, "measurement_set": 1}',
             "other.json does not match the schema robot.name: required field is missing; add this field "
-            "robot.model: required field is missing; add this field measurement_set: must be an object",
+            "robot.model: required field is missing; add this field measurement_set: must be an object; "
+            "give its fields by name, in braces",
         ),
     ],
 )
@@ -167,9 +168,9 @@ def test_the_help_lists_the_commands_in_the_order_of_work():
     shown = terminal("--help").stdout
     lines = shown[shown.index("Commands:") :].splitlines()[1:]
     assert [line.split()[0] for line in lines] == [
-        "simulate", "examples", "rehearse", "identify", "compare", "geometry", "plan", "map", "fleet",
-        "compensate", "process", "measure", "import", "predict", "correct", "robots", "export", "report",
-        "serve", "worker", "status", "post", "demo", "archive", "restore", "keys", "database",
+        "simulate", "examples", "rehearse", "identify", "compare", "geometry", "gearbox", "plan", "map",
+        "fleet", "compensate", "process", "measure", "import", "predict", "correct", "robots", "export",
+        "report", "serve", "worker", "status", "post", "demo", "archive", "restore", "keys", "database",
     ]  # fmt: skip
     assert "  identify    Identify the joint stiffnesses of a campaign." in lines
     assert "  keys        Create, list and revoke the keys that open a service." in lines

@@ -49,13 +49,8 @@ def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
     )
 
 
-def test_assumed_errors_and_confused_units_of_force_are_said_with_every_result():
-    assert_said(
-        typed("identify weight.json"),
-        "Forces up to 1500 N (153 kgf), deflections up to 4.88 mm. The load point is assumed to be known "
-        "to ±10 mm. The forces are assumed to be known to ±1 %. Each posture was read only once without "
-        "load, so a deflection that remains after unloading is not detected.",
-    )
+def test_assumed_errors_are_said_with_every_result_and_explained_in_its_details():
+    assert_said(typed("identify weight.json"), "assumed: load point ± 10 mm, force ± 1 %; --details")
     assert_said(
         typed("identify weight.json --details"),
         "Forces up to 1500 N (153 kgf), deflections up to 4.88 mm. If N and kgf were confused, every "
@@ -115,8 +110,6 @@ def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
 def test_a_thousand_fits_are_drawn_where_no_number_is_given():
     assert_said(
         typed("identify pull.json --resample 8"),
-        "The model has elastic joints alone: elastic links cannot be combined with the option resampling "
-        "(F test of links added to the joints: p = 0.07).",
         "1000 fits of 8 configurations drawn at random",
         "│ joint_2 │ 3.1161 │ 0.0070 │ 0 % │",
     )
@@ -130,8 +123,6 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             [
                 "Joint stiffness, complete pose, covariance weights, unconstrained",
                 "│ joint_1 │ 3.819 │ 3.736 … 3.906 │ well determined │",
-                "The model has elastic joints alone: elastic links cannot be combined with the option "
-                "method (F test of links added to the joints: p = 0.07).",
             ],
         ),
         (
@@ -139,8 +130,8 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             [
                 "Joint stiffness, decoupled partial pose, uniform weights, compliance ≥ 0",
                 "│ joint_3 │ 2.541 │ 2.400 … 2.700 │ determined │",
-                "residual 43.2 µm rms",
-                "1 warning (--details) To do 1. joint_4: 1500 N along (-0.48, -0.85, -0.21) in posture c03",
+                "assumed: load point ± 10 mm, force ± 1 %; 1 warning; --details",
+                "To do 1. joint_4: 1500 N along (-0.48, -0.85, -0.21) in posture c03",
             ],
         ),
         (
@@ -160,8 +151,7 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             [
                 "┃ 90 % interval ┃",
                 "│ joint_1 │ 3.792 │ 3.720 … 3.868 │",
-                "residual 37.7 µm rms",
-                "1 warning (--details)",
+                "1 warning; --details",
             ],
         ),
         (
@@ -177,7 +167,7 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
         ),
         (
             "--elasticity joints --complementary-stiffness neglected",
-            ["│ joint_1 │ 3.821 │ 3.738 … 3.908 │", "residual 39.1 µm rms"],
+            ["│ joint_1 │ 3.821 │ 3.738 … 3.908 │"],
         ),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
@@ -186,10 +176,33 @@ def test_an_option_changes_the_numbers_and_is_named_with_them(options, sentences
     assert_said(typed(f"identify pull.json {options}"), *sentences)
 
 
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ("--elasticity joints --method decoupled_partial_pose --weighting uniform", "residual 43.2 µm rms"),
+        ("--elasticity joints --confidence 0.9 --leave-out c01", "residual 37.7 µm rms"),
+        ("--elasticity joints --complementary-stiffness neglected", "residual 39.1 µm rms"),
+        (
+            "--method complete_pose --no-positive",
+            "The model has elastic joints alone: elastic links cannot be combined with the option method (F "
+            "test of links added to the joints: p = 0.07).",
+        ),
+        (
+            "--resample 8:10",
+            "The model has elastic joints alone: elastic links cannot be combined with the option resampling "
+            "(F test of links added to the joints: p = 0.07).",
+        ),
+    ],
+    ids=lambda value: value if value.startswith("-") else "",
+)
+def test_the_details_have_the_fit_with_an_option(options, sentence):
+    assert_said(typed(f"identify pull.json {options} --details"), sentence)
+
+
 def test_a_load_point_that_is_fitted_is_no_longer_assumed():
-    assert "The load point is assumed to be known to ±10 mm" not in typed(
-        "identify pull.json --elasticity joints --cause load_point"
-    )
+    fitted = typed("identify pull.json --elasticity joints --cause load_point")
+    assert "assumed: force ± 1 %; " in fitted
+    assert "load point ± 10 mm" not in fitted
 
 
 def test_json_is_the_run_with_its_request_origin_and_numbers():
@@ -238,7 +251,7 @@ def test_methods_that_agree_are_compared_in_the_unit_that_is_asked_for():
         "fit explained rms [µm] condition",
         "CP/L free 98.6 % 41 3.04",
         "DPP free 98.6 % 42 1.81",
-        "1 warning (--details)",
+        "1 warning; --details",
     )
 
 

@@ -551,7 +551,7 @@ def test_what_a_reason_advises_is_applied_alike(backend):
 
 
 def test_every_verb_is_tested_and_every_backend_has_it(backend):
-    tested = {*VERBS, "geometry", "measure", "import_files"}
+    tested = {*VERBS, "geometry", "gearbox", "measure", "import_files"}
     without_service = {"robot", "identify_many", "load", "read", "rehearse"}
     verbs = {name for name in js.__all__ if name.islower()} - without_service
     assert tested == {room.command for room in ROOMS.values()} | verbs

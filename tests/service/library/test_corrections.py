@@ -114,6 +114,18 @@ class TestFiles:
         done.save(tmp_path / "out.parquet")
         assert list(pandas.read_parquet(tmp_path / "out.parquet")["label"])[:2] == ["P1", "P2"]
 
+    def test_a_label_that_is_a_formula_has_an_apostrophe_in_csv(self, tmp_path):
+        rows = [
+            label + row[row.index(",") :]
+            for label, row in zip(["-1", "+2", "@x"] * 7, self.rows(), strict=False)
+        ]
+        done = self.corrected(tmp_path, self.HEADER, rows)
+        done.save(tmp_path / "out.csv")
+        done.save(tmp_path / "out.parquet")
+        lines = (tmp_path / "out.csv").read_text().splitlines()
+        assert [line.split(",")[0] for line in lines[1:4]] == ["'-1", "'+2", "'@x"]
+        assert list(pandas.read_parquet(tmp_path / "out.parquet")["label"])[:3] == ["-1", "+2", "@x"]
+
     def test_semicolons_come_with_decimal_commas(self, tmp_path):
         rows = [row.replace(",", ";").replace(".", ",") for row in self.rows()]
         done = self.corrected(tmp_path, self.HEADER.replace(",", ";"), rows)
@@ -178,6 +190,88 @@ def test_an_arm_without_a_campaign_is_corrected_by_its_prior():
     assert (done.joints == js.correct(robot, IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE).joints).all()
     assert done.assessment.verdict == "use_with_care"
     assert "not measured, but guessed" in done.summary()
+
+
+def with_rotation(rotation, row=2):
+    """The poses, with another rotation in a row (from 0)."""
+    poses = IN_MM.copy()
+    poses[row, :3, :3] = rotation
+    return poses
+
+
+ROTATION = POSES[2, :3, :3]
+TOOL_MATRIX = np.eye(4)
+TOOL_MATRIX[:3, 3] = 1e3 * TOOL
+NO_POSES = {
+    "each element too large": (IN_MM + 0.05, "the last row of the matrix in row 1 is 0.05, 0.05, 0.05, 1.05"),
+    "rotations too large": (with_rotation(ROTATION + 0.05), "the rotation of row 3 is none"),
+    "a scale": (with_rotation(1.01 * ROTATION), "differs from the identity by 0.02"),
+    "mirrored": (with_rotation(-ROTATION), "the rotation of row 3 is mirrored"),
+    "zero": (with_rotation(0.0 * ROTATION), "the rotation of row 3 is none"),
+    "transposed": (IN_MM.transpose(0, 2, 1), "transpose the matrices"),
+    "another last row": (np.where(np.arange(16).reshape(4, 4) == 15, 2.0, IN_MM), "0, 0, 0, 2 in place of"),
+    "ragged": ([[1, 2], [3]], "`poses` is not an array of numbers"),
+    "words": ([["x"] * 6], "`poses` is not an array of numbers"),
+    "of another shape": (IN_MM[0], r"`poses` has shape \(4, 4\)"),
+}
+
+
+@pytest.mark.parametrize("case", NO_POSES)
+def test_matrices_that_are_no_poses_are_refused_by_their_row(case):
+    poses, words = NO_POSES[case]
+    with pytest.raises(js.CampaignError, match=words) as caught:
+        exact_run()[1].correct(poses, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    assert caught.value.problem.where == "correction.poses"
+
+
+@pytest.mark.parametrize("case", NO_POSES)
+def test_a_path_of_such_matrices_is_refused(case):
+    poses, words = NO_POSES[case]
+    with pytest.raises(js.CampaignError, match=words.replace("poses", "path")) as caught:
+        js.process(exact_run()[1], poses, forces=FORCE)
+    assert caught.value.problem.where == "path"
+
+
+def test_matrices_may_be_rounded_to_four_decimals():
+    rounded = np.round(IN_MM, 4)
+    done = exact_run()[1].correct(rounded, DEGREES, tool=np.round(TOOL_MATRIX, 4), forces=FORCE)
+    assert done.counts == {"corrected": 20}
+
+
+NO_NUMBERS = {
+    "forces": ("x", [[1, 2, 3], [1]], [1j, 0, 0]),
+    "joints": ("x", [[1, 2], [3]]),
+    "tool": ("x", [[1, 0], [0, 1]], -np.eye(4)),
+    "base": ("x", [1, 2, 3]),
+    "start": ("x",),
+    "load_point": ("x",),
+    "force": ("x",),
+}
+
+
+@pytest.mark.parametrize("name", NO_NUMBERS)
+def test_arguments_that_are_no_numbers_are_refused_by_their_names(name):
+    for value in NO_NUMBERS[name]:
+        call = {"joints": DEGREES, "tool": TOOL_IN_MM, "forces": FORCE} | {name: value}
+        with pytest.raises(js.CampaignError) as caught:
+            exact_run()[1].correct(IN_MM, call.pop("joints"), **call)
+        assert caught.value.problem.where == f"correction.{name}"
+
+
+@pytest.mark.parametrize("forces", [FORCE, np.tile(FORCE, (20, 1)), [[0.0, *FORCE], [9e3, *FORCE]]])
+def test_a_force_in_both_ways_is_refused(forces):
+    with pytest.raises(js.CampaignError, match="the load is stated twice: by `forces` and by `force`"):
+        exact_run()[1].correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=forces, force=[0, 0, -1])
+
+
+@pytest.mark.parametrize("column", ["Fx [N],Fy [N],Fz [N]", "J1 [deg],J2 [deg],J3 [deg]"])
+def test_an_argument_does_not_replace_the_columns_of_a_file(tmp_path, column):
+    rows = np.column_stack([IN_MM[:, :3, 3], _rotation_vectors(), np.ones((20, 3))])
+    file = tmp_path / "poses.csv"
+    header = f"x [mm],y [mm],z [mm],rx [deg],ry [deg],rz [deg],{column}"
+    np.savetxt(file, rows, delimiter=",", header=header, comments="")
+    with pytest.raises(js.CampaignError, match=r"stated twice: by `(forces|joints)` and by the column"):
+        exact_run()[1].correct(file, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
 
 
 REFUSED = {
@@ -285,6 +379,16 @@ class TestService:
         assert answer.status_code == 413
         assert answer.json()["detail"] == "the table has 5,020 rows, and one request may have 5,000"
         assert "`jointstiff correct`" in answer.json()["remedy"]
+
+    def test_so_are_as_many_rows_as_a_body_can_have(self, client, run):
+        zeros = ",".join(["0"] * 160_000)
+        columns = ",".join(f'"{name}":[{zeros}]' for name in ("x", "y", "z", "rx", "ry", "rz"))
+        units = '{"length":"mm","angle":"deg","force":"N"}'
+        content = f'{{"units":{units},"run_id":"{run["id"]}","columns":{{{columns}}}}}'
+        assert 1.9e6 < len(content) < 2**21
+        answer = client.post("/v1/corrections", content=content, headers={"Content-Type": "application/json"})
+        assert answer.status_code == 413
+        assert answer.json()["detail"] == "the table has 160,000 rows, and one request may have 5,000"
 
     def test_columns_are_checked(self, client, run):
         for change in ({"x": [1.0]}, {"colour": [0.0] * 20}, {"q1": [1.0] * 20}):

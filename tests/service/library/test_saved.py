@@ -9,6 +9,7 @@ import pytest
 from support.command_lines import refused, typed
 from support.documents import own_weight
 from support.guide_files import EXAMPLES
+from support.weight_steps import simulate as simulate_step
 
 import jointstiff as js
 from jointstiff.service.kinds.rooms import ROOMS
@@ -29,6 +30,7 @@ KINDS = [
     "run of a live campaign",
     "comparison",
     "geometry",
+    "gearbox",
     "plan",
     "map",
     "fleet",
@@ -62,6 +64,7 @@ def results_of(backend, document):
         "run of a live campaign": measured_live(backend, document),
         "comparison": backend.compare(run, constraints=["positive"]),
         "geometry": backend.geometry(EXAMPLES / "sweeps.json"),
+        "gearbox": backend.gearbox(simulate_step(3).document),
         "plan": backend.plan(run, readings=2, candidates=200),
         "map": backend.map(run, **AREA),
         "program": backend.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),

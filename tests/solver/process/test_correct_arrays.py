@@ -12,6 +12,7 @@ from support.programs import FORCE, START, TOOL, compensated, exact_run, loaded_
 from jointstiff.service.kinds.program.files import decompress_file
 from jointstiff.service.runs.verdicts import RunModel
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.forward import CorrectionLimits
@@ -190,6 +191,34 @@ class TestWrongFrames:
             done = corrected(replace(points, **stated))
             assert (done.status != RowStatus.CONTRADICTORY).all()
 
+    @pytest.mark.parametrize("wrong", ["tool", "base", "world_and_flange"])
+    @pytest.mark.parametrize("bad", [[6], [2, 17]])
+    def test_single_rows_with_a_mistake_do_not_hide_a_wrong_frame(self, wrong, bad):
+        generator = np.random.default_rng(8)
+        for size in (0.003, 0.05, 1.0):
+            joints = spread_joints(generator, 20)
+            stated = joints.copy()
+            stated[bad, 1] += size
+            points = waypoints(joints, joints=stated)
+            if wrong != "base":
+                points = replace(points, tool=TOOL_POSE @ random_pose(generator, 0.2, 0.3))
+            if wrong != "tool":
+                points = replace(points, base=random_pose(generator, 0.5, 0.3) @ BASE)
+            error = refusal(points)
+            np.testing.assert_allclose(error.proposal.tool, TOOL_POSE, atol=1e-9)
+            np.testing.assert_allclose(error.proposal.base, BASE, atol=1e-9)
+            assert f"{20 - len(bad)} of 20 rows agree with `" in error.remedy
+            named = ", ".join(str(row + 1) for row in bad)
+            assert error.remedy.endswith(f"; check pose and joints of row {named}, too")
+
+    def test_single_rows_with_a_mistake_do_not_hide_a_wrong_unit(self):
+        joints = spread_joints(np.random.default_rng(9), 20)
+        stated = np.degrees(joints)
+        stated[4, 2] += 20.0
+        error = refusal(waypoints(joints, joints=stated))
+        assert error.proposal.cause == "joints"
+        assert error.remedy.endswith("; check pose and joints of row 5, too")
+
     def test_joints_of_another_robot_are_refused_without_a_proposal(self):
         generator = np.random.default_rng(5)
         joints = spread_joints(generator)
@@ -346,6 +375,27 @@ def test_forces_by_length_are_interpolated():
     lengths = np.array([0.0, 1.0, 2.0, 4.0])
     table = np.array([[0.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, -200.0], [4.0, 0.0, 0.0, -200.0]])
     assert place_forces(table, lengths)[:, 2].tolist() == [0.0, -100.0, -200.0, -200.0]
+
+
+def test_two_rows_of_one_length_are_a_step_of_the_force():
+    table = np.array(
+        [[0.0, 0.0, 0.0, -1.0], [2.0, 0.0, 0.0, -1.0], [2.0, 0.0, 0.0, -5.0], [4.0, 0.0, 0.0, -5.0]]
+    )
+    assert place_forces(table, np.array([0.0, 1.0, 3.0]))[:, 2].tolist() == [-1.0, -1.0, -5.0]
+
+
+@pytest.mark.parametrize(
+    ("lengths", "reason"),
+    [
+        ([2.0, 0.0, 4.0], "the length 0 in row 2 of the forces is less than 2 in the row before"),
+        ([0.0, 1.0, NAN], "the length in row 3 of the forces is no finite number"),
+    ],
+)
+def test_forces_whose_lengths_are_not_in_rising_order_are_refused(lengths, reason):
+    table = np.column_stack([lengths, np.zeros((3, 2)), [0.0, -200.0, -200.0]])
+    with pytest.raises(RequestError, match=reason) as caught:
+        place_forces(table, np.array([0.0, 1.0, 2.0, 4.0]))
+    assert caught.value.where == "forces"
 
 
 def test_the_joint_speed_follows_from_the_feed():

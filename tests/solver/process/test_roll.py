@@ -13,7 +13,7 @@ from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.process.pace import RATE, Pace
 from jointstiff.solver.process.placing import coarsen, evaluate_places
-from jointstiff.solver.process.roll import find_rolls, steady_roll
+from jointstiff.solver.process.roll import find_rolls, steady_roll, wrap_turns
 from jointstiff.solver.process.turning import TurnTask, choose_turns
 
 ARM = default_arm()
@@ -52,6 +52,21 @@ def test_a_free_turn_does_not_depend_on_a_roll_that_jumps(roll, plain):
     assert choice.unturned is None
     reached = INVERSE.refine(path.turn(EVERY, choice.turn), INVERSE.select_arm_joints(choice.joints))[0]
     np.testing.assert_allclose(reached, ROBOT.joint_map.model_angles(choice.joints), atol=1e-8)
+
+
+@pytest.mark.parametrize("roll", ["at random", "from point to point", "faster than the rate"])
+def test_a_turn_behind_each_jump_is_within_half_a_turn_of_the_programmed_orientation(roll):
+    choice = choose_turns(MODEL, INVERSE, rolled(ROLLS[roll]), TASK)
+    assert np.abs(choice.turn).max() <= np.pi + 1e-9
+
+
+def test_turns_are_shifted_by_whole_turns_between_jumps_only():
+    turn = np.linspace(0.0, 3.0, COUNT) + 6.0 * np.pi
+    jump = np.where(EVERY < 150, 0.0, 4.0 * np.pi)
+    wrapped = wrap_turns(turn + jump, jump, PATH)
+    np.testing.assert_allclose(wrapped, np.linspace(0.0, 3.0, COUNT), atol=1e-9)
+    turn[:10] = np.nan
+    assert np.isnan(wrap_turns(turn, jump, PATH)[:10]).all()
 
 
 def test_a_roll_within_the_rate_is_followed_and_is_what_fixed_turns_do():

@@ -3,7 +3,7 @@ import { queries } from "../../api/queries";
 import { go, link } from "../../state/action";
 import { ask } from "../../state/query";
 import { text } from "../../words";
-import { compareWords } from "../compare/words";
+import { gearboxWords } from "../gearbox/words";
 import { geometryWords } from "../geometry/words";
 import { measureWords } from "../measure/words";
 import { planWords } from "../plan/words";
@@ -27,8 +27,9 @@ const VIEWS: readonly Entry[] = [
   view(robotWords.sets, "sets"),
   view(measureWords.title, "measure"),
   view(planWords.begin, "plans"),
-  view(text.app.compare, "compare", compareWords.methods.toLowerCase()),
+  view(text.app.compare, "compare", "methods"),
   view(geometryWords.title, "geometries"),
+  view(gearboxWords.title, "gearboxes"),
 ];
 
 /** Whether each word that was typed is in a name. */

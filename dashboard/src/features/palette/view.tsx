@@ -1,7 +1,7 @@
 /** The command palette: one field that finds robots, sets, runs and actions, by keys alone. */
 import { useEffect, useRef, useState } from "preact/hooks";
 import { Button, Name } from "../../components/basics";
-import { useQuery } from "../../state/query";
+import { isKnown, useQuery } from "../../state/query";
 import { text } from "../../words";
 import { actionsOfPage, type Entry, foundEntries, ownEntries } from "./entries";
 import { paletteWords as words } from "./words";
@@ -24,8 +24,11 @@ export function Palette({ close }: { close: () => void }) {
   const [typed, setTyped] = useState("");
   const [chosen, setChosen] = useState(0);
   const paused = usePaused(typed);
-  const found = useQuery({ queryKey: ["find", paused], queryFn: () => foundEntries(paused) }).data ?? [];
-  const entries = [...ownEntries(actions, typed), ...(paused === typed ? found : [])];
+  const search = useQuery({ queryKey: ["find", paused], queryFn: () => foundEntries(paused) });
+  const isSearched = paused === typed && isKnown(search);
+  const entries = [...ownEntries(actions, typed), ...(isSearched ? (search.data ?? []) : [])];
+  /** Whether somebody pressed Enter before the search had ended. */
+  const [entered, setEntered] = useState(false);
   const at = Math.min(chosen, entries.length - 1);
   useEffect(() => {
     const before = document.activeElement;
@@ -37,6 +40,11 @@ export function Palette({ close }: { close: () => void }) {
     close();
     entry.run();
   };
+  useEffect(() => {
+    if (!(entered && isSearched)) return;
+    setEntered(false);
+    take(entries[at]);
+  }, [entered, isSearched]);
   const steer = (event: KeyboardEvent) => {
     const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
     if (step === undefined) return;
@@ -56,7 +64,7 @@ export function Palette({ close }: { close: () => void }) {
       <form
         onSubmit={(event) => {
           event.preventDefault();
-          take(entries[at]);
+          setEntered(true);
         }}
       >
         <input
@@ -68,6 +76,7 @@ export function Palette({ close }: { close: () => void }) {
           onInput={(event) => {
             setTyped(event.currentTarget.value);
             setChosen(0);
+            setEntered(false);
           }}
         />
         <Button look="quiet close" aria-label={text.app.close} onClick={close}>
@@ -86,7 +95,7 @@ export function Palette({ close }: { close: () => void }) {
           </li>
         ))}
       </ul>
-      {entries.length === 0 && paused === typed && <p class="soft">{words.none}</p>}
+      {entries.length === 0 && isSearched && <p class="soft">{words.none}</p>}
     </dialog>
   );
 }

@@ -52,6 +52,7 @@ import { MetadataForm } from "../../components/schema_form";
 import { Preview } from "../../components/findings";
 import { Arm } from "../../scene/view";
 import { fleetWords } from "../fleet/words";
+import { gearboxWords } from "../gearbox/words";
 import { geometryWords } from "../geometry/words";
 import { measureWords } from "../measure/words";
 import { metadataWords, jointWords } from "../../components/words";
@@ -339,8 +340,8 @@ export const NoSets = () => (
   </Empty>
 );
 
-/** Robots, their sets, their geometries, and fleets of them: four lists of one section. */
-export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "fleets" }) {
+/** Robots, their sets, their geometries and gearboxes, and fleets of them: five lists of one section. */
+export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "gearboxes" | "fleets" }) {
   return (
     <Tabs
       label={words.tabs}
@@ -349,6 +350,7 @@ export function RobotTabs({ current }: { current: "robots" | "sets" | "geometrie
         { id: "robots", label: text.app.robots, href: "#/robots" },
         { id: "sets", label: words.sets, href: "#/sets" },
         { id: "geometries", label: geometryWords.title, href: "#/geometries" },
+        { id: "gearboxes", label: gearboxWords.title, href: "#/gearboxes" },
         { id: "fleets", label: fleetWords.title, href: "#/fleets" },
       ]}
     />

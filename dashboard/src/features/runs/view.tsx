@@ -46,6 +46,7 @@ const ABOUT: { [Of in Collection]: (item: Summary<Of>) => About } = {
   }),
   fleets: ({ name }) => ({ name: name ?? text.earlier.fleet }),
   geometries: ({ name }) => ({ name: name ?? "…" }),
+  gearboxes: ({ name }) => ({ name: name ?? "…" }),
   plans: ({ measurement_set_name: set, robot_name: robot }) => ({ name: set ?? robot ?? "…" }),
   maps: ({ name }) => ({ name: name ?? text.run.views.map }),
   programs: ({ name }) => ({ name: name ?? text.run.views.program }),

@@ -108,14 +108,15 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
     setPulled(null);
     setFound({ posture, point: inBase, force, answer, place: placeOf(asked), ...picturedBy(posture, force, answer) });
   });
-  const follow = useLatest(async (force: Vector) => {
-    const answer = await answerTo({ ...asked, force });
-    setFound((before) => before && { ...before, force, answer });
+  const follow = useLatest(async (question: Case) => {
+    const answer = await answerTo(question);
+    setFound((before) => withPulled(before, question, answer));
   });
   const pull = (force: Vector) => {
     setPulled(force);
-    setAsked({ ...asked, force });
-    follow.run(force);
+    const question = { ...(asked as Case), force };
+    setAsked(question);
+    follow.run(question);
   };
   const isSame = (force: Vector | null | undefined) => JSON.stringify(force) === JSON.stringify(asked["force"]);
   const isShown = found?.place === placeOf(asked) && (isSame(found.force) || isSame(pulled));
@@ -162,6 +163,10 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
     </div>
   );
 }
+
+/** What is shown, with the answer to a pull: a late answer about another posture or place changes nothing. */
+export const withPulled = (found: Predicted | null, question: Case, answer: DeflectionResult): Predicted | null =>
+  found?.place === placeOf(question) ? { ...found, force: question.force, answer } : found;
 
 /** Posture and place of a case as text, without its force. */
 const placeOf = ({ force: _, ...place }: Fields): string => JSON.stringify(place);

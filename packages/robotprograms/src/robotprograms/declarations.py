@@ -125,7 +125,8 @@ def list_read_names(op: ir.Op) -> list[Name]:
         return []
     near = op.near_target or op
     names = [*op.matched_frames, *op.offset_from, *near.offset_from]
-    names += list_names(op.feed.value) if op.feed else []
+    if op.feed is not None:
+        names += [*list_names(op.feed.value), *filter(None, (op.feed.percentage, op.feed.greatest))]
     for value in (*op.targets, *op.bases, *op.tools, *near.bases, *near.tools):
         names += list_names(value)
     return names

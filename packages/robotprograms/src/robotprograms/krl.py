@@ -98,8 +98,10 @@ _FEED_OF_BLOCK: Final = f"{ir.FEED} before the block"
 """Name of the feed that is active again behind a block of splines."""
 _M_PER_S: Final = 1e3
 """Unit of `$VEL.CP` [mm/s]."""
-_OWN_FEED: Final = re.compile(r"\$VEL(?:\.CP=(?P<value>.+)|=(?P<struct>\{.*\})|=SVEL_CP\((?P<data>.*)\))")
-"""A feed that an assignment, or a setting of a single move, states."""
+_OWN_FEED: Final = re.compile(
+    r"\$VEL(?:\.CP=(?P<value>.+)|=(?:(?P<struct>\{.*\})|SVEL_CP\((?P<data>.*)\)|.+))"
+)
+"""An assignment, or a setting of a single move, that sets the feed: also as a structure by its name."""
 
 
 def _read_feed(line: Line, start: int, end: int) -> ir.Value | None:
@@ -111,6 +113,8 @@ def _read_feed(line: Line, start: int, end: int) -> ir.Value | None:
     if match["struct"]:
         number = _read_struct(line, *match.span("struct")).get("CP")
         return Literal(_NUMBER, (number,)) if isinstance(number, int) else unknown
+    if not (match["value"] or match["data"]):
+        return unknown
     group = "value" if match["value"] else "data"
     begin, stop = next(iter(split_outside_brackets(line.text[: match.end(group)], match.start(group))))
     return _read_speed(line, begin, stop) or unknown
@@ -365,10 +369,13 @@ def _translate_move(line: Line) -> list[Op]:
 
 
 def _find_own_feed(line: Line, begin: int, end: int) -> ir.Value | None:
-    """Return the feed that the settings after WITH, between two indices, state; None if they state none."""
+    """Return the feed that the settings after WITH, between two indices, state; None if they state none.
+
+    The last one counts: a number may follow a structure.
+    """
     spans = split_outside_brackets(line.text[:end], begin) if begin < end else ()
-    feeds = (_read_feed(line, *each) for each in spans)
-    return next((each for each in feeds if each is not None), None)
+    feeds = [_read_feed(line, *each) for each in spans]
+    return next((each for each in reversed(feeds) if each is not None), None)
 
 
 def _find_end_of_targets(text: str, begin: int) -> tuple[int, tuple[int, int]]:

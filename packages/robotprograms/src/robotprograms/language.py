@@ -171,6 +171,10 @@ class Feed(NamedTuple):
     # speed of the controller's data of that name [mm/s], unless the program has its own
     otherwise: float = nan
     time: int | None = None  # ordinal of the time of the move: unless it is zero, the speed does not count
+    # names of the percentage of all feeds and of the greatest feed [mm/s] that a statement may set, for all
+    # moves behind it; empty if the language has no such statement
+    percentage: str = ""
+    greatest: str = ""
 
 
 class Move(NamedTuple):

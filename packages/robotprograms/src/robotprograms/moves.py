@@ -169,18 +169,33 @@ class MoveRecorder:
         else:
             content = self._contents.evaluate(place, "", feed.value, state)
             if not isinstance(content, WrittenNumbers):
-                return np.full(len(first), np.nan if self._has_data(place, feed.value) else feed.otherwise)
-            values = self._statements.numerals[content.source].values
-            found = np.full(len(first), values[content.first + content.literal.numbers[0]])
-        found = found * feed.unit
+                found = np.full(
+                    len(first), np.nan if self._has_data(place, feed.value.name) else feed.otherwise
+                )
+            else:
+                found = np.full(len(first), self._read_number(content))
+        found = found * feed.unit * self._find_number(place, feed.percentage, 100.0, state) / 100.0
+        found = np.minimum(found, self._find_number(place, feed.greatest, np.inf, state))
         counts = (found > 0.0) & (found <= MAX_VALUE)
         if feed.time is not None:
             counts &= place.values[first + feed.time] == 0.0
         return np.where(counts, found, np.nan)
 
-    def _has_data(self, place: Place, value: ir.Copy) -> bool:
-        """Return whether the program declares or changes the name that a value copies."""
-        name = place.qualify(value.name)
+    def _find_number(self, place: Place, name: str, default: float, state: State) -> float:
+        """Return the number of a name in a state: a default if no statement sets it, NaN if it is unknown."""
+        if not name or not self._has_data(place, name):
+            return default
+        content = self._contents.evaluate(place, "", ir.Copy(name), state)
+        return self._read_number(content) if isinstance(content, WrittenNumbers) else np.nan
+
+    def _read_number(self, content: WrittenNumbers) -> float:
+        """Return the first of the numbers of a content."""
+        values = self._statements.numerals[content.source].values
+        return float(values[content.first + content.literal.numbers[0]])
+
+    def _has_data(self, place: Place, name: ir.Name) -> bool:
+        """Return whether the program declares or changes a name."""
+        name = place.qualify(name)
         is_declared = name in self._declarations.names or OF_ROUTINE in name
         return is_declared or bool(self._changes.find(name))
 

@@ -30,7 +30,7 @@ _OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d|D?VALU
 # Instructions that set configuration, speed, waiting, signals, messages, clocks, interrupts and units: no
 # target, no frame and no variable of the program changes by them
 _HARMLESS: Final = (
-    r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT|MECHUNITLOAD|WAITSYNCTASK"
+    r"CONF[LJ]|ACCSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT|MECHUNITLOAD|WAITSYNCTASK"
     # Moves name their tool and work object, whatever is active for jogging.
     r"|SETSYSDATA"
     # Moves of several robots at once have the targets, tools and work objects that they name.
@@ -57,6 +57,10 @@ _PROCESS_OPTIONS: Final = re.compile(
     rf"{_OPTIONS.pattern}|ON|OFF|G\d|WEAVE|SEAMNAME|TIME|TRIGGDATA\d|(?:OPEN|CLOSE|WAIT|IN|OUT)\w*"
 )
 # The robot's searches, which write their second argument, and those of SmarTac, which write the first one
+# ABB, application manual Arc: the speed of a weld is that of the welddata, in a unit that the controller's
+# configuration chooses; ArcLStart, and \On, move to the weld at the speed of the move. Continuous application
+# platform: the speed is that of the capdata.
+_HAS_PROCESS_SPEED: Final = re.compile(r"ARC[LC](?:END\d?+)?|CAP[LCJ]")
 _SEARCH: Final = re.compile(r"SEARCH(?:[LCJ]|EXTJ|(?P<smart>_(?:[123]D|GROOVE|PART)))")
 _SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CSS|CORR|WAITWOBJ|IND")
 _END_OF_LASTING: Final = {
@@ -103,6 +107,9 @@ _LITERALS: Final = {
 _NUMBERS: Final = Notation(Orientation.NONE)  # of a speed, whose first number is that of the tool's centre
 _SPEED: Final = re.compile(r"V(\d{1,5})")
 """Name of the controller's data of a speed [mm/s]."""
+_PERCENTAGE: Final = f"{ir.FEED} percentage"
+_GREATEST: Final = f"{ir.FEED} greatest"
+"""Names of what VelSet sets for all moves: a percentage of the speed, and the greatest speed [mm/s]."""
 _OWN_SPEED: Final = re.compile(r"\\(?P<option>[VT]):=(?P<number>\0(?=[,\\]))?")
 """Speed or time of a move in place of its data of a speed."""
 _FRAMES_OF: Final = {"WOBJDATA": (".UFRAME", ".OFRAME"), "TOOLDATA": (".TFRAME",)}
@@ -175,6 +182,19 @@ def _translate_instruction(line: Line) -> list[Op]:
     # If a routine of the program has the name, the program states what the routine changes.
     own = ir.Call(name, names, harmless=True)
     return [*ir.pass_uses(found, name), own, ir.Call(name, names - _find_frames_of_move(line))]
+
+
+def _translate_speeds(line: Line) -> list[Op]:
+    """Return the operations by which VelSet changes the speeds of all moves behind it."""
+    found = _read_arguments(line)
+    ops = [*ir.omit_uses(found), ir.Call("VELSET", _find_names(found), harmless=True)]
+    spans = list(split_outside_brackets(line.text, line.span("arguments")[0]))
+    for i, name in enumerate((_PERCENTAGE, _GREATEST)):
+        start, end = spans[i] if i < len(spans) else (0, 0)
+        is_number = line.text[start:end].strip() == "\0"
+        number = Literal(_NUMBERS, line.ordinals_in(start, end))
+        ops.append(ir.Assign(name, number if is_number else ir.Unknown("VelSet is computed", _REMEDY)))
+    return ops
 
 
 _MOVE_NAME: Final = re.compile(r"(?!.*(?:CAL|MEAS|TCP|TOOL|WOBJ))\w*[LJC](?:START|END)?\d?+")
@@ -256,7 +276,9 @@ def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op
     if ir.calls_routine(found):
         return ir.make_uncorrected_move(found, f"{name}: an argument of the move is computed", remedy)
     base, tool = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(arguments[-1], "TOOLDATA")
-    feed = _read_feed(line, *spans[count])
+    approaches = re.search(r"\\ON\b", line["arguments"]) is not None
+    has_process_speed = _HAS_PROCESS_SPEED.fullmatch(name) and not approaches
+    feed = None if has_process_speed else _read_feed(line, *spans[count])
     return [*others, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count, feed=feed)]
 
 
@@ -478,6 +500,12 @@ def _translate_plain_move(line: Line) -> list[Op]:
 
 def _read_feed(line: Line, start: int, end: int) -> ir.Feed | None:
     """Return the feed of a move whose data of a speed are between two indices; None if it is computed."""
+    feed = _read_own_feed(line, start, end)
+    return feed and feed._replace(percentage=_PERCENTAGE, greatest=_GREATEST)
+
+
+def _read_own_feed(line: Line, start: int, end: int) -> ir.Feed | None:
+    """Return the feed of a move, without what VelSet sets for all moves; None if it is computed."""
     own = _OWN_SPEED.search(line.text, line.span("arguments")[0])
     if own is not None:  # a time in place of a speed gives no feed
         numbers = line.ordinals_in(*own.span("number")) if own["option"] == "V" and own["number"] else ()
@@ -696,6 +724,7 @@ LANGUAGE: Final = ir.Language(
             r"%(?P<routine>[^%]+)%(?P<arguments>[^%]*)|CALLBYVAR (?P<variable>[^,]+),(?P<more>.+)",
             _translate_late_call,
         ),
+        (r"VELSET (?P<arguments>.*)", _translate_speeds),
         (r"@{name} ?(?P<arguments>.*)", _translate_instruction),
     ),
 )

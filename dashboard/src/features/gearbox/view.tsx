@@ -1,0 +1,161 @@
+/** Gearboxes: where a weight step starts, and the gearboxes that it determines. */
+import { useState } from "preact/hooks";
+import { api } from "../../api/calls";
+import type { GearboxRequest, GearboxResult, RobotDocument } from "../../api/types";
+import { ActionButton, Facts, Name, Title } from "../../components/basics";
+import { RobotSelect } from "../../components/choosers";
+import { Estimate } from "../../components/estimate";
+import { JobLines, JobPage, JobTables, VerdictCard } from "../../components/job_page";
+import { DropZone } from "../../components/schema_form";
+
+import { contentKey, isFields, listOf, parsed } from "../../lib/json";
+import { labelOf, shownWithInterval } from "../../lib/stiffness";
+import { link, useAction } from "../../state/action";
+import { FROM_FILE, sourceOf } from "../../state/choices";
+import { useSettings } from "../../state/session";
+import { text } from "../../words";
+import { Refused } from "../readings/flow";
+import { RobotTabs } from "../robots/view";
+import { JobList } from "../runs/view";
+import { gearboxWords as words } from "./words";
+
+export function GearboxView({ id }: { id: string }) {
+  return (
+    <JobPage
+      collection="gearboxes"
+      id={id}
+      kind={words.title}
+      load={async (signal) => ({ job: await api.gearboxes.one(id, signal) })}
+      head={({ job }) => ({ name: job.name, list: "#/gearboxes" })}
+    >
+      {(result) => (
+        <>
+          <VerdictCard assessment={result.assessment} context={null} sentences={words.verdicts} />
+          <Gearboxes result={result} />
+          <JobLines collection="gearboxes" id={id} />
+          <JobTables collection="gearboxes" id={id} from={1} />
+        </>
+      )}
+    </JobPage>
+  );
+}
+
+/** Each gearbox with its interval, or why it has no number. */
+function Gearboxes({ result }: { result: GearboxResult }) {
+  const { unit } = useSettings();
+  const unusable = result.assessment.verdict === "do_not_use";
+  return (
+    <section class="card" aria-labelledby="gearboxes">
+      <h2 id="gearboxes">
+        {words.result} <small class="soft">{labelOf(unit, ["revolute"])}</small>
+      </h2>
+      <Facts
+        facts={result.gearboxes.map(({ joint, stiffness, stiffness_interval: interval, reason }) => ({
+          label: <Name>{joint}</Name>,
+          value:
+            stiffness === null ? (
+              <span class="soft">{reason}</span>
+            ) : (
+              <Estimate of={{ ...shownWithInterval(stiffness, interval, unit, "revolute"), unusable }} />
+            ),
+        }))}
+      />
+      <p class="soft">{words.notTheJoint}</p>
+    </section>
+  );
+}
+
+/** A weight step in a file, with what the page tells of it. */
+interface Step {
+  request: Record<string, unknown>;
+  robot: RobotDocument | null;
+  robotId: string;
+  joints: string[];
+  postures: number;
+  mass: string;
+}
+
+function stepOf(content: string): Step | null {
+  const document = parsed(content);
+  if (!isFields(document) || !isFields(document["load"])) return null;
+  const { robot, robot_id: robotId, ...request } = document;
+  const postures = listOf(request["observations"]);
+  const readings = postures.flatMap((posture) => listOf(posture["encoder_readings"]));
+  if (readings.length === 0) return null;
+  return {
+    request,
+    robot: isFields(robot) ? (robot as unknown as RobotDocument) : null,
+    robotId: typeof robotId === "string" ? robotId : "",
+    joints: [...new Set(readings.map(({ joint }) => String(joint)))],
+    postures: postures.length,
+    mass: `${String(document["load"]["mass"] ?? "?")} kg`,
+  };
+}
+
+type Opened = { name: string; step: Step | null };
+
+export function GearboxesView() {
+  const [opened, setOpened] = useState<Opened | null>(null);
+  const take = async (file: File) => setOpened({ name: file.name, step: stepOf(await file.text()) });
+  return (
+    <>
+      <Title plain={words.title}>{words.title}</Title>
+      <RobotTabs current="gearboxes" />
+      <p>{words.intro}</p>
+      <div class="flow">
+        <section class="card" aria-labelledby="step-file">
+          <h2 id="step-file">{words.readings}</h2>
+          <DropZone
+            title={words.drop}
+            hint={words.dropHint}
+            accept=".json,application/json"
+            compact={opened !== null}
+            button={opened ? text.files.another : text.files.choose}
+            take={(file) => void take(file)}
+          />
+          {opened && !opened.step && <Refused file={opened.name} why={words.notReadings} />}
+          {opened?.step && <Understood {...opened.step} />}
+        </section>
+        {opened?.step && <Start key={opened.name} step={opened.step} />}
+      </div>
+      <JobList collection="gearboxes" />
+    </>
+  );
+}
+
+const Understood = ({ joints, postures, mass }: Step) => (
+  <Facts
+    facts={[
+      { label: words.joints, value: <Name>{joints.join(", ")}</Name> },
+      { label: words.postures, value: String(postures) },
+      { label: words.load, value: mass },
+    ]}
+  />
+);
+
+/** The robot, and the button. */
+function Start({ step }: { step: Step }) {
+  const [chosen, setChosen] = useState(step.robot ? FROM_FILE : step.robotId);
+  const source = sourceOf(chosen, step.robot);
+  const start = useAction(async () => {
+    const request = { ...step.request, ...source } as unknown as GearboxRequest;
+    const made = await api.gearboxes.add(request, contentKey("gearbox", request));
+    return link(["gearboxes", made.id]);
+  }, "gearbox");
+  return (
+    <section class="card" aria-labelledby="robot">
+      <h2 id="robot">{words.robot}</h2>
+      <RobotSelect
+        label={words.robot}
+        value={chosen}
+        change={setChosen}
+        help={words.robotHint}
+        none={words.pickRobot}
+        ofFile={step.robot}
+      />
+      <ActionButton look="primary big" action={start} disabled={!source} going={text.start.going}>
+        {words.identify}
+      </ActionButton>
+    </section>
+  );
+}

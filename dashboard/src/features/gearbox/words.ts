@@ -1,0 +1,27 @@
+/** Words of gearboxes. */
+export const gearboxWords = {
+  title: "Gearboxes",
+  intro:
+    "Read the motor's encoder and the encoder behind the gearbox at rest, without and with a weighed load. The result is the stiffness of each gearbox, without a tracker.",
+  readings: "Weight step",
+  drop: "Drop a file of a weight step here",
+  dropHint: "JSON with “load” and “observations”, as docs/without-a-tracker.md shows",
+  notReadings: [
+    "No weight step in this file",
+    "The file needs “load”, and “observations” with “encoder_readings”; docs/without-a-tracker.md shows the form.",
+  ],
+  postures: "Postures",
+  joints: "Joints",
+  load: "Load",
+  robot: "Robot",
+  robotHint: "The robot's model gives the load's lever about each joint.",
+  pickRobot: "Choose one",
+  identify: "Identify the gearboxes",
+  result: "Gearboxes, motor to link encoder",
+  notTheJoint: "Bearings and links behind the encoders are not in these numbers.",
+  verdicts: {
+    use: "The steps determine these gearboxes.",
+    use_with_care: "Read the findings before you use these numbers.",
+    do_not_use: "The readings have a fault. Correct it before you use these numbers.",
+  },
+};

@@ -1,0 +1,231 @@
+"""Mistakes of users in Python: the answer names the cause, and its remedy, carried out, works."""
+
+import copy
+import re
+
+import numpy as np
+import pytest
+
+import jointstiff as js
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.errors import JointstiffError
+
+FORCE, AT = (0.0, 0.0, -500.0), (0, 0, 120)
+ZERO = np.zeros((2, 6))
+AREA = {
+    "area": [[1400, -200, 600], [1800, 200, 600]],
+    "grid": (2, 2, 1),
+    "place": (0, 0, 250),
+    "force": FORCE,
+}
+
+
+@pytest.fixture(scope="module")
+def document():
+    return simulate_campaign(default_arm(), load="pull", configurations=8, seed=3)
+
+
+@pytest.fixture(scope="module")
+def run(document):
+    return js.identify(document)
+
+
+def option(wrong, right):
+    """Return a mistake in an option of `identify`, and its correction."""
+    return lambda _, document: js.identify(document, **wrong), lambda _, document: js.identify(
+        document, **right
+    )
+
+
+def first_observation(wrong, right):
+    """Return a mistake in the first observation of a campaign, and its correction."""
+
+    def identify(changes):
+        def call(_, document):
+            changed = copy.deepcopy(document)
+            changed["measurement_set"]["observations"][0].update(changes)
+            return js.identify(changed)
+
+        return call
+
+    return identify(wrong), identify(right)
+
+
+def of_run(wrong, right):
+    """Return a mistake in a call with a run, and its correction; both are functions of the run."""
+    return lambda run, _: wrong(run), lambda run, _: right(run)
+
+
+MISTAKES = {
+    # Words of other packages
+    "constraint": (*option({"constraint": True}, {"positive": True}), "give `positive` in its place"),
+    "nonnegative": (*option({"nonnegative": True}, {"positive": True}), "give `positive` in its place"),
+    "alpha": (*option({"alpha": 0.05}, {"confidence": 0.95}), "give `confidence` in its place"),
+    "bounds": (
+        *option({"bounds": {"joint_2": (1e6, None)}}, {"stiffness_bounds": {"joint_2": (1e6, None)}}),
+        "give `stiffness_bounds` in its place",
+    ),
+    "exclude": (*option({"exclude": ["c01"]}, {"leave_out": ["c01"]}), "give `leave_out` in its place"),
+    "robust": (*option({"robust": "huber"}, {"loss": "huber"}), "give `loss` in its place"),
+    "misspelt option": (*option({"methd": "CP"}, {"method": "CP"}), "give `method` in its place"),
+    # Values
+    "percent": (*option({"confidence": 95}, {"confidence": 0.95}), "must be less than or equal to 0.9999"),
+    "method": (*option({"method": "partial"}, {"method": "partial_pose"}), "must be .*'partial_pose'"),
+    "loss": (*option({"loss": "l1"}, {"loss": "huber"}), "must be 'squared', 'huber'"),
+    "truth as a text": (*option({"positive": "yes"}, {"positive": True}), "give true or false"),
+    "one label": (*option({"leave_out": 3}, {"leave_out": ["c03"]}), "must be a list"),
+    "label": (*option({"leave_out": ["c99"]}, {"leave_out": ["c08"]}), "no observation 'c99'"),
+    "weighting": (*option({"weighting": "none"}, {"weighting": "uniform"}), "must be .*'uniform'"),
+    "elasticity": (
+        *option({"elasticity": "joint"}, {"elasticity": "joints"}),
+        "must be 'joints', 'joints_and_base'",
+    ),
+    "sampling": (
+        *option({"resampling": 8}, {"resampling": {"size": 6, "repetitions": 10}}),
+        "give its fields by name",
+    ),
+    "prior of no joint": (
+        *option(
+            {"priors": {"J1": {"stiffness": 3e6, "standard_uncertainty": 1e6}}},
+            {"priors": {"joint_1": {"stiffness": 3e6, "standard_uncertainty": 1e6}}},
+        ),
+        "no joint 'J1'; remedy: use one of joint_1",
+    ),
+    "order": (
+        *option({"stiffness_order": ["joint_2", "joint_4"]}, {"stiffness_order": [["joint_2", "joint_4"]]}),
+        "must be a list",
+    ),
+    "length without weighting": (
+        *option(
+            {"characteristic_length": 500},
+            {"characteristic_length": 500, "weighting": "characteristic_length", "method": "CP"},
+        ),
+        "needs the weighting `characteristic_length`",
+    ),
+    # Readings
+    "nan": (*first_observation({"force": [float("nan"), 0, 0]}, {}), r"force\[0\]: must be a finite number"),
+    "text": (*first_observation({"force": ["a", 0, 0]}, {}), r"force\[0\]: must be a number"),
+    "two components": (*first_observation({"force": [1, 2]}, {}), r"force\[2\]: required field is missing"),
+    "None": (*first_observation({"joints": None}, {}), r"observations\[0\].joints: must be a list"),
+    "five angles": (*first_observation({"joints": [0] * 5}, {}), "one angle for each joint"),
+    "one label twice": (*first_observation({"label": "c02"}, {}), "give every observation a unique label"),
+    "no campaign": (
+        lambda _, _document: js.identify(None),
+        lambda _, document: js.identify(document),
+        "a campaign is a file, a document",
+    ),
+    # Results
+    "no joint": (
+        *of_run(lambda run: run.joints["J2"], lambda run: run.joints["joint_2"]),
+        "its joints are joint_1, joint_2",
+    ),
+    "level of an interval": (
+        *of_run(lambda run: run.conf_int(0.05), lambda run: run.conf_int("compliance")),
+        "give `stiffness` or `compliance`",
+    ),
+    "no table": (
+        *of_run(lambda run: run.to_frame("resid"), lambda run: run.to_frame("residuals")),
+        "its tables are joints, residuals",
+    ),
+    "no joint to draw": (
+        *of_run(lambda run: run.plot(joints=["J1"]), lambda run: run.plot(joints=["joint_1"])),
+        "the joints are joint_1",
+    ),
+    "no campaign of this name": (
+        *of_run(lambda _: js.datasets.load("fanuc"), lambda _: js.datasets.load("fanuc_r2000ic")),
+        "use one of .*fanuc_r2000ic",
+    ),
+    # Predictions and maps
+    "five angles to predict": (
+        *of_run(
+            lambda run: run.predict(np.zeros((2, 5)), FORCE, at=AT),
+            lambda run: run.predict(ZERO, FORCE, at=AT),
+        ),
+        "give the 6 controller angles",
+    ),
+    "angle that is nan": (
+        *of_run(
+            lambda run: run.predict(ZERO * np.nan, FORCE, at=AT), lambda run: run.predict(ZERO, FORCE, at=AT)
+        ),
+        "must be a finite number",
+    ),
+    "shape of forces": (
+        *of_run(
+            lambda run: run.predict(ZERO, np.zeros((3, 3)), at=AT),
+            lambda run: run.predict(ZERO, np.full((2, 3), 9.0), at=AT),
+        ),
+        r"give finite numbers of shape \(3,\) or \(2, 3\)",
+    ),
+    "no forces": (
+        *of_run(lambda run: run.predict(ZERO, at=AT), lambda run: run.predict(ZERO, forces=FORCE, at=AT)),
+        "`forces` are missing",
+    ),
+    "far point": (
+        *of_run(
+            lambda run: run.predict(ZERO, FORCE, at=(0, 0, 99999)),
+            lambda run: run.predict(ZERO, FORCE, at=(0, 0, 99.999)),
+        ),
+        "check the unit of the point",
+    ),
+    "unit": (
+        *of_run(
+            lambda run: run.predict(ZERO, FORCE, at=AT, units="mm, deg, newton"),
+            lambda run: run.predict(ZERO, FORCE, at=AT, units="mm, deg, N"),
+        ),
+        "'newton' is not a known unit; remedy: .*force N",
+    ),
+    "no area": (
+        *of_run(lambda run: js.map(run, force=FORCE), lambda run: js.map(run, **AREA)),
+        "area: required field is missing; remedy: add this field",
+    ),
+    # Corrections and plans
+    "poses": (
+        *of_run(
+            lambda run: run.correct(np.zeros((1, 5)), tool=np.eye(4), forces=FORCE, joints=ZERO[:1]),
+            lambda run: run.correct([[1700, 0, 1500, 0, 1.5, 0]], tool=(0, 0, 0, 0, 0, 0), forces=FORCE),
+        ),
+        r"give poses \(N, 4, 4\), or \(N, 6\)",
+    ),
+    "number of readings": (
+        *of_run(
+            lambda run: js.plan(run, readings=0, candidates=50),
+            lambda run: js.plan(run, readings=1, candidates=50),
+        ),
+        "must be greater than or equal to 1",
+    ),
+    "criterion": (
+        *of_run(
+            lambda run: js.plan(run, readings=1, candidates=50, criterion="D"),
+            lambda run: js.plan(run, readings=1, candidates=50, criterion="d"),
+        ),
+        "must be .*'d'",
+    ),
+    "goal": (
+        *of_run(
+            lambda run: js.plan(run, goal="15", candidates=50),
+            lambda run: js.plan(run, goal="15 %", candidates=50),
+        ),
+        'write "15 %" for every joint',
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_answered_with_a_remedy_that_works(run, document, name):
+    mistake, correction, answer = MISTAKES[name]
+    with pytest.raises((js.CampaignError, JointstiffError, KeyError, ValueError)) as refused:
+        mistake(run, document)
+    assert re.search(answer, str(refused.value)), str(refused.value)
+    assert "openapi" not in str(refused.value)
+    done = correction(run, document)
+    assert getattr(done, "state", "succeeded") == "succeeded"
+
+
+def test_an_ending_that_no_file_has_is_answered_with_those_that_work(run, tmp_path):
+    with pytest.raises(ValueError, match="must end in ") as refused:
+        run.save(tmp_path / "run.docx")
+    endings = re.findall(r"(\.\w+)(?=,| or|$)", str(refused.value).partition("must end in ")[2])
+    assert endings == [".json", ".csv", ".xlsx", ".svg", ".png", ".html", ".pdf", ".mjcf", ".xml"]
+    for ending in endings[:-1]:  # a certificate needs a laboratory, and says so
+        run.save(tmp_path / f"run{ending}")
+        assert (tmp_path / f"run{ending}").stat().st_size > 0

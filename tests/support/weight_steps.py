@@ -1,0 +1,180 @@
+"""Simulated weight steps: arms, cobots, and the mistakes of the people who measure them."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from jointstiff.schemas.gearbox import GearboxRequest
+from jointstiff.service.conversion.gearbox import to_weight_step
+from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.weight_step import Gears, SteppedArm, simulate_weight_step
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.gearboxes.step import WeightStep
+
+Document = dict[str, Any]
+JOINTS: Final = (1, 2)
+"""Joints with two encoders."""
+POSTURES: Final = 12
+PLACE: Final = np.array([0.0, 0.0, 0.15])
+OWN_MASSES: Final = np.array([0.0, 250.0, 150.0, 50.0, 20.0, 10.0])
+"""Masses of the arm's own bodies [kg]."""
+COBOT_SIZE: Final = 0.37
+"""Size of a cobot, in that of the arm."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A weight step with what is true."""
+
+    document: Document
+    stiffness: FloatArray  # (6,) of all gearboxes [N·m/rad]
+
+
+def simulate(seed: int, *, is_planned: bool = True, is_cobot: bool = False) -> Simulated:
+    """Return the weight step of a random arm, whose load is as uncertain as it states.
+
+    Args:
+        seed: of the arm, its gears, the load and the postures.
+        is_planned: whether the postures are at the extremes of the load's torque, or random.
+        is_cobot: whether the arm is small, soft and has much play.
+    """
+    draw = np.random.default_rng([seed, 93])
+    arm, mass, share = default_arm(), 100.0, 1.0
+    stiffness = np.array(arm.stiffnesses) * np.exp(draw.uniform(-0.5, 0.5, 6))
+    gears = Gears(lost_motion=draw.uniform(5e-6, 20e-6))
+    if is_cobot:
+        mass, share = 5.0, 0.05
+        stiffness = 2.5e4 * np.exp(draw.uniform(-0.5, 0.5, 6))
+        gears = Gears(draw.uniform(30e-6, 150e-6), (150e-6,), (52,), drift=50e-6, encoder_noise=14e-6)
+        arm = replace(
+            arm,
+            axis_points=COBOT_SIZE * np.array(arm.axis_points),
+            flange_translation=COBOT_SIZE * np.array(arm.flange_translation),
+        )
+    arm = replace(arm, stiffnesses=stiffness, payload=1.2 * mass)
+    true = SteppedArm(
+        arm, mass * (1.0 + draw.normal(0.0, 0.003)), PLACE + draw.normal(0.0, 0.006, 3), share * OWN_MASSES
+    )
+    candidates = draw.uniform(*np.array(arm.limits).T, (300, 6))
+    chosen = np.arange(POSTURES)
+    if is_planned:
+        torques = SteppedArm(arm, mass, PLACE, np.zeros(6)).torques(candidates, loaded=True)
+        order = np.argsort(torques, axis=0)
+        extremes = [order[:3], order[-3:]]
+        chosen = np.concatenate([extreme[:, joint] for joint in JOINTS for extreme in extremes])
+    document = simulate_weight_step(true, candidates[chosen], JOINTS, gears, draw, link_holds=bool(seed % 2))
+    document["load"] = {
+        "mass": mass,
+        "mass_uncertainty": 0.003 * mass,
+        "point": PLACE.tolist(),
+        "point_uncertainty": 0.006,
+    }
+    return Simulated(document, stiffness)
+
+
+def read(document: Document) -> WeightStep:
+    """Return the weight step of a document."""
+    request = GearboxRequest.model_validate(document)
+    assert request.robot is not None
+    return to_weight_step(request, prepare_robot(request.robot).robot)
+
+
+def _readings(document: Document) -> list[Document]:
+    """Return all readings of a document."""
+    return [reading for posture in document["observations"] for reading in posture["encoder_readings"]]
+
+
+def _weight_for_mass(document: Document, _draw: np.random.Generator) -> None:
+    document["load"]["mass"] *= 9.80665
+    document["load"]["mass_uncertainty"] *= 9.80665
+
+
+def _other_sign(document: Document, _draw: np.random.Generator) -> None:
+    for reading in _readings(document):
+        if reading["joint"] == "joint_3":
+            for state in ("unloaded", "loaded"):
+                reading[state] = {name: -angle for name, angle in reading[state].items()}
+
+
+def _states_exchanged(document: Document, _draw: np.random.Generator) -> None:
+    for reading in _readings(document):
+        reading["unloaded"], reading["loaded"] = reading["loaded"], reading["unloaded"]
+
+
+def _load_not_hung(step: int) -> Callable[[Document, np.random.Generator], None]:
+    def mistake(document: Document, draw: np.random.Generator) -> None:
+        for posture in document["observations"][::step]:
+            for reading in posture["encoder_readings"]:
+                reading["loaded"] = {
+                    name: angle + draw.normal(0.0, 2e-6) for name, angle in reading["unloaded"].items()
+                }
+
+    return mistake
+
+
+def _another_posture(document: Document, _draw: np.random.Generator) -> None:
+    document["observations"][4]["joints"] = document["observations"][7]["joints"]
+
+
+def _rolled_postures(document: Document, _draw: np.random.Generator) -> None:
+    joints = [posture["joints"] for posture in document["observations"]]
+    for posture, other in zip(document["observations"], joints[1:] + joints[:1], strict=True):
+        posture["joints"] = other
+
+
+def _one_side_said_as_two(document: Document, draw: np.random.Generator) -> None:
+    for posture in document["observations"]:
+        readings = posture["encoder_readings"]
+        for positive, negative in zip(readings[::2], readings[1::2], strict=True):
+            for state in ("unloaded", "loaded"):
+                negative[state] = {
+                    name: angle + draw.normal(0.0, 1.7e-6) for name, angle in positive[state].items()
+                }
+
+
+def _referenced_anew(document: Document, _draw: np.random.Generator) -> None:
+    for reading in _readings(document):
+        if reading["joint"] == "joint_2":
+            reading["loaded"]["link"] += 1e-3
+
+
+def _degrees(document: Document, _draw: np.random.Generator) -> None:
+    for reading in _readings(document):
+        for state in ("unloaded", "loaded"):
+            reading[state] = {name: float(np.degrees(angle)) for name, angle in reading[state].items()}
+
+
+def _unknown_side(document: Document, _draw: np.random.Generator) -> None:
+    for posture in document["observations"]:
+        posture["encoder_readings"] = posture["encoder_readings"][::2]
+        for reading in posture["encoder_readings"]:
+            reading["approach"] = None
+
+
+MISTAKES: Final[dict[str, Callable[[Document, np.random.Generator], None]]] = {
+    "weight in N for the mass": _weight_for_mass,
+    "sign of an encoder": _other_sign,
+    "states exchanged": _states_exchanged,
+    "load not hung in half the postures": _load_not_hung(2),
+    "load never hung": _load_not_hung(1),
+    "another posture": _another_posture,
+    "postures rolled": _rolled_postures,
+    "one side said as two": _one_side_said_as_two,
+    "an encoder referenced anew": _referenced_anew,
+    "degrees for radians": _degrees,
+    "side not said": _unknown_side,
+}
+"""Mistakes in a document, by name."""
+
+
+def with_mistake(document: Document, name: str, seed: int = 0) -> Document:
+    """Return a copy of a document with a mistake."""
+    changed = copy.deepcopy(document)
+    MISTAKES[name](changed, np.random.default_rng(seed))
+    return changed
