@@ -61,7 +61,8 @@ def simulate(seed: int, *, is_planned: bool = True, is_cobot: bool = False) -> S
     true = SteppedArm(
         arm, mass * (1.0 + draw.normal(0.0, 0.003)), PLACE + draw.normal(0.0, 0.006, 3), share * OWN_MASSES
     )
-    candidates = draw.uniform(*np.array(arm.limits).T, (300, 6))
+    lower, upper = np.array(arm.limits).T
+    candidates = draw.uniform(lower, upper, (300, 6))
     chosen = np.arange(POSTURES)
     if is_planned:
         torques = SteppedArm(arm, mass, PLACE, np.zeros(6)).torques(candidates, loaded=True)
