@@ -700,6 +700,7 @@ _NAMES_ELSEWHERE: Final = MappingProxyType(
         "nonnegative": "positive",
         "prior": "priors",
         "robust": "loss",
+        "weights": "weighting",
     }
 )
 """Name of an option in other packages → its name here, where the words are not alike."""

@@ -108,9 +108,10 @@ class ArrayReadings:
             MeasurementError: shapes do not fit, a value is not a number, or a length is implausible.
         """
         joints = to_number_array(self.joints, "joints")
-        count = len(joints)
         if joints.ndim != 2 or not joints.size:
             raise _make_shape_error("joints", joints, _JOINT_ROWS)
+        count = len(joints)
+        self._refuse_transposed_joints(joints)
         point = None if self.load_point is None else to_vectors(self.load_point, count, "load_point", [])
         is_common_point = point is not None and bool((point == point[0]).all())
         for row in () if point is None else point:
@@ -168,6 +169,17 @@ class ArrayReadings:
             **({"load_point": point[0].tolist()} if point is not None and is_common_point else {}),
             "observations": observations,
         }
+
+    def _refuse_transposed_joints(self, joints: FloatArray) -> None:
+        """Refuse joints whose columns, not rows, are as many as the rows of the readings."""
+        read = self.deflections if self.unloaded is None else self.unloaded
+        rows = len(read) if isinstance(read, np.ndarray | list) else len(joints)
+        if len(joints) != rows == joints.shape[1]:
+            raise MeasurementError(
+                f"`joints` has {len(joints)} rows, but {rows} observations were read",
+                where="joints",
+                remedy="give a row for each observation, as in `joints.T`",
+            )
 
     def _read_flange_places(self, length: float) -> dict[str, list[float]]:
         """Return the targets' positions in the flange frame by name; empty if `targets` has only names.

@@ -56,8 +56,33 @@ def of_run(wrong, right):
     return lambda run, _: wrong(run), lambda run, _: right(run)
 
 
+def of_joints(change):
+    """Return the arrays of a campaign with changed joints as a mistake, and the campaign as correction."""
+
+    def build(joints_of):
+        def call(_, document):
+            observations = document["measurement_set"]["observations"]
+            joints = np.array([observation["joints"] for observation in observations])
+            return js.Campaign.from_arrays(
+                document["robot"],
+                joints_of(joints),
+                forces=[observation["force"] for observation in observations],
+                deflections=np.full((len(joints), 1, 3), 0.1),
+                load_point=AT,
+                targets={"P": (0.0, 0.0, 100.0)},
+            )
+
+        return call
+
+    return build(change), build(lambda joints: joints)
+
+
 MISTAKES = {
+    # Arrays in another form
+    "joints transposed": (*of_joints(np.transpose), r"`joints` has 6 rows, but 8 .* `joints.T`"),
+    "joints None": (*of_joints(lambda _: None), r"joints.*shape"),
     # Words of other packages
+    "weights": (*option({"weights": "uniform"}, {"weighting": "uniform"}), "did you mean `weighting`"),
     "constraint": (*option({"constraint": True}, {"positive": True}), "give `positive` in its place"),
     "nonnegative": (*option({"nonnegative": True}, {"positive": True}), "give `positive` in its place"),
     "alpha": (*option({"alpha": 0.05}, {"confidence": 0.95}), "give `confidence` in its place"),

@@ -60,7 +60,6 @@ function Gearboxes({ result }: { result: GearboxResult }) {
             ),
         }))}
       />
-      <p class="soft">{words.notTheJoint}</p>
     </section>
   );
 }

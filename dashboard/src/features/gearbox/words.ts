@@ -18,7 +18,6 @@ export const gearboxWords = {
   pickRobot: "Choose one",
   identify: "Identify the gearboxes",
   result: "Gearboxes, motor to link encoder",
-  notTheJoint: "Bearings and links behind the encoders are not in these numbers.",
   verdicts: {
     use: "The steps determine these gearboxes.",
     use_with_care: "Read the findings before you use these numbers.",
