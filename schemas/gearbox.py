@@ -116,19 +116,29 @@ class GearboxRequest(Message):
     )
     robot: RobotDocument | None = Field(default=None, description="The robot, which is not stored.")
     load: HungLoad
+    gravity: Vector3 = Field(
+        default=(0.0, 0.0, -9.80665),
+        description="Acceleration of gravity in R0, in m/s²; default: along −z of R0.",
+    )
     encoder_sigma: Annotated[float, Field(strict=True, ge=0.0, le=10.0)] | None = Field(
         default=None,
         description="Standard uncertainty of one angle of one encoder, in units.angle. The noise of a step "
         "is estimated from its residuals, and is at least twice this value.",
     )
     observations: Annotated[list[StepPosture], Field(min_length=1, max_length=MAX_POSTURES), FailFast()] = (
-        Field(description="Postures: at least four; 12 planned ones are good practice.")
+        Field(description="Postures; 12 planned ones are good practice.")
     )
 
     @model_validator(mode="after")
     def _require_one_robot(self) -> GearboxRequest:
         if (self.robot_id is None) == (self.robot is None):
             raise ValueError("give either `robot_id` or `robot`")
+        return self
+
+    @model_validator(mode="after")
+    def _require_plausible_gravity(self) -> GearboxRequest:
+        if not 1.0 <= sum(part**2 for part in self.gravity) ** 0.5 <= 100.0:
+            raise ValueError("gravity must be 1 to 100 m/s²: 9.80665 on the ground")
         return self
 
     @model_validator(mode="after")

@@ -16,6 +16,8 @@ ASSUMED_MASS: Final = 0.01
 """Standard uncertainty of a mass that is not weighed, relative to the mass."""
 ASSUMED_PLACE: Final = 0.01
 """Standard uncertainty of each coordinate of the load's place where nothing is stated [m]."""
+_FARTHEST: Final = 100.0
+"""Position of a joint [rad or m] beyond which it is no position of an arm."""
 _SENSE: Final = {"+": 1, "-": -1, None: 0}
 
 
@@ -34,6 +36,12 @@ def to_weight_step(request: GearboxRequest, robot: Robot) -> WeightStep:
                 f"there are {len(posture.joints)} joint angles, but the robot has {robot.n} joints",
                 where=f"observations[{index}].joints",
                 remedy="give the positions of all controller joints in every posture",
+            )
+        if (np.abs(np.array(posture.joints) * per_controller_unit) > _FARTHEST).any():
+            raise MeasurementError(
+                f"a joint is farther than {_FARTHEST:.0f} rad or m from zero",
+                where=f"observations[{index}].joints",
+                remedy="check the units of the joints",
             )
     rows = [
         (i, _find_joint(robot, reading.joint, f"observations[{i}].encoder_readings[{k}].joint"), reading)
@@ -63,6 +71,7 @@ def to_weight_step(request: GearboxRequest, robot: Robot) -> WeightStep:
             point_uncertainty=ASSUMED_PLACE if stated is None else length * stated,
             is_weighed=load.mass_uncertainty is not None,
         ),
+        gravity=np.array(request.gravity, dtype=np.float64),
         encoder_sigma=0.0 if request.encoder_sigma is None else angle * request.encoder_sigma,
     )
 
@@ -73,5 +82,13 @@ def _find_joint(robot: Robot, name: str, where: str) -> int:
     if robot.prismatic[joint]:
         raise RequestError(
             f"{name} slides: a twist is an angle", where=where, remedy="omit the readings of this joint"
+        )
+    matrix = robot.joint_map.matrix
+    others = np.arange(robot.n) != joint
+    if matrix[joint, others].any() or matrix[others, joint].any():
+        raise RequestError(
+            f"the joint map couples {name} with other joints, so that its motor carries their torques, too",
+            where=where,
+            remedy="omit the readings of this joint",
         )
     return joint

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fit.estimate import compute_interval_ends
 from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationProblem
 from jointstiff.solver.fit.solution import solve
@@ -22,7 +22,7 @@ LEAST_FREEDOM: Final = 1
 _UPPER: Final = 0.975
 """Probability below the upper end of an interval of 95 %."""
 _ROUNDS: Final = 4
-"""Rounds of noise and of the products of compliance and load: each changes the answer by its square."""
+"""Rounds of the products of compliance and load: each changes the answer by its square."""
 _LEAST_NOISE: Final = 1e-9
 """Least standard deviation of a step [rad]: computed readings have residuals of rounding alone."""
 
@@ -88,24 +88,15 @@ class _Rows:
         return np.concatenate([*steps, np.zeros(1 + PLACE)])
 
     @property
-    def is_known(self) -> BoolArray:
-        """(unknowns,) false for errors of a load whose mass or place is exact: they have no column."""
-        return np.asarray(np.linalg.norm(self.matrix, axis=0) > 0.0)
-
-    @property
     def bounds(self) -> Bounds:
-        """Bounds of the known unknowns: compliances are positive or zero."""
+        """Bounds of the unknowns: compliances are positive or zero."""
         lower = np.full(self.matrix.shape[1], -np.inf)
         lower[self.first[:-1]] = 0.0
-        return Bounds(lower, np.full(len(lower), np.inf)).select(np.flatnonzero(self.is_known))
+        return Bounds(lower, np.full(len(lower), np.inf))
 
-    def solve(self, bounds: Bounds) -> FloatArray:
-        """Return the unknowns of least squares within bounds, by Clarabel and certified."""
-        unknowns = np.zeros(self.matrix.shape[1])
-        unknowns[self.is_known] = solve(
-            IdentificationProblem(self.matrix[:, self.is_known], self.rhs, bounds)
-        ).compliance
-        return unknowns
+    def solve(self) -> FloatArray:
+        """Return the unknowns of least squares within the bounds, by Clarabel and certified."""
+        return solve(IdentificationProblem(self.matrix, self.rhs, self.bounds)).compliance
 
     def residuals(self, unknowns: FloatArray) -> list[FloatArray]:
         """Return the residuals (S,) [rad] of each joint's steps."""
@@ -116,19 +107,20 @@ class _Rows:
 
     def intervals(self, compliance: FloatArray) -> tuple[Likelihood, FloatArray]:
         """Return the likelihood of the unknowns, and the 95 % intervals (joints, 2) of the compliances."""
-        known = self.matrix[:, self.is_known]
-        centre = np.asarray(np.linalg.lstsq(known, self.rhs, rcond=None)[0], dtype=np.float64)
-        likelihood = Likelihood(np.arange(len(centre)), centre, invert_gram(known))
-        quantiles = np.array([student_quantile(_UPPER, steps.degrees_of_freedom) for steps in self.steps])
-        ends = compute_interval_ends(
-            likelihood,
-            Constraints(self.bounds),
+        centre = np.asarray(np.linalg.lstsq(self.matrix, self.rhs, rcond=None)[0], dtype=np.float64)
+        likelihood = Likelihood(np.arange(len(centre)), centre, invert_gram(self.matrix))
+        functions, freedom = (
             np.eye(len(centre))[self.first[:-1]],
-            quantiles,
-            compliance,
+            np.array([steps.degrees_of_freedom for steps in self.steps]),
         )
-        own = np.arange(len(quantiles))  # each joint has degrees of freedom of its own
-        return likelihood, ends[own, own]
+        intervals = np.empty((len(freedom), 2))
+        for own in np.unique(freedom).tolist():  # each joint has degrees of freedom of its own
+            of = freedom == own
+            radius = np.array([student_quantile(_UPPER, own)])
+            intervals[of] = compute_interval_ends(
+                likelihood, Constraints(self.bounds), functions[of], radius, compliance[of]
+            )[0]
+        return likelihood, intervals
 
 
 def fit_gearboxes(step: WeightStep, joints: Sequence[JointStep]) -> list[GearboxFit]:
@@ -136,8 +128,9 @@ def fit_gearboxes(step: WeightStep, joints: Sequence[JointStep]) -> list[Gearbox
 
     ``minimise Σ_j ‖(T_j x_j + c_j B_j e − d_j)/s_j‖² + ‖e/u‖²  subject to  c ≥ 0``, with the steps d_j of
     joint j, its unknowns x_j = (c_j, offset, lost motion), the error e of the load and its standard
-    uncertainty u. Noise s_j is that of the residuals, at least that of the encoders. Noise and the product
-    c_j B_j e are brought up to date a few times.
+    uncertainty u. Noise s_j is that of the residuals with the load as stated, at least that of the encoders:
+    errors of the load that are free would take noise in. The product c_j B_j e is brought up to date a few
+    times.
 
     Raises:
         SolverError: an optimum or an end of an interval could not be certified.
@@ -156,11 +149,9 @@ def fit_gearboxes(step: WeightStep, joints: Sequence[JointStep]) -> list[Gearbox
     compliance = np.array([max(unknowns[0], 0.0) for unknowns in alone])
     for _ in range(_ROUNDS):
         rows = _Rows(joints, noise, compliance, uncertainties)
-        unknowns = rows.solve(rows.bounds)
+        unknowns = rows.solve()
         compliance = np.maximum(unknowns[rows.first[:-1]], 0.0)
-        residuals = rows.residuals(unknowns)
-        noise = np.array([_estimate_noise(each, rest) for each, rest in zip(joints, residuals, strict=True)])
-    rows = _Rows(joints, noise, compliance, uncertainties)
+    rows, residuals = _Rows(joints, noise, compliance, uncertainties), rows.residuals(unknowns)
     likelihood, intervals = rows.intervals(compliance)
     return [
         GearboxFit(

@@ -12,15 +12,13 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
-GRAVITY: Final = 9.80665
-"""Standard acceleration of gravity [m/s²], along −z of R0."""
 PLACE: Final = 3
 """Number of coordinates of the load's place."""
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Load at the flange; its weight acts along −z of R0 in its centre of mass."""
+    """Load at the flange; its weight acts along gravity in its centre of mass."""
 
     mass: float  #: [kg]
     mass_uncertainty: float  #: standard uncertainty [kg]
@@ -45,7 +43,17 @@ class EncoderReadings:
     @cached_property
     def twist(self) -> FloatArray:
         """(R, 2) twist of the gearbox in both states, motor angle less link angle [rad]."""
-        return self.motor - self.link
+        return wrap(self.motor - self.link)
+
+    @cached_property
+    def step(self) -> FloatArray:
+        """(R,) twist with the load less twist without [rad]."""
+        return wrap(self.twist[:, 1] - self.twist[:, 0])
+
+
+def wrap(angles: FloatArray) -> FloatArray:
+    """Return angles [rad] without whole turns, within half a turn: encoders may count from 0 again."""
+    return np.asarray(np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +70,7 @@ class WeightStep:
     joints: FloatArray  #: (P, n) as the controller shows them [rad or m]
     readings: EncoderReadings
     load: Load
+    gravity: FloatArray  #: (3,) acceleration in R0 [m/s²]
     encoder_sigma: float = 0.0  #: least standard uncertainty of an angle of one encoder [rad]
 
     @cached_property
@@ -73,7 +82,7 @@ class WeightStep:
         q = self.robot.joint_map.model_angles(self.joints)
         read = self.readings
         moved, count = np.zeros_like(q), np.zeros_like(q)
-        np.add.at(moved, (read.posture, read.joint), read.link[:, 1] - read.link[:, 0])
+        np.add.at(moved, (read.posture, read.joint), wrap(read.link[:, 1] - read.link[:, 0]))
         np.add.at(count, (read.posture, read.joint), 1.0)
         return q + moved / np.maximum(count, 1.0)
 
@@ -86,7 +95,7 @@ class WeightStep:
         """
         postures = Postures(self.robot, self.loaded_positions)
         places = self.load.point + np.vstack([np.zeros(PLACE), np.eye(PLACE)])
-        force = np.tile([0.0, 0.0, -GRAVITY * self.load.mass], (len(self.labels), 1))
+        force = np.tile(self.load.mass * self.gravity, (len(self.labels), 1))
         by_load = np.stack(
             [
                 postures.load(np.tile(place, (len(force), 1)), force, np.zeros_like(force))[1]
@@ -101,12 +110,11 @@ class WeightStep:
         read, of_joint = self.readings, self.readings.joint == joint
         postures, row = np.unique(read.posture[of_joint], return_inverse=True)
         count = np.bincount(row).astype(np.float64)
-        steps = read.twist[of_joint, 1] - read.twist[of_joint, 0]
         imbalance = np.bincount(row, weights=read.approach[of_joint]) / count
         return JointStep(
             joint,
             postures,
-            np.bincount(row, weights=steps) / count,
+            np.bincount(row, weights=read.step[of_joint]) / count,
             self.torques[:, postures, joint],
             imbalance,
             2.0 * self.encoder_sigma / np.sqrt(count),
@@ -123,7 +131,7 @@ class WeightStep:
             here = (read.joint == joint) & (read.posture == posture)
             positive, negative = here & (read.approach == 1), here & (read.approach == -1)
             if positive.any() and negative.any():
-                values.append(read.twist[positive].mean(axis=0) - read.twist[negative].mean(axis=0))
+                values.append(wrap(read.twist[positive].mean(axis=0) - read.twist[negative].mean(axis=0)))
         return np.concatenate(values) if values else np.zeros(0)
 
 
@@ -154,6 +162,12 @@ class JointStep:
     def degrees_of_freedom(self) -> int:
         """Number of postures less unknowns of the joint."""
         return len(self.step) - int(self.columns.shape[1])
+
+    @property
+    def distinct_torques(self) -> int:
+        """Number of torques that differ by more than a hundredth of their range."""
+        torque = np.sort(self.torques[0])
+        return 1 + int((np.diff(torque) > 0.01 * np.ptp(torque)).sum())
 
     @cached_property
     def has_varied_torque(self) -> bool:

@@ -36,13 +36,16 @@ class Simulated:
     stiffness: FloatArray  # (6,) of all gearboxes [N·m/rad]
 
 
-def simulate(seed: int, *, is_planned: bool = True, is_cobot: bool = False) -> Simulated:
+def simulate(
+    seed: int, *, is_planned: bool = True, is_cobot: bool = False, postures: int = POSTURES
+) -> Simulated:
     """Return the weight step of a random arm, whose load is as uncertain as it states.
 
     Args:
         seed: of the arm, its gears, the load and the postures.
         is_planned: whether the postures are at the extremes of the load's torque, or random.
         is_cobot: whether the arm is small, soft and has much play.
+        postures: number of random postures.
     """
     draw = np.random.default_rng([seed, 93])
     arm, mass, share = default_arm(), 100.0, 1.0
@@ -63,7 +66,7 @@ def simulate(seed: int, *, is_planned: bool = True, is_cobot: bool = False) -> S
     )
     lower, upper = np.array(arm.limits).T
     candidates = draw.uniform(lower, upper, (300, 6))
-    chosen = np.arange(POSTURES)
+    chosen = np.arange(postures)
     if is_planned:
         torques = SteppedArm(arm, mass, PLACE, np.zeros(6)).torques(candidates, loaded=True)
         order = np.argsort(torques, axis=0)
@@ -129,6 +132,18 @@ def _rolled_postures(document: Document, _draw: np.random.Generator) -> None:
         posture["joints"] = other
 
 
+def _rolled_readings(document: Document, _draw: np.random.Generator) -> None:
+    loaded = [[reading["loaded"] for reading in each["encoder_readings"]] for each in document["observations"]]
+    for posture, others in zip(document["observations"], loaded[1:] + loaded[:1], strict=True):
+        for reading, other in zip(posture["encoder_readings"], others, strict=True):
+            reading["loaded"] = other
+
+
+def _sides_exchanged(document: Document, _draw: np.random.Generator) -> None:
+    for reading in _readings(document):
+        reading["approach"] = "-" if reading["approach"] == "+" else "+"
+
+
 def _one_side_said_as_two(document: Document, draw: np.random.Generator) -> None:
     for posture in document["observations"]:
         readings = posture["encoder_readings"]
@@ -166,6 +181,8 @@ MISTAKES: Final[dict[str, Callable[[Document, np.random.Generator], None]]] = {
     "load never hung": _load_not_hung(1),
     "another posture": _another_posture,
     "postures rolled": _rolled_postures,
+    "readings under load rolled": _rolled_readings,
+    "sides exchanged": _sides_exchanged,
     "one side said as two": _one_side_said_as_two,
     "an encoder referenced anew": _referenced_anew,
     "degrees for radians": _degrees,

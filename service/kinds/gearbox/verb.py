@@ -34,6 +34,7 @@ class GearboxFields(TypedDict, total=False):
     robot_id: str | None
     robot: File | RobotDocument | Mapping[str, Any]
     load: HungLoad | Mapping[str, Any]
+    gravity: Sequence[float]
     encoder_sigma: float | None
     observations: Sequence[StepPosture | Mapping[str, Any]]
 

@@ -24,6 +24,7 @@ WITHOUT = {
     "map campaign.json --force 0,0,-500 --place 0,0,250 --options map.json": "",
     "fleet campaign.json second.json": "",
     "geometry examples/sweeps.json --robot examples/nominal.json": "",
+    "gearbox examples/weight_step.json": "",
     "predict campaign.json examples/postures.csv --load-point 0,0,120": "",
     "compensate campaign.json examples/pocket.src -o new.src --accuracy-option off --force 0,0,9": "programs",
     "compensate campaign.json examples/pocket.src --explain": "programs",

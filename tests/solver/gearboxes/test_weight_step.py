@@ -70,6 +70,40 @@ def test_intervals_hold_the_truth(options, widest):
     assert np.median(widths) <= widest
 
 
+@pytest.mark.parametrize("postures", [5, 6, 8])
+@pytest.mark.parametrize("place", [0.01, 0.1])
+def test_intervals_of_few_postures_hold_the_truth_however_unsure_the_place(postures, place):
+    """Of 40 at least 34: free errors of the load take no noise in."""
+    held = 0
+    for seed in range(20):
+        simulated = simulate(seed, is_planned=False, postures=postures)
+        simulated.document["load"]["point_uncertainty"] = place
+        step = read(simulated.document)
+        for fit in fit_gearboxes(step, [step.select(joint) for joint in JOINTS]):
+            lower, upper = fit.interval
+            held += lower <= 1.0 / simulated.stiffness[fit.steps.joint] <= upper
+    assert held >= 34
+
+
+def test_the_weight_acts_along_gravity():
+    document, stiffness = exact_step(link_holds=False)
+    wrong = identify_gearboxes(read(document | {"gravity": [0.0, 2.0, -9.6]})).gearboxes
+    assert abs(wrong[0].stiffness / stiffness[1] - 1.0) > 0.01
+    exact = identify_gearboxes(read(document | {"gravity": [0.0, 0.0, -9.80665]})).gearboxes
+    np.testing.assert_allclose(exact[0].stiffness, stiffness[1], rtol=1e-11)
+
+
+def test_encoders_may_count_from_zero_again():
+    document, stiffness = exact_step(link_holds=False)
+    for posture in document["observations"]:
+        for reading in posture["encoder_readings"]:
+            for state in ("unloaded", "loaded"):
+                reading[state] = {name: angle % (2.0 * np.pi) for name, angle in reading[state].items()}
+    result = identify_gearboxes(read(document))
+    np.testing.assert_allclose(result.gearboxes[0].stiffness, stiffness[1], rtol=1e-9)
+    assert "posture_against_encoders" not in {finding.code for finding in result.findings}
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_step_without_a_mistake_is_used(seed):
     assert identify_gearboxes(read(simulate(seed).document)).assessment.verdict == "use"
