@@ -32,7 +32,7 @@ def test_a_run_says_the_repeatability_that_its_residuals_show(shared):
     assert goodness.test == "consistent"
     assert run.result.assessment.verdict == "use"
     words = f"repeatability {1e6 * goodness.repeatability_at_targets:.3g} µm at the targets ("
-    assert words in " ".join(str(run).split())
+    assert words in " ".join(run.details().split())
 
 
 def test_a_clean_run_says_none():
@@ -70,6 +70,6 @@ def test_a_repeatability_out_of_range_is_refused(stated):
 def test_the_terminal_states_it_with_the_fit(shared, tmp_path):
     file = tmp_path / "shared.json"
     file.write_text(json.dumps(shared))
-    shown = " ".join(terminal("identify", file, width=160).output.split())
+    shown = " ".join(terminal("identify", file, "--details", width=160).output.split())
     assert "µm at the targets (" in shown
     assert "µrad a joint, estimated)" in shown
