@@ -378,7 +378,7 @@ def test_forces_of_the_points_are_the_force_of_all(run):
     by_length = [[0.0, -150.0, -300.0, -120.0], [whole, -150.0, -300.0, -120.0]]
     along = run.process(tools_of(p), forces=by_length, **stated)
     assert along.result.turned.value == pytest.approx(one.result.turned.value, rel=1e-12)
-    with pytest.raises(ValueError, match="array of poses"):
+    with pytest.raises(jointstiff.CampaignError, match="`path` has shape"):
         run.process(np.zeros((8, 5)), forces=[1.0, 0.0, 0.0])
 
 
