@@ -133,8 +133,9 @@ def _rolled_postures(document: Document, _draw: np.random.Generator) -> None:
 
 
 def _rolled_readings(document: Document, _draw: np.random.Generator) -> None:
-    loaded = [[reading["loaded"] for reading in each["encoder_readings"]] for each in document["observations"]]
-    for posture, others in zip(document["observations"], loaded[1:] + loaded[:1], strict=True):
+    postures = document["observations"]
+    loaded = [[reading["loaded"] for reading in posture["encoder_readings"]] for posture in postures]
+    for posture, others in zip(postures, loaded[1:] + loaded[:1], strict=True):
         for reading, other in zip(posture["encoder_readings"], others, strict=True):
             reading["loaded"] = other
 
