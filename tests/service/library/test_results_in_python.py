@@ -16,7 +16,7 @@ import jointstiff as js
 from jointstiff.service.kinds.gearbox.kind import GEARBOX
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.kinds.run.kind import ASSUMPTIONS
-from jointstiff.simulator import default_arm, robot_document, simulate_campaign
+from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.mechanics.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
 
 USE_OF = "no fault was found; all 6 joints of its run passed the checks"
@@ -37,11 +37,9 @@ def run(document):
 def results(run, document):
     area = [[1400, -200, 600], [1800, 200, 600]]
     postures = [[0, 0, 0, 0, 30, 0], [10, 0, 0, 0, 30, 0]]
-    steps = {**GEARBOX.examples["weighed load"], "robot": robot_document(default_arm())}
-    del steps["robot_id"]
     return {
         "run": run,
-        "gearbox": js.gearbox(steps),
+        "gearbox": js.gearbox(GEARBOX.examples["weighed load"]),
         "comparison": js.compare(run),
         "geometry": js.geometry(EXAMPLES / "sweeps.json"),
         "plan": js.plan(run, readings=4, candidates=200),
