@@ -118,7 +118,7 @@ class GearboxRequest(Message):
     load: HungLoad
     gravity: Vector3 = Field(
         default=(0.0, 0.0, -9.80665),
-        description="Acceleration of gravity in R0, in m/s²; default: along −z of R0.",
+        description="Acceleration of gravity in R0, in m/s².",
     )
     encoder_sigma: Annotated[float, Field(strict=True, ge=0.0, le=10.0)] | None = Field(
         default=None,
@@ -126,7 +126,7 @@ class GearboxRequest(Message):
         "is estimated from its residuals, and is at least twice this value.",
     )
     observations: Annotated[list[StepPosture], Field(min_length=1, max_length=MAX_POSTURES), FailFast()] = (
-        Field(description="Postures; 12 planned ones are good practice.")
+        Field(description="Postures; 12 are good practice.")
     )
 
     @model_validator(mode="after")

@@ -90,8 +90,8 @@ def test_a_campaign_of_own_weight_states_masses_and_reads_without_a_load():
 
 
 def test_examples_are_written_once_and_kept_afterwards():
-    names = "pocket.src poses.csv postures.csv readings.csv sweeps.json day1.csv joints.csv points.txt "
-    names += "robot.urdf motor.json secondary.json robot.json nominal.json"
+    names = "pocket.src poses.csv postures.csv readings.csv sweeps.json weight_step.json day1.csv joints.csv "
+    names += "points.txt robot.urdf motor.json secondary.json robot.json nominal.json"
     assert typed("examples ex") == " ".join(f"wrote ex/{name}" for name in names.split())
     assert {path.name for path in Path("ex").iterdir()} == set(names.split())
     Path("ex/day1.csv").write_text("mine")
