@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from importlib import import_module
+from os import PathLike
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 
@@ -23,10 +25,10 @@ from jointstiff.service import kinds
 from jointstiff.service.kinds.kind import AnyJob, Kind
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.problems import as_campaign_error
+from jointstiff.service.resources.documents import read_object, read_robot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from os import PathLike
 
     import numpy.typing as npt
 
@@ -151,6 +153,38 @@ class Backend(Protocol):
 
         `files` has the contents of files by name, if jobs of this kind need files.
         """
+
+
+def merge_readings(
+    message: type[Message],
+    readings: str | PathLike[str] | Mapping[str, Any] | Message | None,
+    options: Message | None,
+    fields: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Merge readings that are the request itself with options; return the fields of the request by name.
+
+    Args:
+        message: type of the request.
+        readings: a file, a document, or the message of the request.
+        options: options that the caller passed; None for the defaults.
+        fields: keyword arguments, which replace options of the same name.
+
+    Raises:
+        CampaignError: the file or an option cannot be used.
+        OSError: the file cannot be read.
+    """
+    if isinstance(readings, str | PathLike):
+        request = read_object(Path(readings))
+    else:
+        request = {} if readings is None else dict(readings)
+    named = dict(fields)
+    robot = named.get("robot")
+    robot = read_robot(robot) if isinstance(robot, str) else robot
+    if isinstance(robot, Message):  # a robot replaces the id of a stored robot in the request
+        named |= {"robot": robot.model_dump(mode="json"), "robot_id": None}
+    if options is None and "units" in request:  # the readings state the units of all numbers
+        named.setdefault("units", request["units"])
+    return request | merge_options(message, options, named)
 
 
 def merge_options(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Final
 
 import numpy as np
@@ -66,17 +66,12 @@ class _Rows:
         """(rows, unknowns) matrix of the steps, then of the statement on the load."""
         shared = self.first[-1]
         blocks = []
-        for start, end, steps, noise, c in zip(
-            self.first,
-            self.first[1:],
-            self.steps,
-            self.noise.tolist(),
-            self.compliance.tolist(),
-            strict=False,
+        for columns, steps, noise, compliance in zip(
+            pairwise(self.first), self.steps, self.noise, self.compliance, strict=True
         ):
             block = np.zeros((len(steps.step), shared + 1 + PLACE))
-            block[:, start:end] = steps.columns / noise
-            block[:, shared:] = c * steps.torques.T * self.uncertainties / noise
+            block[:, slice(*columns)] = steps.columns / noise
+            block[:, shared:] = compliance * steps.torques.T * self.uncertainties / noise
             blocks.append(block)
         statement = np.eye(1 + PLACE, shared + 1 + PLACE, shared)
         return np.vstack([*blocks, statement])
@@ -108,11 +103,9 @@ class _Rows:
     def intervals(self, compliance: FloatArray) -> tuple[Likelihood, FloatArray]:
         """Return the likelihood of the unknowns, and the 95 % intervals (joints, 2) of the compliances."""
         centre = np.asarray(np.linalg.lstsq(self.matrix, self.rhs, rcond=None)[0], dtype=np.float64)
-        likelihood = Likelihood(np.arange(len(centre)), centre, invert_gram(self.matrix))
-        functions, freedom = (
-            np.eye(len(centre))[self.first[:-1]],
-            np.array([steps.degrees_of_freedom for steps in self.steps]),
-        )
+        likelihood = Likelihood(np.arange(len(centre)), centre, _invert_gram(self.matrix))
+        functions = np.eye(len(centre))[self.first[:-1]]
+        freedom = np.array([steps.degrees_of_freedom for steps in self.steps])
         intervals = np.empty((len(freedom), 2))
         for own in np.unique(freedom).tolist():  # each joint has degrees of freedom of its own
             of = freedom == own
@@ -151,7 +144,8 @@ def fit_gearboxes(step: WeightStep, joints: Sequence[JointStep]) -> list[Gearbox
         rows = _Rows(joints, noise, compliance, uncertainties)
         unknowns = rows.solve()
         compliance = np.maximum(unknowns[rows.first[:-1]], 0.0)
-    rows, residuals = _Rows(joints, noise, compliance, uncertainties), rows.residuals(unknowns)
+    residuals = rows.residuals(unknowns)
+    rows = _Rows(joints, noise, compliance, uncertainties)
     likelihood, intervals = rows.intervals(compliance)
     return [
         GearboxFit(
@@ -190,7 +184,7 @@ def _delete_each(steps: JointStep, residuals: FloatArray) -> FloatArray:
     return np.asarray(residuals / np.sqrt(left * np.maximum(others, _LEAST_NOISE**2)))
 
 
-def invert_gram(matrix: FloatArray) -> FloatArray:
+def _invert_gram(matrix: FloatArray) -> FloatArray:
     """Return the inverse of ``AᵀA`` for a matrix A of independent columns, whose scales may differ."""
     unit = 1.0 / np.linalg.norm(matrix, axis=0)
     root = np.linalg.pinv(matrix * unit) * unit[:, None]

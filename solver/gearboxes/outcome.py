@@ -17,7 +17,7 @@ from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.gearboxes.identification import LEAST_FREEDOM, GearboxFit, fit_gearboxes
 from jointstiff.solver.gearboxes.step import JointStep, WeightStep, wrap
 from jointstiff.solver.messages import build_messages, finite_or_none
-from jointstiff.solver.text import PAST_DO_NOT_USE, figure
+from jointstiff.solver.text import figure
 
 GOOD_HALF_WIDTH: Final = 0.05
 """Relative half-width of an interval up to which a gearbox is certain."""
@@ -186,7 +186,7 @@ def _report_load(step: WeightStep) -> Iterator[Finding]:
             weight="do_not_use",
             where="load.mass",
             message=f"the load has {figure(load.mass)} kg, but the robot's payload is {figure(payload)} kg",
-            remedy="state the mass in kg, not the weight in N or the mass in lb; " + PAST_DO_NOT_USE,
+            remedy="state the mass in kg, not the weight in N or the mass in lb",
         )
 
 
@@ -284,7 +284,7 @@ def _report_fit(step: WeightStep, fit: GearboxFit) -> Iterator[Finding]:
             where=name,
             message=f"the twist of {name} changed by {figure(1e6 * fit.offset, '.3g')} µrad between the "
             "states, without a torque",
-            remedy="do not reference or switch off the encoders between the states; " + PAST_DO_NOT_USE,
+            remedy="read both states again, and do not reference or switch off the encoders between them",
         )
     limit = float(
         special.stdtrit(max(steps.degrees_of_freedom - 1, 1), 1.0 - 0.5 * _FALSE_ALARM / len(steps.step))
@@ -335,8 +335,7 @@ def _report_implausible(step: WeightStep, fits: dict[int, GearboxFit]) -> Iterat
             weight="do_not_use",
             message=f"the gearboxes of {names} are {figure(factor, '.2g')} times as stiff as those of a "
             "common arm, by its payload",
-            remedy="check that `load.mass` is in kg, not in N, and the units of angles and lengths; "
-            + PAST_DO_NOT_USE,
+            remedy="check that `load.mass` is in kg, not in N, and the units of angles and lengths",
         )
 
 

@@ -14,6 +14,10 @@ from jointstiff.solver.mechanics.robot import Robot
 
 PLACE: Final = 3
 """Number of coordinates of the load's place."""
+_NO_VARIATION: Final = 1e-3
+"""Part of the torque below which its variation counts as none."""
+_DISTINCT: Final = 0.01
+"""Part of the range of torques by which two torques differ at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +171,8 @@ class JointStep:
     def distinct_torques(self) -> int:
         """Number of torques that differ by more than a hundredth of their range."""
         torque = np.sort(self.torques[0])
-        return 1 + int((np.diff(torque) > 0.01 * np.ptp(torque)).sum())
+        is_another = np.diff(torque) > _DISTINCT * np.ptp(torque)
+        return 1 + int(is_another.sum())
 
     @cached_property
     def has_varied_torque(self) -> bool:
@@ -176,7 +181,3 @@ class JointStep:
         torque = self.torques[0]
         varied = torque - others @ np.linalg.lstsq(others, torque, rcond=None)[0]
         return bool(np.linalg.norm(varied) > _NO_VARIATION * max(float(np.linalg.norm(torque)), 1.0))
-
-
-_NO_VARIATION: Final = 1e-3
-"""Part of the torque below which its variation counts as none."""

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.gearbox import GearboxRequest
 from jointstiff.service.kinds.gearbox.kind import GEARBOX
-from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
-from jointstiff.service.resources.documents import read_object, read_robot
+from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_readings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -74,18 +71,8 @@ def gearbox(
         OSError: a file cannot be read.
     """
     with JobMonitor(on_progress, cancel, executor) as monitor:
-        backend, named_options = backend.start_call(monitor), dict[str, Any](fields)
-        if isinstance(readings, str | PathLike):
-            request = read_object(Path(readings))
-        else:
-            request = {} if readings is None else dict(readings)
-        robot = named_options.get("robot")
-        robot = read_robot(robot) if isinstance(robot, str) else robot
-        if isinstance(robot, Message):  # a robot replaces the id of a stored robot in the request
-            named_options |= {"robot": robot.model_dump(mode="json"), "robot_id": None}
-        if options is None and "units" in request:  # the readings state the units of all numbers
-            named_options.setdefault("units", request["units"])
-        request |= merge_options(GearboxRequest, options, named_options)
+        backend = backend.start_call(monitor)
+        request = merge_readings(GearboxRequest, readings, options, fields)
         return cast("TabledGearbox", backend.carry_out_request(GEARBOX, request, {}, monitor))
 
 

@@ -9,7 +9,7 @@ from support.weight_steps import JOINTS, MISTAKES, PLACE, POSTURES, read, simula
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.weight_step import Gears, SteppedArm, simulate_weight_step
-from jointstiff.solver.errors import NotObservableError
+from jointstiff.solver.errors import MeasurementError, NotObservableError, RequestError
 from jointstiff.solver.gearboxes.identification import fit_gearboxes
 from jointstiff.solver.gearboxes.outcome import identify_gearboxes
 
@@ -135,3 +135,19 @@ def test_postures_alike_are_refused_with_the_joint():
     document["observations"] = document["observations"][:2]
     with pytest.raises(NotObservableError, match="at least 3 are needed"):
         identify_gearboxes(read(document))
+
+
+def test_joints_that_the_joint_map_couples_are_refused():
+    document, _ = exact_step(link_holds=False)
+    matrix = np.eye(6)
+    matrix[2, 1] = -1.0  # a parallelogram: the motor of joint 3 stands on the base
+    document["robot"]["joint_map"] = {"matrix": matrix.tolist(), "offset": [0.0] * 6}
+    with pytest.raises(RequestError, match="the joint map couples joint_2 with other joints"):
+        read(document)
+
+
+def test_a_position_of_no_arm_is_refused():
+    document, _ = exact_step(link_holds=False)
+    document["observations"][3]["joints"][0] = 1e3
+    with pytest.raises(MeasurementError, match="farther than 100 rad or m"):
+        read(document)
