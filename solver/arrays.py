@@ -46,3 +46,8 @@ def greatest_eigenvalue(matrices: FloatArray) -> FloatArray:
     B /= np.where(r > 0.0, r, 1.0)
     half_determinant = 0.5 * np.einsum("i...,i...->...", B[0], cross(B[1], B[2]))
     return np.asarray(mean + 2.0 * r * np.cos(np.arccos(np.clip(half_determinant, -1.0, 1.0)) / 3.0))
+
+
+def wrap(angles: FloatArray) -> FloatArray:
+    """Return angles [rad] without whole turns, within half a turn."""
+    return np.asarray(np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi)

@@ -10,12 +10,12 @@ from scipy import special
 
 from jointstiff.schemas.finding import Assessment, Finding, combine_assessments
 from jointstiff.schemas.gearbox import GearboxResult, GearboxStiffness, StepResidual
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import FloatArray, wrap
 from jointstiff.solver.errors import NotObservableError
 from jointstiff.solver.fit.estimate import invert_compliance, stiffness_interval
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.gearboxes.identification import LEAST_FREEDOM, GearboxFit, fit_gearboxes
-from jointstiff.solver.gearboxes.step import JointStep, WeightStep, wrap
+from jointstiff.solver.gearboxes.step import JointStep, WeightStep
 from jointstiff.solver.messages import build_messages, finite_or_none
 from jointstiff.solver.text import figure
 

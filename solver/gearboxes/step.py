@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray, wrap
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -53,11 +53,6 @@ class EncoderReadings:
     def step(self) -> FloatArray:
         """(R,) twist with the load less twist without [rad]."""
         return wrap(self.twist[:, 1] - self.twist[:, 0])
-
-
-def wrap(angles: FloatArray) -> FloatArray:
-    """Return angles [rad] without whole turns, within half a turn: encoders may count from 0 again."""
-    return np.asarray(np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi)
 
 
 @dataclass(frozen=True, eq=False)

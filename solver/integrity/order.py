@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray, wrap
 from jointstiff.solver.integrity.values import LARGEST_DEFLECTION, View
 from jointstiff.solver.text import length_text
 
@@ -86,7 +86,7 @@ def inspect_order(view: View, rows: IndexArray) -> list[Finding]:
     is_other = is_found & (true_rows != rows)
     joints = view.measurements.joints
     offsets = joints[true_rows[is_other]] - joints[rows[is_other]]
-    offsets = np.where(view.robot.prismatic, offsets, np.remainder(offsets + np.pi, 2.0 * np.pi) - np.pi)
+    offsets = np.where(view.robot.prismatic, offsets, wrap(offsets))
     if not _is_order(true_rows) or 2 * is_other.sum() < len(rows):
         return []
     # A constant offset of the joints, as of a turned frame, would explain the readings equally well.
