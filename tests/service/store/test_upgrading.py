@@ -45,6 +45,7 @@ from jointstiff.service.workers.worker import Recovery
 
 Restore = Callable[..., str]
 FOREVER = 600.0  # s: rewriting ends before
+STEPS = number_of(LAYOUT) - number_of(BASELINE)  # from the oldest layout to today's
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -326,7 +327,7 @@ class TestStarts:
         with ThreadPoolExecutor(6) as pool:
             list(pool.map(start, range(6)))
         assert layout_of(url) == LAYOUT
-        assert len(said) == 1
+        assert len(said) == STEPS, "each step once"
         assert len(list(tmp_path.glob("*before-0019*"))) == url.startswith("sqlite")
 
     def test_a_step_waits_for_other_programs_and_gives_up_in_words(
@@ -362,7 +363,7 @@ class TestStarts:
 
         monkeypatch.setattr(alembic_commands, "upgrade", end_first_by_deadlock)
         Store.open(url, upgrade=lambda _: None).close()
-        assert (layout_of(url), len(tries)) == (LAYOUT, 2)
+        assert (layout_of(url), len(tries)) == (LAYOUT, STEPS + 1)
 
     def test_a_postgresql_server_ends_a_step_of_a_program_that_is_stopped(self, postgresql_url: str) -> None:
         engine = make_migrating_engine(postgresql_url)
@@ -510,7 +511,7 @@ class TestDocuments:
         with Store.open(restored(), upgrade=lambda _: None) as store:
             newer = sa.update(robots).where(robots.c.sequence == 1)
             newer = newer.values(document='{"newer": true}', schema=18)
-            (*_, step) = list_steps()
+            (step,) = [each for each in list_steps() if each.tables]
 
             def change_and_rewrite(row: Any) -> dict[str, Any]:
                 if "trend" not in row and row["sequence"] == 1:

@@ -75,7 +75,7 @@ function Drawn({ trend, marks, width }: DrawnProps) {
     <Chart width={width} height={bottom + AXIS} label={words.chart} links>
       <g class="axis">
         {timeAt &&
-          ticksOf(times, marks, (right - left) / 96).map(({ time, label }) => {
+          ticksOf(times, marks, (right - left) / 110).map(({ time, label }) => {
             const x = timeAt(time);
             return x < left || x > right ? null : (
               <g>

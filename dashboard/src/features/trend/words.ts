@@ -13,7 +13,7 @@ export const trendWords = {
   said: (note: string) => `${note.charAt(0).toUpperCase()}${note.slice(1)}.`,
   changed: "Changed",
   test: (level: number) =>
-    `For each joint, the test compares the latest stiffness with the first. If no joint has changed, a change is reported with a probability of at most ${100 * level} %. `,
+    `For each joint, the test compares the latest stiffness with the one to compare with. If no joint has changed, a change is reported with a probability of at most ${100 * level} %. `,
   axes: "Each row: stiffness relative to the first compared one, on the same logarithmic scale. Bars: intervals of the runs.",
   timeline: "Joints over time",
   chart: "Stiffness of each joint over the campaigns",
