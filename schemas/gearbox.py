@@ -25,6 +25,7 @@ from jointstiff.schemas.fields import (
 from jointstiff.schemas.finding import Assessment, Finding, ResultSummary
 from jointstiff.schemas.job import Job, Result
 from jointstiff.schemas.measurement import AngleUnit, LengthUnit
+from jointstiff.schemas.motion import Motion
 from jointstiff.schemas.robot import MAX_JOINTS, RobotDocument
 
 LEAST_MASS, GREATEST_MASS = 0.01, 1e4
@@ -107,7 +108,7 @@ class StepPosture(Message):
 
 
 class GearboxRequest(Message):
-    """A weight step of one robot: angles of two encoders in postures, without and with a load."""
+    """Angles of two encoders of one robot: of a weight step at rest, or of a motion."""
 
     name: Name = Field(default="weight step", examples=["LBR cell 2, 10 kg"])
     units: GearboxUnits
@@ -115,7 +116,7 @@ class GearboxRequest(Message):
         default=None, description="Id of the robot; or give `robot`."
     )
     robot: RobotDocument | None = Field(default=None, description="The robot, which is not stored.")
-    load: HungLoad
+    load: HungLoad | None = Field(default=None, description="Load of the weight step.")
     gravity: Vector3 = Field(
         default=(0.0, 0.0, -9.80665),
         description="Acceleration of gravity in R0, in m/s².",
@@ -125,14 +126,29 @@ class GearboxRequest(Message):
         description="Standard uncertainty of one angle of one encoder, in units.angle. The noise of a step "
         "is estimated from its residuals, and is at least twice this value.",
     )
-    observations: Annotated[list[StepPosture], Field(min_length=1, max_length=MAX_POSTURES), FailFast()] = (
-        Field(description="Postures; 12 are good practice.")
+    observations: Annotated[list[StepPosture], Field(max_length=MAX_POSTURES), FailFast()] = Field(
+        default_factory=list, description="Postures of the weight step; 12 are good practice."
+    )
+    motion: Motion | None = Field(
+        default=None,
+        description="Logs of a motion, in place of `load` and `observations`: a check of a gearbox, within a "
+        "factor of 1.5, by the masses of the arm.",
     )
 
     @model_validator(mode="after")
     def _require_one_robot(self) -> GearboxRequest:
         if (self.robot_id is None) == (self.robot is None):
             raise ValueError("give either `robot_id` or `robot`")
+        return self
+
+    @model_validator(mode="after")
+    def _require_step_or_motion(self) -> GearboxRequest:
+        has_step = self.load is not None and bool(self.observations)
+        has_part = self.load is not None or bool(self.observations)
+        if self.motion is None and not has_step:
+            raise ValueError("give `load` and `observations` of a weight step, or `motion` with logs")
+        if self.motion is not None and has_part:
+            raise ValueError("give either `motion`, or `load` and `observations` of a weight step")
         return self
 
     @model_validator(mode="after")

@@ -44,7 +44,7 @@ def to_weight_step(request: GearboxRequest, robot: Robot) -> WeightStep:
                 remedy="check the units of the joints",
             )
     rows = [
-        (i, _find_joint(robot, reading.joint, f"observations[{i}].encoder_readings[{k}].joint"), reading)
+        (i, find_joint(robot, reading.joint, f"observations[{i}].encoder_readings[{k}].joint"), reading)
         for i, posture in enumerate(request.observations)
         for k, reading in enumerate(posture.encoder_readings)
     ]
@@ -76,7 +76,7 @@ def to_weight_step(request: GearboxRequest, robot: Robot) -> WeightStep:
     )
 
 
-def _find_joint(robot: Robot, name: str, where: str) -> int:
+def find_joint(robot: Robot, name: str, where: str) -> int:
     """Return the index of a joint that turns."""
     joint = robot.joint_index(name, where)
     if robot.prismatic[joint]:

@@ -1,0 +1,278 @@
+"""Stiffness of a gearbox from logs of a motion, as cone programs by Clarabel (method.md §19)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import cvxpy as cp
+import numpy as np
+from scipy import stats
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.gearboxes.motion import CENTRE, MotionCampaign, MotionLog
+
+_LOST_MOTION_SPEED: Final = 0.005
+"""Speed [rad/s] at which lost motion has turned over by tanh(1)."""
+_GREATEST_SECOND_ORDER: Final = 9e-6
+"""Bound of the second order in time [s²] between two encoders: filters of some ms."""
+_GREATEST_ECCENTRICITY: Final = 100e-6
+"""Bound of each part of the error of an encoder by eccentricity [rad]."""
+_TWICE_A_TURN: Final = 3.0
+"""Factor by which the bound of the error twice a turn is smaller."""
+_LEAST_TOLERANCE: Final = 0.01
+"""Relative half-width of bounds below which a factor is exact: such narrow cones are solved badly."""
+_CHI_SQUARED: Final = float(stats.chi2.ppf(0.95, 1))
+_MEMORY: Final = 2.4
+"""Greatest time [s] over which residuals depend on each other."""
+_DELAYS: Final = 6
+"""Greatest number of corrections of the delay."""
+_LEAST_DELAY: Final = 1e-6
+"""Correction of the delay [s] that counts as none."""
+_LEAST_NOISE: Final = 1e-9
+"""Least root mean square of residuals [rad]: computed angles have residuals of rounding alone."""
+_TWIST: Final = 1e3
+_COMPLIANCE: Final = 1e9
+"""Units of the program: mrad and nrad/(N·m), so that its numbers are near 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class LogFit:
+    """Gearbox of one joint by some logs."""
+
+    joint: int
+    compliance: float  #: [rad/(N·m)]
+    interval: tuple[float, float]  #: 95 % interval of the compliance [rad/(N·m)]
+    delay: float  #: of the link encoder behind the motor's [s]
+    lost_motion: float  #: twist in positive less that in negative motion [rad]
+    noise: float  #: root mean square of the residuals [rad]
+    independent: float  #: number of independent samples
+    least_torque: float  #: [N·m]
+    greatest_torque: float  #: [N·m]
+
+    @property
+    def uncertainty(self) -> float:
+        """Standard uncertainty of the compliance [rad/(N·m)], from the width of the interval."""
+        return (self.interval[1] - self.interval[0]) / (2.0 * np.sqrt(_CHI_SQUARED))
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """Kept samples of the logs of one joint, one log after the other, for one delay of the link encoder."""
+
+    lengths: tuple[int, ...]  # number of samples of each log
+    twist: FloatArray  # (S,) [rad]
+    position: FloatArray  # (S,) of the joint [rad]
+    velocity: FloatArray  # (S,) [rad/s]
+    acceleration: FloatArray  # (S,) [rad/s²]
+
+    @classmethod
+    def of(cls, logs: Sequence[MotionLog], joint: int, delay: float) -> _Samples:
+        """Return the samples of logs for a delay of the link encoder [s]."""
+        twists, motions = [], []
+        for log in logs:
+            twists.append(log.smooth(log.motor[:, joint] - log.shift_link(joint, delay)))
+            motions.append([log.smooth(log.motor[:, joint], derivative) for derivative in range(3)])
+        lengths = tuple(len(twist) for twist in twists)
+        return cls(lengths, np.concatenate(twists), *np.concatenate(motions, axis=1))
+
+    def list_other_columns(self, periods: Sequence[float]) -> FloatArray:
+        """Return the columns (S, k) of what twists without a torque; the first seven have bounds or names.
+
+        Order: second order in time, sine and cosine once and twice a turn, remaining delay, lost motion;
+        then periods of the gear, and an offset for each log.
+        """
+        q = self.position
+        columns = [self.acceleration, np.sin(q), np.cos(q), np.sin(2.0 * q), np.cos(2.0 * q)]
+        columns += [self.velocity, np.tanh(self.velocity / _LOST_MOTION_SPEED)]
+        for period in periods:
+            columns += [np.sin(period * q), np.cos(period * q)]
+        offsets = np.repeat(np.eye(len(self.lengths)), self.lengths, axis=0)
+        return np.column_stack([*columns, offsets])
+
+
+_BOUNDS: Final = np.array(
+    [_GREATEST_SECOND_ORDER, *[_GREATEST_ECCENTRICITY] * 2, *[_GREATEST_ECCENTRICITY / _TWICE_A_TURN] * 2]
+)
+_DELAY_COLUMN, _LOST_MOTION_COLUMN = 5, 6
+
+
+class _Program:
+    """Cone program of one joint.
+
+    ``minimise ‖T z + M w + N b − twist‖  subject to  c ≥ 0, |z_k − c| ≤ r_k c, ‖w_k‖ ≤ R_k z_k, |b| ≤ β``,
+    where z_k is the compliance times the factor of body or spring k, and w_k is z_k times the shift of its
+    centre of mass.
+    """
+
+    def __init__(self, torques: FloatArray, centres: Sequence[tuple[int, float, FloatArray]],
+                 tolerances: FloatArray, others: FloatArray, twist: FloatArray) -> None:
+        """State the program.
+
+        Args:
+            torques: (S, K) torques of bodies and springs as stated [N·m].
+            centres: for each body whose centre is uncertain: its index, the radius [m], and the torques
+                (S, 3) of the shift [N·m/m].
+            tolerances: (K,) relative half-widths of the factors of the torques.
+            others: (S, k) columns of what twists without a torque.
+            twist: (S,) [rad].
+        """
+        self.others = others
+        exact = tolerances < _LEAST_TOLERANCE
+        self.c = cp.Variable(nonneg=True)
+        self.b = cp.Variable(others.shape[1])
+        factors = cp.Variable(int((~exact).sum()))
+        z = [self.c if is_exact else None for is_exact in exact]
+        for number, index in enumerate(np.flatnonzero(~exact)):
+            z[index] = factors[number]
+        uncertain = tolerances[~exact]
+        scale = np.linalg.norm(others, axis=0) / np.sqrt(len(others))
+        self._scale = np.where(scale > 0.0, scale, 1.0)
+        constraints = [
+            factors >= cp.multiply(1.0 - uncertain, self.c),
+            factors <= cp.multiply(1.0 + uncertain, self.c),
+            cp.abs(self.b[: len(_BOUNDS)]) <= _TWIST * _BOUNDS * self._scale[: len(_BOUNDS)],
+        ]
+        columns, unknowns = [torques[:, exact].sum(axis=1)[:, None], torques[:, ~exact]], [self.c, factors]
+        for index, radius, of_centre in centres:
+            w = cp.Variable(CENTRE)
+            constraints.append(cp.norm(w) <= z[index])
+            columns.append(radius * of_centre)
+            unknowns.append(w)
+        unit = _TWIST / _COMPLIANCE
+        matrix = np.column_stack([unit * np.column_stack(columns), others / self._scale])
+        self._matrix, self._rhs = matrix, _TWIST * twist
+        self._unknowns = cp.hstack([*unknowns, self.b])
+        triangle = np.linalg.qr(np.column_stack([matrix, self._rhs]), mode="r")
+        self._constraints = constraints
+        self._rest = triangle[:, :-1] @ self._unknowns - triangle[:, -1]
+
+    def solve(self) -> None:
+        """Fit all unknowns by least squares."""
+        self._solve(cp.Minimize(cp.sum_squares(self._rest)))
+        self.residuals = (self._rhs - self._matrix @ self._unknowns.value) / _TWIST
+        self.compliance = float(self.c.value) / _COMPLIANCE
+        self.other = self.b.value / self._scale / _TWIST
+
+    def find_ends(self, bound: float) -> tuple[float, float]:
+        """Return the least and the greatest compliance whose residuals have at most the norm `bound` [rad]."""
+        within = cp.norm(self._rest) <= _TWIST * bound
+        ends = []
+        for sense in (cp.Minimize, cp.Maximize):
+            self._solve(sense(self.c), within)
+            ends.append(max(float(self.c.value), 0.0) / _COMPLIANCE)
+        return ends[0], ends[1]
+
+    def _solve(self, objective: cp.Minimize | cp.Maximize, *further: cp.Constraint) -> None:
+        """Solve a problem with the constraints by Clarabel.
+
+        Raises:
+            SolverError: Clarabel finds no optimum.
+        """
+        problem = cp.Problem(objective, [*self._constraints, *further])
+        try:
+            problem.solve(solver=cp.CLARABEL)
+        except cp.SolverError as error:
+            raise SolverError(f"Clarabel found no optimum: {error}") from error
+        if problem.status != cp.OPTIMAL:
+            raise SolverError(f"Clarabel found no optimum, but '{problem.status}'")
+
+
+def fit_logs(campaign: MotionCampaign, joint: int, logs: Sequence[MotionLog]) -> LogFit:
+    """Fit the gearbox of one joint to some logs of a campaign.
+
+    Raises:
+        SolverError: Clarabel finds no optimum.
+    """
+    torques = [campaign.compute_torques(log)[:, joint] for log in logs]
+    return _fit(campaign, joint, logs, np.concatenate(torques))
+
+
+def _fit(campaign: MotionCampaign, joint: int, logs: Sequence[MotionLog], of_bodies: FloatArray) -> LogFit:
+    """Fit the gearbox of a joint; `of_bodies` (S, B, 4) are the torques of the bodies."""
+    delay = 0.0
+    for _ in range(_DELAYS):
+        samples = _Samples.of(logs, joint, delay)
+        program = _state_program(campaign, joint, samples, of_bodies)
+        program.solve()
+        correction = float(program.other[_DELAY_COLUMN])
+        if abs(correction) < _LEAST_DELAY:
+            break
+        delay += correction
+    stated_torque = of_bodies[:, :, 0].sum(axis=1) + sum(
+        spring.holding_torque(samples.position) for spring in campaign.springs if spring.joint == joint
+    )
+    own = _project_out(stated_torque, program.others)
+    inflation = _find_inflation(program.residuals, own, samples.lengths, logs)
+    freedom = max(len(samples.twist) / inflation - 1.0, 1.0)
+    least = max(float(np.linalg.norm(program.residuals)), _LEAST_NOISE * np.sqrt(len(samples.twist)))
+    interval = program.find_ends(least * np.sqrt(1.0 + _CHI_SQUARED / freedom))
+    return LogFit(
+        joint,
+        program.compliance,
+        interval,
+        delay,
+        2.0 * float(program.other[_LOST_MOTION_COLUMN]),
+        float(np.sqrt(np.mean(program.residuals**2))),
+        len(samples.twist) / inflation,
+        float(stated_torque.min()),
+        float(stated_torque.max()),
+    )
+
+
+def _state_program(
+    campaign: MotionCampaign, joint: int, samples: _Samples, of_bodies: FloatArray
+) -> _Program:
+    """Return the program of a joint; `of_bodies` (S, B, 4) are the torques of the bodies."""
+    springs = [spring for spring in campaign.springs if spring.joint == joint]
+    by_springs = [spring.holding_torque(samples.position) for spring in springs]
+    carried = np.abs(of_bodies[:, :, 0]).max(axis=0) > 0.0  # bodies before the joint twist nothing
+    bodies = [body for body, is_carried in zip(campaign.bodies, carried, strict=True) if is_carried]
+    of_carried = of_bodies[:, carried]
+    centres = [
+        (index, body.centre_tolerance, of_carried[:, index, 1:])
+        for index, body in enumerate(bodies)
+        if body.centre_tolerance > 0.0
+    ]
+    return _Program(
+        np.column_stack([of_carried[:, :, 0], *by_springs]),
+        centres,
+        np.array([each.mass_tolerance for each in bodies] + [spring.tolerance for spring in springs]),
+        samples.list_other_columns(campaign.periods.get(joint, ())),
+        samples.twist,
+    )
+
+
+def _project_out(torque: FloatArray, others: FloatArray) -> FloatArray:
+    """Return what is left of a torque (S,) after the columns (S, k) of what twists without a torque."""
+    basis = np.linalg.qr(others / np.linalg.norm(others, axis=0))[0]
+    return np.asarray(torque - basis @ (basis.T @ torque))
+
+
+def _find_inflation(
+    residuals: FloatArray, own: FloatArray, lengths: Sequence[int], logs: Sequence[MotionLog]
+) -> float:
+    """Return the number of samples that say as much as one independent sample.
+
+    ``1 + 2 Σ_k ρ_residual(k) ρ_own(k)`` with the autocorrelations ρ at lag k (Bayley & Hammersley 1946, for a
+    regression), mean over the logs.
+    """
+    ends = np.cumsum(lengths)[:-1]
+    inflations = []
+    for log, rest, torque in zip(logs, np.split(residuals, ends), np.split(own, ends), strict=True):
+        spacing = log.period * (log.kept.step or 1)
+        lags = min(int(_MEMORY / spacing), len(rest) - 1)
+        product = _autocorrelation(rest, lags) * _autocorrelation(torque, lags)
+        taper = 1.0 - np.arange(1, lags + 1) / (lags + 1)
+        inflations.append(1.0 + 2.0 * float(taper @ product))
+    return max(float(np.average(inflations, weights=lengths)), 1.0)
+
+
+def _autocorrelation(values: FloatArray, lags: int) -> FloatArray:
+    """Return the autocorrelations (lags,) of values at lags 1, 2, …."""
+    centred = values - values.mean()
+    whole = np.correlate(centred, centred, "full")[len(values) :]
+    return np.asarray(whole[:lags] / max(float(centred @ centred), np.finfo(float).tiny))
