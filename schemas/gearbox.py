@@ -17,6 +17,7 @@ from jointstiff.schemas.fields import (
     Quantity,
     Radians,
     RotationalCompliance,
+    Seconds,
     Stiffness,
     Terminal,
     Torque,
@@ -110,7 +111,7 @@ class StepPosture(Message):
 class GearboxRequest(Message):
     """Angles of two encoders of one robot: of a weight step at rest, or of a motion."""
 
-    name: Name = Field(default="weight step", examples=["LBR cell 2, 10 kg"])
+    name: Name = Field(default="gearboxes", examples=["LBR cell 2, 10 kg"])
     units: GearboxUnits
     robot_id: Annotated[Identifier | None, Terminal(hidden=True)] = Field(
         default=None, description="Id of the robot; or give `robot`."
@@ -134,6 +135,14 @@ class GearboxRequest(Message):
         description="Logs of a motion, in place of `load` and `observations`: a check of a gearbox, within a "
         "factor of 1.5, by the masses of the arm.",
     )
+
+    @property
+    def instrument(self) -> HungLoad | Motion:
+        """The load of a weight step, or the logs: one of them is stated."""
+        instrument = self.load if self.motion is None else self.motion
+        if instrument is None:
+            raise AssertionError("the validator requires one of both")
+        return instrument
 
     @model_validator(mode="after")
     def _require_one_robot(self) -> GearboxRequest:
@@ -208,8 +217,13 @@ class GearboxStiffness(Message):
     noise: Radians[float | None] = Field(
         description="Standard deviation of the step of the twist in one posture."
     )
-    degrees_of_freedom: int
-    postures: int = Field(description="Number of postures with readings of this joint.")
+    degrees_of_freedom: int = Field(
+        description="Postures less unknowns; of logs, the number of independent samples."
+    )
+    postures: int = Field(description="Number of postures with readings of this joint; 0 for logs.")
+    delay: Seconds[float | None] = Field(
+        default=None, description="Delay of the link encoder's readings in logs; null for a weight step."
+    )
 
 
 class StepResidual(Message):
@@ -224,17 +238,31 @@ class StepResidual(Message):
     residual: Radians[float | None] = Field(description="Step less prediction; null without a stiffness.")
 
 
+class LogEstimate(Message):
+    """The gearbox of one joint by one log alone."""
+
+    label: Name
+    joint: Name
+    stiffness: Stiffness[float | None] = Field(description="Null if the log has no upper end.")
+    stiffness_interval: Stiffness[tuple[float, float | None]] = Field(description="95 % interval.")
+
+
 class GearboxResult(Result):
     """Stiffness of gearboxes. It says nothing about structure behind the encoders."""
 
     assessment: Assessment
     gearboxes: list[GearboxStiffness]
     not_observed: list[Name] = Field(description="Joints without readings of two encoders.")
-    mass_uncertainty: Kilograms[float] = Field(description="Standard uncertainty of the mass, as used.")
-    point_uncertainty: Metres[float] = Field(
-        description="Standard uncertainty of each coordinate of the load's place, as used."
+    mass_uncertainty: Kilograms[float | None] = Field(
+        description="Standard uncertainty of the mass, as used; null for logs."
+    )
+    point_uncertainty: Metres[float | None] = Field(
+        description="Standard uncertainty of each coordinate of the load's place, as used; null for logs."
     )
     residuals: list[StepResidual]
+    by_log: list[LogEstimate] = Field(
+        default_factory=list, description="Each log alone, if there are several."
+    )
     findings: list[Finding]
 
     @property

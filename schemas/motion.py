@@ -39,8 +39,8 @@ class MovingBody(Body):
     )
     inertia: Inertia[tuple[float, float, float, float, float, float]] = Field(
         default=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        description="Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, in axes of the frame of `centre`; "
-        "default: a point mass.",
+        description="Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, along the axes of "
+        "the frame of `centre`; default: a point mass.",
     )
 
 
@@ -114,8 +114,8 @@ class MotionLog(Message):
         if len(set(lengths.values())) > 1:
             short = min(lengths, key=lengths.__getitem__)
             raise ValueError(
-                f"the angles of '{short}' have {lengths[short]} samples, others {max(lengths.values())}: give "
-                "each encoder one sample at each time"
+                f"the angles of '{short}' have {lengths[short]} samples, others {max(lengths.values())}: "
+                "give each encoder one sample at each time"
             )
         return self
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .arm import FloatArray, SpringArm
+from .arm import FloatArray, Posture, SpringArm
 from .document import robot_document
 from .weight_step import GRAVITY, Gears
 
@@ -78,17 +78,21 @@ class MovedArm:
         return posture.point_to_base(np.broadcast_to(in_flange, (len(q), 3)))
 
     @staticmethod
-    def _holding(posture: Any, place: FloatArray, mass: float, body: int, period: float) -> FloatArray:
+    def _holding(posture: Posture, place: FloatArray, mass: float, body: int, period: float) -> FloatArray:
         """Return the torques (N, n) [N·m] that hold and accelerate a mass at places (N, 3)."""
-        acceleration = np.gradient(np.gradient(place, period, axis=0, edge_order=2), period, axis=0, edge_order=2)
+        acceleration = np.gradient(
+            np.gradient(place, period, axis=0, edge_order=2), period, axis=0, edge_order=2
+        )
         force = mass * (acceleration + np.array([0.0, 0.0, GRAVITY]))
         torques = np.einsum("tji,ti->tj", posture.velocities(place), force)
         torques[:, body + 1 :] = 0.0
         return torques
 
 
-def make_fast_path(centre: FloatArray, reach: FloatArray, rng: np.random.Generator, duration: float = 10.0) -> FloatArray:
-    """Return positions (N, n) [rad] of five harmonics about `centre`, as far as `reach`; it begins at rest."""
+def make_fast_path(
+    centre: FloatArray, reach: FloatArray, rng: np.random.Generator, duration: float = 10.0
+) -> FloatArray:
+    """Return positions (N, n) [rad] of five harmonics about `centre`, as far as `reach`."""
     time = np.arange(0.0, duration, PERIOD)
     base = 2.0 * np.pi / duration
     phase = rng.uniform(0.0, 2.0 * np.pi, (5, len(centre)))
@@ -104,7 +108,11 @@ def make_slow_path(start: FloatArray, end: FloatArray, speed: float) -> FloatArr
     time = np.arange(0.0, 2.0 * duration, PERIOD)
     there = np.where(time < duration, time, 2.0 * duration - time) / duration
     ramp = 0.5 / duration  # half a second to turn back, at constant acceleration
-    smooth = np.where(there > 1.0 - ramp, 1.0 - ramp + (there - 1.0 + ramp) * (1.0 - (there - 1.0 + ramp) / (2 * ramp)), there)
+    smooth = np.where(
+        there > 1.0 - ramp,
+        1.0 - ramp + (there - 1.0 + ramp) * (1.0 - (there - 1.0 + ramp) / (2 * ramp)),
+        there,
+    )
     smooth = np.where(there < ramp, there**2 / (2 * ramp) + 0.5 * ramp, smooth)
     return np.asarray(start + (end - start) * smooth[:, None])
 

@@ -130,8 +130,8 @@ def _read_body(body: MovingBody, robot: Robot, where: str) -> si.MovingBody:
     principal = np.linalg.eigvalsh(inertia)
     if principal[0] < 0.0 or principal[2] > (principal[0] + principal[1]) * (1.0 + _ROUNDING):
         raise RequestError(
-            f"no body has the inertia of '{body.name}': one principal moment is negative, or greater than the "
-            "sum of the others",
+            f"no body has the inertia of '{body.name}': one principal moment is negative, or greater "
+            "than the sum of the others",
             where=f"{where}.inertia",
             remedy="give Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, in kg·m²",
         )

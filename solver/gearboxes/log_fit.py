@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
 
 import cvxpy as cp
@@ -52,11 +52,17 @@ class LogFit:
     independent: float  #: number of independent samples
     least_torque: float  #: [N·m]
     greatest_torque: float  #: [N·m]
+    against_torque: float  #: standard uncertainties by which the twist, without bounds, is against the torque
+
+    @property
+    def torque_range(self) -> float:
+        """Greatest less least torque [N·m]."""
+        return self.greatest_torque - self.least_torque
 
     @property
     def uncertainty(self) -> float:
         """Standard uncertainty of the compliance [rad/(N·m)], from the width of the interval."""
-        return (self.interval[1] - self.interval[0]) / (2.0 * np.sqrt(_CHI_SQUARED))
+        return (self.interval[1] - self.interval[0]) / (2.0 * math.sqrt(_CHI_SQUARED))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +106,16 @@ _BOUNDS: Final = np.array(
 _DELAY_COLUMN, _LOST_MOTION_COLUMN = 5, 6
 
 
+@dataclass(frozen=True, eq=False)
+class _Carried:
+    """Body or gas spring that the motor of a joint carries."""
+
+    torque: FloatArray  # (S,) as stated [N·m]
+    tolerance: float  # relative half-width of the bounds of the torque's factor
+    radius: float = 0.0  # of the ball that contains the centre of mass [m]
+    by_centre: FloatArray | None = None  # (S, 3) change of the torque with the centre [N·m/m]
+
+
 class _Program:
     """Cone program of one joint.
 
@@ -108,47 +124,45 @@ class _Program:
     centre of mass.
     """
 
-    def __init__(self, torques: FloatArray, centres: Sequence[tuple[int, float, FloatArray]],
-                 tolerances: FloatArray, others: FloatArray, twist: FloatArray) -> None:
+    def __init__(self, carried: Sequence[_Carried], others: FloatArray, twist: FloatArray) -> None:
         """State the program.
 
         Args:
-            torques: (S, K) torques of bodies and springs as stated [N·m].
-            centres: for each body whose centre is uncertain: its index, the radius [m], and the torques
-                (S, 3) of the shift [N·m/m].
-            tolerances: (K,) relative half-widths of the factors of the torques.
+            carried: bodies and springs.
             others: (S, k) columns of what twists without a torque.
             twist: (S,) [rad].
         """
         self.others = others
-        exact = tolerances < _LEAST_TOLERANCE
         self.c = cp.Variable(nonneg=True)
         self.b = cp.Variable(others.shape[1])
-        factors = cp.Variable(int((~exact).sum()))
-        z = [self.c if is_exact else None for is_exact in exact]
-        for number, index in enumerate(np.flatnonzero(~exact)):
-            z[index] = factors[number]
-        uncertain = tolerances[~exact]
-        scale = np.linalg.norm(others, axis=0) / np.sqrt(len(others))
-        self._scale = np.where(scale > 0.0, scale, 1.0)
-        constraints = [
-            factors >= cp.multiply(1.0 - uncertain, self.c),
-            factors <= cp.multiply(1.0 + uncertain, self.c),
-            cp.abs(self.b[: len(_BOUNDS)]) <= _TWIST * _BOUNDS * self._scale[: len(_BOUNDS)],
-        ]
-        columns, unknowns = [torques[:, exact].sum(axis=1)[:, None], torques[:, ~exact]], [self.c, factors]
-        for index, radius, of_centre in centres:
-            w = cp.Variable(CENTRE)
-            constraints.append(cp.norm(w) <= z[index])
-            columns.append(radius * of_centre)
-            unknowns.append(w)
+        # Unknowns with bounds reach from −1 to 1; the others have columns of root mean square 1.
+        self._scale = np.linalg.norm(others, axis=0) / np.sqrt(len(others))
+        self._scale[: len(_BOUNDS)] = 1.0 / (_TWIST * _BOUNDS)
+        columns, unknowns = list[FloatArray](), list[cp.Expression]()
+        self._constraints = [cp.abs(self.b[: len(_BOUNDS)]) <= 1.0]
+        for each in carried:
+            z = self._state_factor(each.tolerance)
+            columns.append(each.torque[:, None])
+            unknowns.append(z)
+            if each.by_centre is not None and each.radius > 0.0:
+                shift = cp.Variable(CENTRE)  # in radii of the ball
+                self._constraints.append(cp.norm(shift) <= z)
+                columns.append(each.radius * each.by_centre)
+                unknowns.append(shift)
         unit = _TWIST / _COMPLIANCE
-        matrix = np.column_stack([unit * np.column_stack(columns), others / self._scale])
-        self._matrix, self._rhs = matrix, _TWIST * twist
+        self._matrix = np.column_stack([unit * np.column_stack(columns), others / self._scale])
+        self._rhs = _TWIST * twist
         self._unknowns = cp.hstack([*unknowns, self.b])
-        triangle = np.linalg.qr(np.column_stack([matrix, self._rhs]), mode="r")
-        self._constraints = constraints
+        triangle = np.asarray(np.linalg.qr(np.column_stack([self._matrix, self._rhs]), mode="r"))
         self._rest = triangle[:, :-1] @ self._unknowns - triangle[:, -1]
+
+    def _state_factor(self, tolerance: float) -> cp.Expression:
+        """Return the compliance times a factor within 1 ± tolerance; without a factor if that is tiny."""
+        if tolerance < _LEAST_TOLERANCE:
+            return self.c
+        z = cp.Variable()
+        self._constraints += [z >= (1.0 - tolerance) * self.c, z <= (1.0 + tolerance) * self.c]
+        return z
 
     def solve(self) -> None:
         """Fit all unknowns by least squares."""
@@ -158,7 +172,7 @@ class _Program:
         self.other = self.b.value / self._scale / _TWIST
 
     def find_ends(self, bound: float) -> tuple[float, float]:
-        """Return the least and the greatest compliance whose residuals have at most the norm `bound` [rad]."""
+        """Return the ends of the compliances whose residuals have at most the norm `bound` [rad]."""
         within = cp.norm(self._rest) <= _TWIST * bound
         ends = []
         for sense in (cp.Minimize, cp.Maximize):
@@ -181,18 +195,14 @@ class _Program:
             raise SolverError(f"Clarabel found no optimum, but '{problem.status}'")
 
 
-def fit_logs(campaign: MotionCampaign, joint: int, logs: Sequence[MotionLog]) -> LogFit:
-    """Fit the gearbox of one joint to some logs of a campaign.
+def fit_logs(campaign: MotionCampaign, joint: int, numbers: Sequence[int]) -> LogFit:
+    """Fit the gearbox of one joint to the logs of some numbers.
 
     Raises:
         SolverError: Clarabel finds no optimum.
     """
-    torques = [campaign.compute_torques(log)[:, joint] for log in logs]
-    return _fit(campaign, joint, logs, np.concatenate(torques))
-
-
-def _fit(campaign: MotionCampaign, joint: int, logs: Sequence[MotionLog], of_bodies: FloatArray) -> LogFit:
-    """Fit the gearbox of a joint; `of_bodies` (S, B, 4) are the torques of the bodies."""
+    logs = [campaign.logs[number] for number in numbers]
+    of_bodies = np.concatenate([campaign.torques[number][:, joint] for number in numbers])
     delay = 0.0
     for _ in range(_DELAYS):
         samples = _Samples.of(logs, joint, delay)
@@ -207,7 +217,8 @@ def _fit(campaign: MotionCampaign, joint: int, logs: Sequence[MotionLog], of_bod
     )
     own = _project_out(stated_torque, program.others)
     inflation = _find_inflation(program.residuals, own, samples.lengths, logs)
-    freedom = max(len(samples.twist) / inflation - 1.0, 1.0)
+    independent = len(samples.twist) / inflation
+    freedom = max(independent - 1.0, 1.0)
     least = max(float(np.linalg.norm(program.residuals)), _LEAST_NOISE * np.sqrt(len(samples.twist)))
     interval = program.find_ends(least * np.sqrt(1.0 + _CHI_SQUARED / freedom))
     return LogFit(
@@ -217,9 +228,10 @@ def _fit(campaign: MotionCampaign, joint: int, logs: Sequence[MotionLog], of_bod
         delay,
         2.0 * float(program.other[_LOST_MOTION_COLUMN]),
         float(np.sqrt(np.mean(program.residuals**2))),
-        len(samples.twist) / inflation,
+        independent,
         float(stated_torque.min()),
         float(stated_torque.max()),
+        _measure_opposition(own, samples.twist, program.others, independent),
     )
 
 
@@ -227,29 +239,40 @@ def _state_program(
     campaign: MotionCampaign, joint: int, samples: _Samples, of_bodies: FloatArray
 ) -> _Program:
     """Return the program of a joint; `of_bodies` (S, B, 4) are the torques of the bodies."""
-    springs = [spring for spring in campaign.springs if spring.joint == joint]
-    by_springs = [spring.holding_torque(samples.position) for spring in springs]
-    carried = np.abs(of_bodies[:, :, 0]).max(axis=0) > 0.0  # bodies before the joint twist nothing
-    bodies = [body for body, is_carried in zip(campaign.bodies, carried, strict=True) if is_carried]
-    of_carried = of_bodies[:, carried]
-    centres = [
-        (index, body.centre_tolerance, of_carried[:, index, 1:])
-        for index, body in enumerate(bodies)
-        if body.centre_tolerance > 0.0
+    carried = [
+        _Carried(torques[:, 0], body.mass_tolerance, body.centre_tolerance, torques[:, 1:])
+        for body, torques in zip(campaign.bodies, of_bodies.swapaxes(0, 1), strict=True)
+        if body.joint >= joint  # bodies before the joint twist nothing
     ]
-    return _Program(
-        np.column_stack([of_carried[:, :, 0], *by_springs]),
-        centres,
-        np.array([each.mass_tolerance for each in bodies] + [spring.tolerance for spring in springs]),
-        samples.list_other_columns(campaign.periods.get(joint, ())),
-        samples.twist,
-    )
+    carried += [
+        _Carried(spring.holding_torque(samples.position), spring.tolerance)
+        for spring in campaign.springs
+        if spring.joint == joint
+    ]
+    others = samples.list_other_columns(campaign.periods.get(joint, ()))
+    return _Program(carried, others, samples.twist)
 
 
 def _project_out(torque: FloatArray, others: FloatArray) -> FloatArray:
     """Return what is left of a torque (S,) after the columns (S, k) of what twists without a torque."""
     basis = np.linalg.qr(others / np.linalg.norm(others, axis=0))[0]
     return np.asarray(torque - basis @ (basis.T @ torque))
+
+
+def _measure_opposition(own: FloatArray, twist: FloatArray, others: FloatArray, independent: float) -> float:
+    """Return by how many standard uncertainties a twist (S,) is against the torque.
+
+    Args:
+        own: (S,) what is left of the stated torque after the other columns.
+        twist: (S,) [rad].
+        others: (S, k) columns of what twists without a torque.
+        independent: number of independent samples.
+    """
+    left = _project_out(twist, others)
+    slope = float(own @ left) / float(own @ own)
+    rest = left - slope * own
+    uncertainty = np.linalg.norm(rest) / np.sqrt(max(independent - 1.0, 1.0)) / np.linalg.norm(own)
+    return -slope / float(max(uncertainty, np.finfo(float).tiny))
 
 
 def _find_inflation(

@@ -1,4 +1,4 @@
-"""A robot's motion as its controller logs it: angles of both encoders over time, and what the motors carry."""
+"""A robot's motion as its controller logs it: angles of both encoders, and what the motors carry."""
 
 from __future__ import annotations
 
@@ -44,7 +44,9 @@ class MovingBody:
         """(10, 4) dynamic parameters as Pinocchio orders them, and their changes by 1 m of the centre."""
         steps = _DIFFERENCE * np.eye(CENTRE)
         changes = [self._parameters_at(step) - self._parameters_at(-step) for step in steps]
-        return np.column_stack([self._parameters_at(np.zeros(CENTRE)), *np.array(changes) / (2 * _DIFFERENCE)])
+        return np.column_stack(
+            [self._parameters_at(np.zeros(CENTRE)), *np.array(changes) / (2 * _DIFFERENCE)]
+        )
 
     def _parameters_at(self, shift: FloatArray) -> FloatArray:
         """Return the dynamic parameters (10,) with the centre shifted by (3,) [m]."""
@@ -129,19 +131,24 @@ class MotionCampaign:
         """Joints with an encoder behind the gearbox, in order."""
         return tuple(sorted({joint for log in self.logs for joint in log.link}))
 
-    def compute_torques(self, log: MotionLog) -> FloatArray:
-        """Return the torques (S, n, B, 4) [N·m] of B bodies at S kept samples, by Pinocchio's regressor.
+    @cached_property
+    def torques(self) -> tuple[FloatArray, ...]:
+        """For each log the torques (S, n, B, 4) [N·m] of B bodies at S kept samples.
 
         The first of the four is the torque of the body as stated; the others are its changes by 1 m of the
         centre of mass along each axis [N·m/m].
         """
+        return tuple(self._compute_torques(log) for log in self.logs)
+
+    def _compute_torques(self, log: MotionLog) -> FloatArray:
+        """Return the torques of one log, by Pinocchio's regressor of joint torques."""
         model = self.robot.model.copy()
         model.gravity = pin.Motion(np.asarray(self.gravity), np.zeros(3))
-        data = model.createData()
+        data, n, bodies = model.createData(), self.robot.n, len(self.bodies)
+        of_bodies = np.zeros((10 * n, bodies, 1 + CENTRE))
+        for number, body in enumerate(self.bodies):
+            of_bodies[10 * body.joint : 10 * (body.joint + 1), number] = body.parameters
+        parameters = of_bodies.reshape(10 * n, -1)
         states = zip(*(log.smooth(log.motor, derivative) for derivative in range(3)), strict=True)
-        regressors = np.array([pin.computeJointTorqueRegressor(model, data, *state) for state in states])
-        of_bodies = [
-            regressors[:, :, 10 * body.joint : 10 * (body.joint + 1)] @ body.parameters
-            for body in self.bodies
-        ]
-        return np.stack(of_bodies, axis=2)
+        torques = [pin.computeJointTorqueRegressor(model, data, *state) @ parameters for state in states]
+        return np.array(torques).reshape(-1, n, bodies, 1 + CENTRE)
