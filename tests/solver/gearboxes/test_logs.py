@@ -4,12 +4,12 @@ import copy
 
 import numpy as np
 import pytest
+from support.kr300 import read_kr300
+from support.motion_logs import JOINTS, read, simulate
 
 import jointstiff as js
 from jointstiff.solver.gearboxes.log_outcome import identify_from_logs
 from jointstiff.solver.gearboxes.motion import GasSpring
-from support.kr300 import read_kr300
-from support.motion_logs import JOINTS, read, simulate
 
 LENGTH = 2500
 """Number of samples of a log of 10 s."""
