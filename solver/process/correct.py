@@ -26,7 +26,7 @@ from jointstiff.solver.predict.forward import (
     Compensation,
     CorrectionLimits,
     ForwardModel,
-    compensate_postures,
+    compensate_poses,
 )
 from jointstiff.solver.predict.models import JointModel, ModelError
 from jointstiff.solver.process.frames import FrameGaps, FramesError, invert_poses, propose_frames
@@ -359,10 +359,9 @@ def correct_cases(
     poses = np.full((len(cases), 4, 4), np.nan)
     while done is None and len(rows):
         try:
-            done, postures = compensate_postures(
+            done, poses[rows] = compensate_poses(
                 model, cases[rows], settings.limits, ramp[rows], keep_fixed_joints
             )
-            poses[rows] = postures.flange_pose
         except CasesError as error:
             # The others are computed again without the rows that fail.
             failed = error.failed if error.failed.any() else np.ones(len(rows), dtype=np.bool_)

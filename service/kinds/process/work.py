@@ -33,8 +33,7 @@ from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import find_accepted_run, make_reason
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.mechanics.inverse import flange_poses
-from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.postures import Postures, flange_poses
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import point
 from jointstiff.solver.process.candidates import find_branches

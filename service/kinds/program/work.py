@@ -66,8 +66,8 @@ from jointstiff.solver import messages
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import CasesError, RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
-from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
-from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.postures import Postures, flange_poses
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import (
     CorrectionLimits,
