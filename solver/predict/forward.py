@@ -457,6 +457,7 @@ def compensate_poses(
     limits: CorrectionLimits | None = None,
     ramp: FloatArray | None = None,
     keep_fixed_joints: Callable[[FloatArray], FloatArray] | None = None,
+    commanded_cases: LoadCases | None = None,
 ) -> CompensatedPoses:
     """Compute commanded angles as `compensate` does, and return their poses, too.
 
@@ -469,6 +470,8 @@ def compensate_poses(
             corrections.
         keep_fixed_joints: function that changes commands (m, n) so that fixed joints keep their angles and
             the other joints reach the same poses; None if no joint is fixed.
+        commanded_cases: the same cases with the loads that the commands correct, such as from `blend_loads`;
+            None for the loads of `cases`.
 
     Raises:
         CasesError: a load twists a joint of unknown compliance, has no stable equilibrium, or cannot be
@@ -476,6 +479,7 @@ def compensate_poses(
     """
     robot, limits = model.robot, CorrectionLimits() if limits is None else limits
     ramp = np.ones(len(cases)) if ramp is None else ramp
+    commanded_cases = cases if commanded_cases is None else commanded_cases
     goal = model.unloaded(cases)
     goal_poses = goal.to_base(cases.place[:, None])[:, 0], goal.flange_rotation
     uncorrected = model.deflect(cases, goal)
@@ -500,10 +504,10 @@ def compensate_poses(
         place = (cases.place[:, None] @ rotation.transpose(0, 2, 1))[:, 0] + translation
         return commanded, poses, _compute_pose_difference(*goal_poses, place, rotation)
 
-    commanded, poses, correction = apply_commands(model.compute_commands(cases, goal, share))
+    commanded, poses, correction = apply_commands(model.compute_commands(commanded_cases, goal, share))
     allowed_share = _compute_allowed_shares(correction, limits)
     if (allowed_share < 1.0).any():
-        reduced = model.compute_commands(cases, goal, share * allowed_share)
+        reduced = model.compute_commands(commanded_cases, goal, share * allowed_share)
         angles = np.where(allowed_share[:, None] < 1.0, reduced, commanded)
         commanded, poses, correction = apply_commands(angles)
     reached = uncorrected.deflect_from(Postures(robot, commanded))
