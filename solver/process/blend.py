@@ -31,6 +31,8 @@ _FASTER: Final = 1.05
 """Motion of a corrected line, relative to the wanted one, where this alone is too fast."""
 _TURNED: Final = 0.01
 """Change of a load from a row to the next, relative to the load, up to which it does not turn at once."""
+_ROWS_AT_ONCE: Final = 2_000
+"""Rows whose commands are computed at a time."""
 _REST: Final = 1e-9
 """Length of a line below which the tool rests [m]."""
 
@@ -72,28 +74,55 @@ def blend_loads(
         limits: (m, n) greatest motion of each of the model's joints for a length of the line to each row
             [rad/m or m/m]; inf where it is unknown.
     """
+    loaded = np.asarray(cases.force.any(axis=1) | cases.moment.any(axis=1))
+    continuous = continuous & loaded
+    continuous[1:] &= loaded[:-1]
+    continuous[:1] = False
+    turned = continuous & _find_turned(cases)
+    if not turned.any():
+        return None
     try:
-        return _Blending(model, cases, continuous, limits).find()
+        return _Blending(model, cases, continuous, limits, turned).find()
     except CasesError:  # the correction of these rows names the reason
         return None
+
+
+def _find_turned(cases: LoadCases) -> BoolArray:
+    """Return a mask (m,) of the rows whose load is another than that of the row before."""
+    turned = np.zeros(len(cases), dtype=np.bool_)
+    for loads in (cases.force, cases.moment):
+        size = np.linalg.norm(loads, axis=1)
+        change = np.linalg.norm(np.diff(loads, axis=0), axis=1)
+        turned[1:] |= change > _TURNED * np.maximum(size[1:], size[:-1])
+    return turned
 
 
 class _Blending:
     """Search of the length over which the corrections of a path change."""
 
     def __init__(
-        self, model: ForwardModel, cases: LoadCases, continuous: BoolArray, limits: FloatArray
+        self,
+        model: ForwardModel,
+        cases: LoadCases,
+        continuous: BoolArray,
+        limits: FloatArray,
+        turned: BoolArray,
     ) -> None:
-        """Measure the path as wanted, where loads turn; the arguments are those of `blend_loads`."""
+        """Measure the path as wanted.
+
+        Args:
+            model: model of the loaded robot.
+            cases: m wanted postures, with their loads.
+            continuous: (m,) mask of rows to which a line leads from the row before, both under load.
+            limits: (m, n) as of `blend_loads`.
+            turned: (m,) mask of the lines on which the load turns; rows far from them are not examined.
+        """
         self._model, self._cases, self._limits = model, cases, limits
-        loaded: BoolArray = np.asarray(cases.force.any(axis=1) | cases.moment.any(axis=1))
-        self._continuous = continuous & loaded
-        self._continuous[1:] &= loaded[:-1]
-        self._continuous[:1] = False
+        self._continuous = continuous
         self._goal = model.robot.joint_map.model_angles(cases.joints)
         self._wanted, self._steps = self._measure(self._goal)
         self._lengths = np.cumsum(self._steps)
-        self._examined = self._spread(np.where(self._find_turned(), _LENGTHS[-1], 0.0)) > 0.0
+        self._examined = self._find_near(turned, _LENGTHS[-1])
 
     def find(self) -> Blend | None:
         """Return the loads, averaged near lines that are too fast over the least length that is enough.
@@ -101,8 +130,6 @@ class _Blending:
         Lines that are near each other have the same length. Where none is enough, it is the greatest.
         """
         rows = np.flatnonzero(self._examined)
-        if not len(rows):
-            return None
         group = np.cumsum(self._examined & ~np.append(False, self._examined[:-1]))  # of the examined rows
         commanded, loads, lengths = self._goal.copy(), self._cases, np.zeros(len(self._cases))
         commanded[rows] = self._command(loads[rows], rows)
@@ -114,25 +141,22 @@ class _Blending:
                 break
             lines |= is_fast
             length_of_group[group[is_fast]] = length
-            lengths = self._spread(np.where(lines, length_of_group[group], 0.0))
+            length_of_line = np.where(lines, length_of_group[group], 0.0)
+            for each in np.unique(length_of_line[lines]):
+                lengths[self._find_near(length_of_line == each, float(each))] = each
             loads = self._average(lengths)
             rows = np.flatnonzero(lengths)
             commanded[rows] = self._command(loads[rows], rows)
         return Blend(loads, lengths) if lengths.any() else None
 
-    def _find_turned(self) -> BoolArray:
-        """Return a mask (m,) of the lines on which the load changes by more than a small part."""
-        turned = np.zeros(len(self._cases), dtype=np.bool_)
-        for loads in (self._cases.force, self._cases.moment):
-            size = np.linalg.norm(loads, axis=1)
-            change = np.linalg.norm(np.diff(loads, axis=0), axis=1)
-            turned[1:] |= change > _TURNED * np.maximum(size[1:], size[:-1])
-        return turned & self._continuous
-
     def _command(self, cases: LoadCases, rows: IndexArray) -> FloatArray:
         """Return the commands (k, n) of some rows under other loads, as the model's joints."""
-        goal = Postures(self._model.robot, self._goal[rows])
-        return self._model.compute_commands(cases, goal, np.ones(len(rows)))
+        commanded = np.empty((len(rows), self._goal.shape[1]))
+        for begin in range(0, len(rows), _ROWS_AT_ONCE):
+            block = slice(begin, begin + _ROWS_AT_ONCE)
+            goal = Postures(self._model.robot, self._goal[rows[block]])
+            commanded[block] = self._model.compute_commands(cases[block], goal, np.ones(len(goal)))
+        return commanded
 
     def _measure(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the motion (m, n) of joints on the line to each row, and the line's length (m,) [m]."""
@@ -156,19 +180,18 @@ class _Blending:
         is_fast = (motion > allowed) & (motion - wanted > _OWN * limits)
         return np.asarray(is_fast.any(axis=1) & moves)
 
-    def _spread(self, lengths: FloatArray) -> FloatArray:
-        """Return the lengths (m,) of lines for the rows that are within half of a length, in their stretch.
-
-        Other rows have zero.
-        """
-        at, stretch = self._lengths, np.cumsum(~self._continuous)
-        spread = np.zeros(len(at))
-        for i in np.flatnonzero(lengths).tolist():
-            half = 0.5 * lengths[i]
-            first, last = np.searchsorted(at, [at[i - 1] - half, at[i] + half])
-            is_near = stretch[first:last] == stretch[i]
-            spread[first:last][is_near] = np.maximum(spread[first:last][is_near], lengths[i])
-        return spread
+    def _find_near(self, lines: BoolArray, length: float) -> BoolArray:
+        """Return a mask (m,) of the rows that are within half a length of lines (m,), in their stretch."""
+        at, ends = self._lengths, np.flatnonzero(lines)
+        starts = np.flatnonzero(~self._continuous)
+        stretch = np.searchsorted(starts, ends, side="right") - 1
+        begin_of_stretch, end_of_stretch = starts[stretch], np.append(starts[1:], len(at))[stretch]
+        first = np.searchsorted(at, at[ends - 1] - 0.5 * length)
+        last = np.searchsorted(at, at[ends] + 0.5 * length, side="right")
+        # Each line adds 1 from its first row on, and takes it back behind its last.
+        begins = np.bincount(np.maximum(first, begin_of_stretch), minlength=len(at) + 1)
+        finishes = np.bincount(np.minimum(last, end_of_stretch), minlength=len(at) + 1)
+        return np.asarray(np.cumsum(begins - finishes)[:-1] > 0)
 
     def _average(self, lengths: FloatArray) -> LoadCases:
         """Return the cases with the means of their loads over lengths (m,) of the path about each row.
