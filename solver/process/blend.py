@@ -31,6 +31,10 @@ _FASTER: Final = 1.05
 """Motion of a corrected line, relative to the wanted one, where this alone is too fast."""
 _TURNED: Final = 0.01
 """Change of a load from a row to the next, relative to the load, up to which it does not turn at once."""
+_CORNER: Final = 0.35
+"""The same of a corner, near which the choice of turns leaves room for the correction."""
+_ROOM_LENGTH: Final = 0.024
+"""Length of the path around a corner on which there is room [m]."""
 _ROWS_AT_ONCE: Final = 2_000
 """Rows whose commands are computed at a time."""
 _REST: Final = 1e-9
@@ -74,11 +78,8 @@ def blend_loads(
         limits: (m, n) greatest motion of each of the model's joints for a length of the line to each row
             [rad/m or m/m]; inf where it is unknown.
     """
-    loaded = np.asarray(cases.force.any(axis=1) | cases.moment.any(axis=1))
-    continuous = continuous & loaded
-    continuous[1:] &= loaded[:-1]
-    continuous[:1] = False
-    turned = continuous & _find_turned(cases)
+    continuous = _select_loaded_lines(continuous, cases.force, cases.moment)
+    turned = continuous & _find_changes(cases.force, cases.moment, _TURNED)
     if not turned.any():
         return None
     try:
@@ -87,14 +88,52 @@ def blend_loads(
         return None
 
 
-def _find_turned(cases: LoadCases) -> BoolArray:
-    """Return a mask (m,) of the rows whose load is another than that of the row before."""
-    turned = np.zeros(len(cases), dtype=np.bool_)
-    for loads in (cases.force, cases.moment):
+def find_corners(
+    force: FloatArray, moment: FloatArray, continuous: BoolArray, lengths: FloatArray
+) -> BoolArray:
+    """Return a mask (m,) of the points near which the load turns at once, so that a correction is blended.
+
+    Args:
+        force: (m, 3) forces [N].
+        moment: (m, 3) moments [N·m].
+        continuous: (m,) mask of points to which a line leads from the point before.
+        lengths: (m,) length of the lines up to each point [m].
+    """
+    continuous = _select_loaded_lines(continuous, force, moment)
+    is_corner = continuous & _find_changes(force, moment, _CORNER)
+    return _find_near(is_corner, _ROOM_LENGTH, continuous, lengths)
+
+
+def _select_loaded_lines(continuous: BoolArray, force: FloatArray, moment: FloatArray) -> BoolArray:
+    """Return the mask (m,) of the lines of `continuous` whose two ends are under load."""
+    loaded = np.asarray(force.any(axis=1) | moment.any(axis=1))
+    lines = continuous & loaded
+    lines[1:] &= loaded[:-1]
+    lines[:1] = False
+    return lines
+
+
+def _find_changes(force: FloatArray, moment: FloatArray, part: float) -> BoolArray:
+    """Return a mask (m,) of the rows whose load differs from the one before by more than a part of it."""
+    changes = np.zeros(len(force), dtype=np.bool_)
+    for loads in (force, moment):
         size = np.linalg.norm(loads, axis=1)
         change = np.linalg.norm(np.diff(loads, axis=0), axis=1)
-        turned[1:] |= change > _TURNED * np.maximum(size[1:], size[:-1])
-    return turned
+        changes[1:] |= change > part * np.maximum(size[1:], size[:-1])
+    return changes
+
+
+def _find_near(lines: BoolArray, length: float, continuous: BoolArray, lengths: FloatArray) -> BoolArray:
+    """Return a mask (m,) of the rows that are within half a length of lines (m,), in their stretch."""
+    ends, starts = np.flatnonzero(lines), np.flatnonzero(~continuous)
+    stretch = np.searchsorted(starts, ends, side="right") - 1
+    begin_of_stretch, end_of_stretch = starts[stretch], np.append(starts[1:], len(lengths))[stretch]
+    first = np.searchsorted(lengths, lengths[ends - 1] - 0.5 * length)
+    last = np.searchsorted(lengths, lengths[ends] + 0.5 * length, side="right")
+    # Each line adds 1 from its first row on, and takes it back behind its last.
+    begins = np.bincount(np.maximum(first, begin_of_stretch), minlength=len(lengths) + 1)
+    finishes = np.bincount(np.minimum(last, end_of_stretch), minlength=len(lengths) + 1)
+    return np.asarray(np.cumsum(begins - finishes)[:-1] > 0)
 
 
 class _Blending:
@@ -122,7 +161,7 @@ class _Blending:
         self._goal = model.robot.joint_map.model_angles(cases.joints)
         self._wanted, self._steps = self._measure(self._goal)
         self._lengths = np.cumsum(self._steps)
-        self._examined = self._find_near(turned, _LENGTHS[-1])
+        self._examined = _find_near(turned, _LENGTHS[-1], continuous, self._lengths)
 
     def find(self) -> Blend | None:
         """Return the loads, averaged near lines that are too fast over the least length that is enough.
@@ -143,7 +182,8 @@ class _Blending:
             length_of_group[group[is_fast]] = length
             length_of_line = np.where(lines, length_of_group[group], 0.0)
             for each in np.unique(length_of_line[lines]):
-                lengths[self._find_near(length_of_line == each, float(each))] = each
+                is_near = _find_near(length_of_line == each, float(each), self._continuous, self._lengths)
+                lengths[is_near] = each
             loads = self._average(lengths)
             rows = np.flatnonzero(lengths)
             commanded[rows] = self._command(loads[rows], rows)
@@ -179,19 +219,6 @@ class _Blending:
         allowed = np.where(wanted > limits, _FASTER * wanted, _AIM * limits)
         is_fast = (motion > allowed) & (motion - wanted > _OWN * limits)
         return np.asarray(is_fast.any(axis=1) & moves)
-
-    def _find_near(self, lines: BoolArray, length: float) -> BoolArray:
-        """Return a mask (m,) of the rows that are within half a length of lines (m,), in their stretch."""
-        at, ends = self._lengths, np.flatnonzero(lines)
-        starts = np.flatnonzero(~self._continuous)
-        stretch = np.searchsorted(starts, ends, side="right") - 1
-        begin_of_stretch, end_of_stretch = starts[stretch], np.append(starts[1:], len(at))[stretch]
-        first = np.searchsorted(at, at[ends - 1] - 0.5 * length)
-        last = np.searchsorted(at, at[ends] + 0.5 * length, side="right")
-        # Each line adds 1 from its first row on, and takes it back behind its last.
-        begins = np.bincount(np.maximum(first, begin_of_stretch), minlength=len(at) + 1)
-        finishes = np.bincount(np.minimum(last, end_of_stretch), minlength=len(at) + 1)
-        return np.asarray(np.cumsum(begins - finishes)[:-1] > 0)
 
     def _average(self, lengths: FloatArray) -> LoadCases:
         """Return the cases with the means of their loads over lengths (m,) of the path about each row.

@@ -119,7 +119,7 @@ class ProcessWork(ProgramWork):
         wanted = None if request.feed is None else LENGTH[request.units.length] * request.feed
         feeds = find_feeds(self._program, request, self._visits, wanted)
         self._pace = Pace(feeds, robot.speeds, float(np.radians(request.rate) * 1e3))
-        self._joint_limits = self._pace.limits()
+        self._joint_limits = replace(self._pace, rate=np.inf).limits()
         self._task = make_turn_task(request, self._pace)
         self._sizes, self._chosen = np.zeros(0), dict[str, Any]()
         self._unwritten: str | None = None  # why no program is written
