@@ -86,7 +86,7 @@ class MovedArm:
         force = mass * (acceleration + np.array([0.0, 0.0, GRAVITY]))
         torques = np.einsum("tji,ti->tj", posture.velocities(place), force)
         torques[:, body + 1 :] = 0.0
-        return torques
+        return np.asarray(torques)
 
 
 def make_fast_path(

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.shared_data import MISSING, SHARED
 
 import jointstiff as js
-from support.shared_data import MISSING, SHARED
 
 FOLDER = SHARED / "kr300"
 

@@ -80,7 +80,7 @@ def simulate(seed: int, *, is_slow: bool = False, logs: int = 3) -> Simulated:
     )
     gears = Gears(lost_motion=draw.uniform(5e-6, 20e-6))
     path_of = _make_slow if is_slow else _make_fast
-    imperfect = {
+    imperfect: dict[str, Any] = {
         "delay": draw.uniform(1e-3, 5e-3),
         "second_order": draw.uniform(-5e-6, 5e-6),
         "friction": draw.uniform(50.0, 200.0),

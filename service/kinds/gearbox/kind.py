@@ -36,8 +36,7 @@ _CONFIDENCE: Final = 0.95
 def _make_report(job: Gearbox, result: GearboxResult, view: View) -> Report:
     """Return the report: verdict, gearboxes and what they rest on; `view.details` adds the evidence."""
     motion = job.request.motion
-    parts: list[Part] = [] if motion is None else [Line(f"  {_state_payload(motion)}")]
-    parts.append(_gearbox_table(result))
+    parts: list[Part] = [_gearbox_table(result)]
     parts += joint_reason_lines((each.joint, each.reason) for each in result.gearboxes)
     if result.not_observed:
         parts.append(Line(f"  {', '.join(result.not_observed)}: no second encoder was read, not observed"))
@@ -49,12 +48,6 @@ def _make_report(job: Gearbox, result: GearboxResult, view: View) -> Report:
     elif view.details:
         parts += [_motion_table(result), _logs_table(result)]
     return Report(parts)
-
-
-def _state_payload(motion: Motion) -> str:
-    """Return the sentence on which the numbers of logs rest."""
-    mass, percent = figure(motion.payload.mass), figure(100.0 * motion.payload.mass_uncertainty, ".2g")
-    return f"if the payload is {mass} kg ± {percent} %: a check within a factor of 1.5, not a measurement"
 
 
 def _state_load(load: HungLoad, result: GearboxResult) -> str:
