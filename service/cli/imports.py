@@ -17,14 +17,15 @@ from jointstiff.schemas.fields import Terminal
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import SetMetadata
 from jointstiff.service.cli import options as cli
-from jointstiff.service.cli.kinds import (
+from jointstiff.service.cli.failures import print_problem
+from jointstiff.service.cli.fields import (
     field_options,
     gather_stated_fields,
     name_options_in_text,
     naming_options,
     option_flag,
-    scale_numbers,
 )
+from jointstiff.service.cli.kinds import scale_numbers
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import Delimiter
@@ -606,7 +607,7 @@ def _write_campaign(
     readings = answer.measurement_set or answer.geometry
     if readings is None:
         missing = "; ".join(answer.missing)
-        raise cli.print_problem(
+        raise print_problem(
             http_problem(
                 422,
                 f"nothing was written, because information is missing: {missing}",
