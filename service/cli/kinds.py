@@ -256,7 +256,7 @@ def build_correct_command() -> Callable[..., None]:
     def command(file: str, poses: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Correct a table of poses for the deflection under load."""
         from jointstiff.service.cli.models import read_or_identify_run
-        from jointstiff.service.library import correction
+        from jointstiff.service.library import here
 
         if values["output"] is not None:
             cli.check_ending(values["output"], [".csv", ".parquet"])
@@ -264,7 +264,7 @@ def build_correct_command() -> Callable[..., None]:
         stated = gather_stated_fields(CorrectionOptions, values)
         source = file if values["run"] is None else read_or_identify_run(Path(file), values["run"])
         with naming_options(CorrectionOptions):
-            result = correction.correct(source, poses, **stated)
+            result = here.correct(source, poses, **stated)
         if values["output"] is not None:
             result.save(values["output"])
             cli.warn(f"wrote {values['output']}")

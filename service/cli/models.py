@@ -77,9 +77,9 @@ def report(
 
 def read_or_identify_run(file: Path, run: Path | None) -> TabledRun:
     """Return the run of a campaign: read from the file `run`, or identified now if `run` is None."""
-    from jointstiff.service.library.here import Here, attach_campaign
+    from jointstiff.service.library.here import Here, attach_campaign, use_saved
     from jointstiff.service.library.results import TabledRun
-    from jointstiff.service.library.saved import load, use_saved
+    from jointstiff.service.library.saved import load
     from jointstiff.service.problems import CampaignError, http_problem
     from jointstiff.service.resources.documents import read_campaign
 

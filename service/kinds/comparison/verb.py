@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.comparison import CampaignComparison
 from jointstiff.schemas.run import Run
@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.options import Resampling, RunOptions
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledComparison(PresentedJob, Comparison):
-        """A comparison, with its tables, plots and files."""
 
 
 class CompareFields(TypedDict, total=False):
@@ -48,7 +44,7 @@ def compare(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[CompareFields],
-) -> TabledComparison:
+) -> Comparison:
     """Compare methods on a campaign, or two campaigns of one robot.
 
     Args:
@@ -91,11 +87,8 @@ def compare(
         request = request_comparison(
             sets, chosen, lambda run, dispensable: backend.run(run, monitor, dispensable)
         )
-        return cast(
-            "TabledComparison",
-            backend.carry_out_request(
-                COMPARISON, request.model_dump(mode="json", exclude_unset=True), {}, monitor
-            ),
+        return backend.carry_out_request(
+            COMPARISON, request.model_dump(mode="json", exclude_unset=True), {}, monitor
         )
 
 

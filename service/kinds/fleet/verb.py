@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from jointstiff.schemas.fleet import FleetOptions
 from jointstiff.service.kinds.fleet.kind import FLEET
@@ -16,10 +16,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.options import RunOptions
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledFleet(PresentedJob, Fleet):
-        """A fleet, with its tables, plots and files."""
 
 
 class FleetFields(TypedDict, total=False):
@@ -38,7 +34,7 @@ def fleet(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[FleetFields],
-) -> TabledFleet:
+) -> Fleet:
     """Identify the campaigns of many robots in one job.
 
     Args:
@@ -67,11 +63,8 @@ def fleet(
         backend = backend.start_call(monitor)
         sets = [backend.prepare_set(source, f"campaigns[{i}].")[0] for i, source in enumerate(campaigns)]
         request = {"measurement_set_ids": sets} if sets else {}
-        return cast(
-            "TabledFleet",
-            backend.carry_out_request(
-                FLEET, request | merge_options(FleetOptions, options, fields), {}, monitor
-            ),
+        return backend.carry_out_request(
+            FLEET, request | merge_options(FleetOptions, options, fields), {}, monitor
         )
 
 

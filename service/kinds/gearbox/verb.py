@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.gearbox import GearboxRequest
@@ -17,10 +17,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledGearbox(PresentedJob, Gearbox):
-        """Gearboxes, with their tables, plots and files."""
 
 
 class GearboxFields(TypedDict, total=False):
@@ -46,7 +42,7 @@ def gearbox(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[GearboxFields],
-) -> TabledGearbox:
+) -> Gearbox:
     """Identify the stiffness of gearboxes from two encoders, read without and with a load.
 
     Args:
@@ -73,7 +69,7 @@ def gearbox(
     with JobMonitor(on_progress, cancel, executor) as monitor:
         backend = backend.start_call(monitor)
         request = merge_readings(GearboxRequest, readings, options, fields)
-        return cast("TabledGearbox", backend.carry_out_request(GEARBOX, request, {}, monitor))
+        return backend.carry_out_request(GEARBOX, request, {}, monitor)
 
 
 describe_fields(gearbox, GearboxRequest)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.geometry import GeometryRequest
@@ -23,10 +23,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import JointMap, RobotDocument
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Vector
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledGeometry(PresentedJob, Geometry):
-        """A geometry, with its tables, plots and files."""
 
 
 class GeometryFields(TypedDict, total=False):
@@ -60,7 +56,7 @@ def geometry(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[GeometryFields],
-) -> TabledGeometry:
+) -> Geometry:
     """Identify the geometry of a robot from sweeps or poses.
 
     Args:
@@ -87,7 +83,7 @@ def geometry(
     with JobMonitor(on_progress, cancel, executor) as monitor:
         backend = backend.start_call(monitor)
         request = merge_readings(GeometryRequest, readings, options, fields)
-        return cast("TabledGeometry", backend.carry_out_request(GEOMETRY, request, {}, monitor))
+        return backend.carry_out_request(GEOMETRY, request, {}, monitor)
 
 
 describe_fields(geometry, GeometryRequest)

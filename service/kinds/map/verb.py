@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.deflection import MapOptions
 from jointstiff.service.kinds.map.kind import MAP
@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.deflection import Map
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, Matrix, OnProgress, Source, Vector
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledMap(PresentedJob, Map):
-        """A map, with its tables, plots and files."""
 
 
 class MapFields(TypedDict, total=False):
@@ -54,7 +50,7 @@ def map(  # noqa: A001 - the name of the command
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[MapFields],
-) -> TabledMap:
+) -> Map:
     """Map deflection and compliance over a work area.
 
     Args:
@@ -82,7 +78,7 @@ def map(  # noqa: A001 - the name of the command
         backend = backend.start_call(monitor)
         request = {"run_id": backend.prepare_run(run, executor)}
         request |= merge_options(MapOptions, options, fields, lambda: backend.joint_kinds(run))
-        return cast("TabledMap", backend.carry_out_request(MAP, request, {}, monitor))
+        return backend.carry_out_request(MAP, request, {}, monitor)
 
 
 describe_fields(map, MapOptions)

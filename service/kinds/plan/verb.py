@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.plan import PlanOptions
 from jointstiff.schemas.robot import RobotDocument
@@ -30,10 +30,6 @@ if TYPE_CHECKING:
     )
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, Matrix, OnProgress, Source, Vector
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledPlan(PresentedJob, Plan):
-        """A plan, with its tables, plots and files."""
 
 
 class PlanFields(TypedDict, total=False):
@@ -77,7 +73,7 @@ def plan(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[PlanFields],
-) -> TabledPlan:
+) -> Plan:
     """Plan which postures and loads to measure.
 
     Args:
@@ -120,7 +116,7 @@ def plan(
                 **{name: value for name, value in inherited.items() if value},
             }
         request |= merge_options(PlanOptions, options, fields, lambda: backend.joint_kinds(planned))
-        return cast("TabledPlan", backend.carry_out_request(PLAN, request, {}, monitor))
+        return backend.carry_out_request(PLAN, request, {}, monitor)
 
 
 describe_fields(plan, PlanOptions)

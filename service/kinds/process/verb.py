@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from jointstiff.schemas.process import ProcessOptions
 from jointstiff.schemas.robot import RobotDocument
@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.process import Process
     from jointstiff.service.kinds.verb import Cancel, File, Matrix, OnProgress, Source, Vector
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledProcess(PresentedJob, Process):
-        """A process, with its tables, plots and files."""
 
 
 class ProcessFields(CompensateFields, total=False):
@@ -55,7 +51,7 @@ def process(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[ProcessFields],
-) -> TabledProcess:
+) -> Process:
     """Turn the tool and place the workpiece for the least deflection along a path.
 
     Args:
@@ -113,9 +109,7 @@ def process(
             named_options |= _state_forces(forces, contents, units)
         files_sent, named_options = gather_files([Path(each) for each in files], named_options)
         request |= merge_options(ProcessOptions, options, named_options)
-        return cast(
-            "TabledProcess", backend.carry_out_request(PROCESS, request, contents | files_sent, monitor)
-        )
+        return backend.carry_out_request(PROCESS, request, contents | files_sent, monitor)
 
 
 def _write_poses(arrays: list[Any], units: Mapping[str, str]) -> tuple[dict[str, bytes], dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.kinds.program.kind import PROGRAM
@@ -17,10 +17,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.program import Cut, ProcessLoad, Program, ProgramFrame
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Source, Vector
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledProgram(PresentedJob, Program):
-        """A compensated program, with its tables, plots and files."""
 
 
 class CompensateFields(TypedDict, total=False):
@@ -67,7 +63,7 @@ def compensate(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[CompensateFields],
-) -> TabledProgram:
+) -> Program:
     """Compensate a program for the deflection under load.
 
     Args:
@@ -97,7 +93,7 @@ def compensate(
         request: dict[str, Any] = {"run_id": backend.prepare_run(run, executor)}
         contents, named_options = gather_files(list(map(Path, files)), fields)
         request |= merge_options(ProgramOptions, options, named_options)
-        return cast("TabledProgram", backend.carry_out_request(PROGRAM, request, contents, monitor))
+        return backend.carry_out_request(PROGRAM, request, contents, monitor)
 
 
 def gather_files(paths: Sequence[Path], fields: Mapping[str, Any]) -> tuple[dict[str, bytes], dict[str, Any]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.options import RunOptions
 from jointstiff.service.kinds.run.kind import RUN
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.finding import NamedCause
     from jointstiff.schemas.options import CrossValidation, OwnWeight, Resampling, StiffnessPrior
+    from jointstiff.schemas.run import Run
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
-    from jointstiff.service.library.results import TabledRun
 
 
 class IdentifyFields(TypedDict, total=False):
@@ -62,7 +62,7 @@ def identify(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[IdentifyFields],
-) -> TabledRun:
+) -> Run:
     """Identify the joint stiffnesses of a campaign.
 
     Args:
@@ -95,9 +95,8 @@ def identify(
             # campaign leaves out are left out in any case.
             defaults = campaign_options.model_dump(mode="json", exclude_unset=True) if options is None else {}
             request = defaults | request | {"leave_out": campaign_options.leave_out}
-        return cast(
-            "TabledRun",
-            backend.carry_out_request(RUN, request | merge_options(RunOptions, options, fields), {}, monitor),
+        return backend.carry_out_request(
+            RUN, request | merge_options(RunOptions, options, fields), {}, monitor
         )
 
 
