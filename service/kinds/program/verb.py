@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.kinds.program.kind import PROGRAM
-from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import (
+    Backend,
+    JobMonitor,
+    Request,
+    carry_out_verb,
+    describe_verb,
+    merge_options,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -67,33 +74,18 @@ def compensate(
     """Compensate a program for the deflection under load.
 
     Args:
-        backend: `Here` or a `Client`, which has this function as a method and does the work.
         run: what `identify` returned, or a campaign, which is identified now.
         files: the program, a .src with its .dat; and the table of loads, if `loads` names one.
-        options: a `ProgramOptions`; keyword arguments replace options of the same name.
-        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
-            notebook, if it takes more than 2 s.
-        cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
-            `cancelled`.
-        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
-            executor.
         fields: fields of `ProgramOptions`, and `force`, short for `load`.
-
-    Returns:
-        The Program, with its result in SI units. If the computation fails, its state is `failed`.
-
-    Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
-        RefusedError: the service refuses the request.
-        OSError: a file cannot be read.
     """
-    with JobMonitor(on_progress, cancel, executor) as monitor:
-        backend = backend.start_call(monitor)
+
+    def make_request(backend: Backend) -> Request:
+        """Return the run and the files, with the options."""
         request: dict[str, Any] = {"run_id": backend.prepare_run(run, executor)}
         contents, named_options = gather_files(list(map(Path, files)), fields)
-        request |= merge_options(ProgramOptions, options, named_options)
-        return backend.carry_out_request(PROGRAM, request, contents, monitor)
+        return Request(request | merge_options(ProgramOptions, options, named_options), contents)
+
+    return carry_out_verb(backend, PROGRAM, JobMonitor(on_progress, cancel, executor), make_request)
 
 
 def gather_files(paths: Sequence[Path], fields: Mapping[str, Any]) -> tuple[dict[str, bytes], dict[str, Any]]:
@@ -115,4 +107,4 @@ def gather_files(paths: Sequence[Path], fields: Mapping[str, Any]) -> tuple[dict
     return {path.name: path.read_bytes() for path in read}, options
 
 
-describe_fields(compensate, ProgramOptions)
+describe_verb(compensate, PROGRAM)
