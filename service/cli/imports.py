@@ -692,8 +692,7 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
             next(fault.words for fault in answer.faults if fault.option == option)
         )
     elif option == "accept_unusual":
-        # The text of the missing item ends with "correct: " and the unusual values, which the question names.
-        unusual = answer.missing[answer.missing_fields.index("accept_unusual")].partition("correct: ")[2]
+        unusual = "; ".join(answer.unusual)
         yield option, partial(typer.confirm, f"Is this value correct: {unusual}?", default=False, err=True)
     elif option == "columns":
         columns = (column for file in answer.files for column in file.columns)
