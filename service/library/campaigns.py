@@ -16,7 +16,6 @@ from jointstiff.service.library.robots import plain_fields
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import parse_document, read_campaign
-from jointstiff.service.resources.inputs import InMemoryInputs
 from jointstiff.solver.errors import MeasurementError
 
 _CAUSES_OF_LONG_DEFLECTIONS: Final = frozenset(("observations_out_of_order", "deflection_implausibly_large"))
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.conversion.prepared import PreparedSet
+    from jointstiff.service.resources.inputs import InMemoryInputs
 
     Numbers = npt.ArrayLike | Mapping[str, Any]
 
@@ -188,6 +188,8 @@ def _prepare(campaign: Campaign) -> PreparedSet:
     Raises:
         CampaignError: robot or readings cannot be used.
     """
+    from jointstiff.service.resources.inputs import InMemoryInputs
+
     inputs = InMemoryInputs()
     return inputs.measured(add_campaign(inputs, campaign), "measurement_set")
 
