@@ -41,11 +41,14 @@ ProblemError                   a problem document as an exception, for programs 
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
+from errno import ENOENT
 from http import HTTPStatus
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
@@ -729,6 +732,36 @@ class RefusedError(ProblemError):
 
 class AwayError(RefusedError):
     """The service cannot be reached at present; a later request may succeed."""
+
+
+class MissingFileError(CampaignError, FileNotFoundError):
+    """A file that does not exist; the remedy names a file with a similar name, if there is one."""
+
+    def __init__(self, path: Path) -> None:
+        folder = path.parent
+        names = [each.name for each in folder.iterdir()] if folder.is_dir() else []
+        similar = get_close_matches(path.name, names, n=1, cutoff=0.8)
+        place = f"in the folder {folder.absolute()}" if folder.is_dir() else f"as there is no folder {folder}"
+        remedy = f"give {folder / similar[0]}" if similar else "give the name of a file that exists"
+        super().__init__(http_problem(422, f"there is no file '{path}', {place}", remedy))
+        self.errno, self.strerror, self.filename = ENOENT, os.strerror(ENOENT), str(path)
+
+    def __str__(self) -> str:
+        """Return what is wrong, and how to correct it."""
+        return str(self.args[0])
+
+
+@contextmanager
+def naming_missing_file() -> Iterator[None]:
+    """Turn the error of the block for a missing file into a `MissingFileError`."""
+    try:
+        yield
+    except MissingFileError:
+        raise
+    except FileNotFoundError as error:
+        if not isinstance(error.filename, str):
+            raise
+        raise MissingFileError(Path(error.filename)) from None
 
 
 @contextmanager

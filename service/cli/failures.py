@@ -18,7 +18,9 @@ def print_known_error(error: Exception) -> typer.Exit | None:
 
     None, and nothing is printed, for an unexpected error, which has no remedy.
     """
-    if isinstance(error, OSError) and error.filename is not None:
+    from jointstiff.service.problems import ProblemError, ServiceError, problem_from_error
+
+    if isinstance(error, OSError) and error.filename is not None and not isinstance(error, ProblemError):
         return print_failure(f"cannot write {error.filename}: {error.strerror}", "choose another path")
     if isinstance(error, ImportError):
         from jointstiff.service.problems import explain_missing_library
@@ -26,7 +28,6 @@ def print_known_error(error: Exception) -> typer.Exit | None:
         error = explain_missing_library("this command", error)
     if not type(error).__module__.startswith("jointstiff."):
         return None
-    from jointstiff.service.problems import ProblemError, ServiceError, problem_from_error
     from jointstiff.solver.errors import RequestError
 
     if isinstance(error, ProblemError):

@@ -137,9 +137,10 @@ def build_command(name: str) -> Callable[..., None]:
             return
         output = values.get("output")
         if values["save"] is not None:
-            cli.check_ending(values["save"], [".json"])
+            cli.check_ending(values["save"], [".json"], option="--save")
         if output is not None and (writes_table or file_options.endings):
-            cli.check_ending(output, table_endings if writes_table else file_options.endings, reported=True)
+            allowed = table_endings if writes_table else file_options.endings
+            cli.check_ending(output, allowed, reported=True, saved=True)
         table_path, result_path = output if writes_table else None, values["save"]
         paths_to_write = list(
             filter(None, [table_path, result_path, *file_options.list_paths(values, source_values)])
@@ -414,10 +415,10 @@ def _choose_corrected_path(values: _Values) -> Path | None:
     action = _choose_action(values)
     if action is None:
         if output is not None:
-            hint = "`jointstiff export` writes tables, `jointstiff report` writes reports"
             message = (
                 "names the file for the campaign that --apply or --payload corrects, so one of them is "
-                f"needed; {hint}"
+                f"needed; `--save {output.with_suffix('.json')}` writes the whole result, "
+                "`jointstiff export` writes tables, `jointstiff report` writes reports"
             )
             raise typer.BadParameter(message, param_hint="--output")
         return None

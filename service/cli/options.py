@@ -51,11 +51,23 @@ REPORTS: Final = (".pdf", ".html")
 """Endings of reports."""
 
 
-def check_ending(path: Path, endings: Iterable[str], *, reported: bool = False) -> None:
+def check_ending(
+    path: Path,
+    endings: Iterable[str],
+    *,
+    option: str = "--output",
+    reported: bool = False,
+    saved: bool = False,
+) -> None:
     """Check that the name of a file to write has one of the endings, such as `.json`.
 
-    With `reported`, the error about a `.pdf` or `.html` file refers to `jointstiff report`, which writes
-    such files.
+    Args:
+        path: file to write.
+        endings: allowed endings.
+        option: option that names the file.
+        reported: whether the error about a `.pdf` or `.html` file refers to `jointstiff report`, which writes
+            such files.
+        saved: whether the error about a `.json` file refers to `--save`, which writes such a file.
 
     Raises:
         typer.BadParameter: the file has another ending.
@@ -64,8 +76,12 @@ def check_ending(path: Path, endings: Iterable[str], *, reported: bool = False) 
     if path.suffix.lower() in allowed:
         return
     list_of_endings = " or ".join(filter(None, [", ".join(allowed[:-1]), allowed[-1]]))
-    hint = "; `jointstiff report` writes reports" if reported and path.suffix.lower() in REPORTS else ""
-    raise typer.BadParameter(f"'{path.name}' must end in {list_of_endings}{hint}", param_hint="--output")
+    hint = ""
+    if reported and path.suffix.lower() in REPORTS:
+        hint = "; `jointstiff report` writes reports"
+    if saved and path.suffix.lower() == ".json":
+        hint = f"; `--save {path.name}` writes the whole result"
+    raise typer.BadParameter(f"'{path.name}' must end in {list_of_endings}{hint}", param_hint=option)
 
 
 def path_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's

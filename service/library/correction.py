@@ -18,7 +18,7 @@ from jointstiff.service.conversion.arguments import complete_units
 from jointstiff.service.conversion.arrays import read_numbers
 from jointstiff.service.conversion.poses import read_frame, read_poses
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.problems import as_campaign_error
+from jointstiff.service.problems import as_campaign_error, naming_missing_file
 from jointstiff.service.resources.documents import parse_document
 from jointstiff.service.runs.correction.answer import correct_table
 from jointstiff.service.runs.correction.columns import (
@@ -303,6 +303,7 @@ def _place_forces(forces: FloatArray, columns: Mapping[str, FloatArray]) -> dict
     return dict(zip(FORCES, rows.T, strict=True))
 
 
+@naming_missing_file()
 def prepare_call(
     robot: Robot,
     poses: AnyPoses,

@@ -16,7 +16,12 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.here import Here
 from jointstiff.service.library.results import Presented, TabledRun
-from jointstiff.service.problems import CampaignError, as_campaign_error, problem_from_error
+from jointstiff.service.problems import (
+    CampaignError,
+    as_campaign_error,
+    naming_missing_file,
+    problem_from_error,
+)
 from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import parse_document, read_robot
 from jointstiff.service.tables.table import Line, Part, Sheet
@@ -157,6 +162,7 @@ class ImportedReadings(Presented, ImportAnswer):
         return Here().identify(self.campaign, options, **fields)
 
 
+@naming_missing_file()
 @one_thread()
 def import_files(
     *files: str | PathLike[str],

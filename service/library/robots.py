@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from difflib import get_close_matches
+from functools import lru_cache, wraps
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, Unpack
 
 from pydantic import PrivateAttr
 
@@ -23,6 +25,10 @@ if TYPE_CHECKING:
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.conversion.prepared import PreparedRobot
     from jointstiff.service.library.correction import AnyJoints, AnyPoses, CorrectFields, Correction
+
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
 class DescribedRobot(RobotDocument):
@@ -110,6 +116,28 @@ def _prepare_cached(robot: str) -> PreparedRobot:
     return prepare_robot(RobotDocument.model_validate_json(robot))
 
 
+def _explain_unknown_arguments(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Return a function that refuses an unknown argument with the argument that was meant."""
+    known = list(inspect.signature(function).parameters)
+
+    @wraps(function)
+    def call(*arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+        """Call the function unless an argument is unknown."""
+        for name in named:
+            if name in known:
+                continue
+            remedy = f"the arguments are {', '.join(known)}"
+            if "unit" in name:
+                remedy = "state all units in `units`, such as units='mm, deg'"
+            elif similar := get_close_matches(name, known, n=1):
+                remedy = f"give `{similar[0]}` in its place"
+            raise TypeError(f"{function.__name__}() has no argument '{name}'; remedy: {remedy}")
+        return function(*arguments, **named)
+
+    return call
+
+
+@_explain_unknown_arguments
 def robot(
     source: object,
     *,

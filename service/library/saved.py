@@ -16,7 +16,7 @@ from jointstiff.service.library.here import restore_job
 from jointstiff.service.library.imported import ImportedReadings
 from jointstiff.service.library.rehearse import Rehearsal
 from jointstiff.service.library.results import Prediction, Presented, RobotTrend
-from jointstiff.service.problems import CampaignError, http_problem
+from jointstiff.service.problems import CampaignError, http_problem, naming_missing_file
 
 if TYPE_CHECKING:
     from jointstiff.service.library.results import (
@@ -105,7 +105,9 @@ def load(path: str | PathLike[str], kind: LoadedKind | None = None) -> Any:
     if kind is not None and kind not in get_args(LoadedKind):
         raise TypeError(f"kind must be one of: {', '.join(get_args(LoadedKind))}; not {kind!r}")
     file = Path(path)
-    if file.stat().st_size > _MAX_BYTES:
+    with naming_missing_file():
+        size = file.stat().st_size
+    if size > _MAX_BYTES:
         limit = f"{_MAX_BYTES // 1024**2} MiB"
         raise CampaignError(http_problem(413, f"{file} exceeds {limit}", "save a smaller result"))
     content = file.read_bytes()

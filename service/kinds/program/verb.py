@@ -15,6 +15,7 @@ from jointstiff.service.kinds.verb import (
     describe_verb,
     merge_options,
 )
+from jointstiff.service.problems import naming_missing_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -88,6 +89,7 @@ def compensate(
     return carry_out_verb(backend, PROGRAM, JobMonitor(on_progress, cancel, executor), make_request)
 
 
+@naming_missing_file()
 def gather_files(paths: Sequence[Path], fields: Mapping[str, Any]) -> tuple[dict[str, bytes], dict[str, Any]]:
     """Read the files of a program and its table of loads; return contents by name, and fields of a request.
 

@@ -44,8 +44,8 @@ def run(local):
         (
             [],
             {},
-            "415 unsupported-media-type | - | the body has the Content-Type 'application/x-www-form-urlencoded' | "
-            f"{NOT_A_FORM}",
+            "415 unsupported-media-type | - | "
+            f"the body has the Content-Type 'application/x-www-form-urlencoded' | {NOT_A_FORM}",
         ),
         ([SOURCE, SOURCE], {}, f"422 invalid-request | files | two files have the same name | {ONCE}"),
         (

@@ -276,7 +276,7 @@ def client():
 
 @pytest.fixture(scope="module")
 def ids(client):
-    """The ids of a stored run, of its set and of its robot, and of another run, by what stands for them above."""
+    """The ids of a run, of its set and of its robot, and of another run, by their names above."""
     run = posted(client, CAMPAIGN)
     of_set = run["request"]["measurement_set_id"]
     robot = client.get(f"/v1/measurement-sets/{of_set}").json()["robot_id"]
