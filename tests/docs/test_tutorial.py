@@ -48,8 +48,7 @@ def test_a_reader_gets_from_the_arm_to_a_corrected_program(tmp_path, installed):
         output = done.stdout + done.stderr
         printed = [line.rstrip() for line in output.splitlines()]
         assert unseen(shown, printed) is None, f"{text}\n{output}"
-        is_refused = any("remedy: " in line or "was not written" in line for line in printed)
-        assert (done.returncode == 0) == (not is_refused), f"{text}\n{output}"
+        assert shown or done.returncode == 0, f"{text}\n{output}"
     by_commands, by_python = (
         [line for line in (tmp_path / name).read_text().splitlines() if "Jointstiff run" not in line]
         for name in ("corrected.src", "from-python.src")
