@@ -152,6 +152,9 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "approaches_alike": "Both sides show no lost motion.",
             "step_off_the_others": "One step does not fit the others: did the load hang?",
             "mass_assumed": "The uncertainty of the mass is not stated, so 1 % is assumed.",
+            "check_by_log": "The payload on which the numbers rest.",
+            "logs_contradict": "The logs do not belong to one gearbox: another payload, a new reference, or "
+            "heat.",
             "gearbox_uncertain": "Fewer than 5 torques, or an interval wider than ± 5 %.",
         },
         "Geometry": {
