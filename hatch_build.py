@@ -29,6 +29,7 @@ EXAMPLE_FILES = {
         "blade.csv",
         "blade.json",
         "drill.src",
+        "lab.toml",
         "pocket.src",
         "poses.csv",
         "postures.csv",

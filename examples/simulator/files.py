@@ -14,6 +14,7 @@ _FIXED = (
     "blade.csv",
     "blade.json",
     "drill.src",
+    "lab.toml",
     "pocket.src",
     "poses.csv",
     "postures.csv",
