@@ -593,26 +593,27 @@ class TabledRun(PresentedJob, Run):
         """
         return self._list_numbers("compliance")
 
-    def conf_int(self, of: Literal["stiffness", "compliance"] = "stiffness") -> FloatArray:
-        """Return the intervals (n, 2) of the joints at the run's confidence level; lower and upper ends.
+    def conf_int(self, of: Literal["compliance", "stiffness"] = "compliance") -> FloatArray:
+        """Return the intervals (n, 2) of `params` at the run's confidence level; lower and upper ends.
 
         Args:
-            of: `stiffness` [N·m/rad] or `compliance` [rad/(N·m)]; of prismatic joints [N/m] or [m/N].
+            of: `compliance` [rad/(N·m)], the quantity of `params`, `bse` and `cov_params()`, or `stiffness`
+                [N·m/rad]; of prismatic joints [m/N] or [N/m].
 
         Returns:
-            Profile-likelihood intervals under the run's constraints. An upper end is inf if the readings
-            allow a rigid joint; joints without an interval are NaN.
+            Profile-likelihood intervals under the run's constraints. The upper end of a stiffness is inf if
+            the readings allow a rigid joint; joints without an interval are NaN.
 
         Raises:
             RequestError: the run has no result, or there is no such interval.
         """
         import numpy as np
 
-        if of not in ("stiffness", "compliance"):
+        if of not in ("compliance", "stiffness"):
             raise RequestError(
                 f"there is no interval of {of!r}",
                 where="of",
-                remedy="give `stiffness` or `compliance`; the level is the option `confidence` of `identify`",
+                remedy="give `compliance` or `stiffness`; the level is the option `confidence` of `identify`",
             )
         unknown, field = (np.nan, np.nan), f"{of}_interval"
         intervals = [getattr(joint, field) or unknown for joint in self._require_result().joints]
@@ -627,7 +628,8 @@ class TabledRun(PresentedJob, Run):
     def params(self) -> FloatArray:
         """Estimated parameters (n,) of the fit, as statsmodels names them: `compliance` [rad/(N·m)].
 
-        Compliances of prismatic joints are in m/N. `conf_int("compliance")` has their intervals.
+        Compliances of prismatic joints are in m/N. `bse`, `cov_params()` and `conf_int()` concern the same
+        compliances, in the same order; `stiffness` and `conf_int("stiffness")` are their inverses.
 
         Raises:
             RequestError: the run has no result.

@@ -145,8 +145,8 @@ MISTAKES = {
         "its joints are joint_1, joint_2",
     ),
     "level of an interval": (
-        *of_run(lambda run: run.conf_int(0.05), lambda run: run.conf_int("compliance")),
-        "give `stiffness` or `compliance`",
+        *of_run(lambda run: run.conf_int(0.05), lambda run: run.conf_int("stiffness")),
+        "give `compliance` or `stiffness`",
     ),
     "no table": (
         *of_run(lambda run: run.to_frame("resid"), lambda run: run.to_frame("residuals")),
