@@ -20,7 +20,7 @@ of Karush, Kuhn and Tucker for the cone program but one, that it lies on the sph
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from typing import Final, Literal
@@ -72,6 +72,11 @@ _NO_MOVEMENT = 1e-13
 movement counts as rounding error."""
 _VIOLATION = 1e-9
 """Tolerance of an inequality, in units of the ball's radius."""
+_OF_LEVERS = ("force_direction", "load_point")
+"""Errors whose effect depends on a joint's lever; the last one has the uncertainty beyond first order."""
+_WIDER = 1.25
+"""Width of a joint's profile with a free load point, relative to its width to first order, above which the
+standard uncertainty of the joint contains the difference."""
 _NOT_CERTIFIED = "an end of a confidence interval could not be certified"
 
 
@@ -459,6 +464,9 @@ class Estimate:
     likelihood: Likelihood | None = None
     #: effect of errors that all observations share, part of `covariance`; None without them
     common: CommonErrors | None = None
+    #: (n,) standard uncertainties by errors of the load beyond first order, which `covariance` lacks, for
+    #: joints near the line of the load [rad/(N·m)]; None without such joints
+    second_order: FloatArray | None = None
     #: why stated errors were propagated after the fit, although they could have been fitted; None otherwise
     statements_dropped: str | None = None
 
@@ -466,6 +474,13 @@ class Estimate:
     def statements(self) -> FittedStatements:
         """Statements that were fitted with the joints, with the values that fit best."""
         return self.compressed.fit_statements(self.compliance)
+
+    def square_second_order(self, is_counted: bool = True) -> FloatArray:
+        """Return the covariance (n, n) by errors of the load beyond first order; zero if not counted."""
+        n = len(self.joints)
+        if self.second_order is None or not is_counted:
+            return np.zeros((n, n))
+        return np.diag(np.square(self.second_order))
 
     @property
     def regressor(self) -> FloatArray:
@@ -550,6 +565,8 @@ class Evidence:
     #: (n,) information of each joint's prior over that of the readings; NaN for a joint without a prior, inf
     #: where only the prior separates the joint from other joints
     prior_to_data: FloatArray
+    #: intervals (2, 2) of joints near the line of the load, two-sided and one-sided, with the load free
+    profiles: Mapping[int, FloatArray] = field(default_factory=dict)
 
     def derive_joint_results(self) -> tuple[JointCompliance, ...]:
         """Return the result for each joint: compliance, interval, status and reason.
@@ -562,17 +579,14 @@ class Evidence:
         intervals_of_joints: list[FloatArray | None] = [None] * len(determined_joints)
         sigma, likelihood = self.scale.sigma, self.fit.likelihood
         if sigma is not None and len(determined_joints):
-            tail = 1.0 - self.confidence
-            # Two-sided intervals leave half of the tail on each side, one-sided bounds the whole tail.
-            quantiles = [self.scale.quantile(1.0 - fraction * tail) for fraction in (0.5, 1.0)]
-            radii = sigma * np.array(quantiles)
+            radii = sigma * self.scale.list_quantiles(self.confidence)
             constraints = self.constraints.select(likelihood.joints)
             functions = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, determined_joints)]
             estimates = self.fit.compliance[determined_joints]
+            ends = compute_interval_ends(likelihood, constraints, functions, radii, estimates)
             intervals_of_joints = [
-                *compute_interval_ends(likelihood, constraints, functions, radii, estimates).transpose(
-                    1, 0, 2
-                )
+                self.profiles.get(j, interval)
+                for j, interval in zip(determined_joints.tolist(), ends.transpose(1, 0, 2), strict=True)
             ]
         joints = [
             JointCompliance(name, kind, "not_observable", reason=reason)
@@ -596,6 +610,8 @@ class Evidence:
         kind = self.observability.kinds[j]
         units = JOINT_UNITS[kind]
         uncertainty = self.uncertainty(j)
+        if uncertainty is not None and j in self.profiles:
+            uncertainty = float(np.hypot(uncertainty, self.compute_extra_uncertainties()[j]))
         status: Literal["identified", "uncertain", "at_bound"] = "identified"
         reason = self.describe_active_constraint(j, intervals)
         if reason is not None:
@@ -699,7 +715,26 @@ class Evidence:
         uncertainty = self.uncertainty(j)
         if uncertainty is not None and uncertainty > float(observability.reference_compliance[j]):
             return explain_noise(j, self.names, observability, uncertainty)
+        if j in self.profiles and not np.isfinite(self.profiles[j]).all():
+            return (
+                "the load hangs so near the axis of this joint that the readings cannot distinguish a soft "
+                "joint from a load point that is elsewhere: hang the load farther from the axis, or read the "
+                "hook with the tracker and state the uncertainty of the load point"
+            )
         return None
+
+    def compute_extra_uncertainties(self) -> FloatArray:
+        """Return by how much profiles enlarge the standard uncertainties (n,), as a further error would.
+
+        Half the width of a profile counts if it exceeds that to first order by `_WIDER` at least; a profile
+        without an upper end does not count, as its joint has no number.
+        """
+        extra, quantile = np.zeros(len(self.names)), float(self.scale.list_quantiles(self.confidence)[0])
+        for j, profile in self.profiles.items():
+            first_order, half_width = self.uncertainty(j) or 0.0, float(np.ptp(profile[0])) / 2.0 / quantile
+            if isfinite(half_width) and half_width > _WIDER * first_order:
+                extra[j] = np.sqrt(half_width**2 - first_order**2)
+        return extra
 
 
 _LEAST_POSTURES: Final = 2
@@ -800,9 +835,10 @@ class UncertaintyBudget:
             )
         ]
         if common_errors is not None:
+            of_levers = [each for each in common_errors.by_source if each.endswith(_OF_LEVERS)]
             components += [
                 BudgetComponent(
-                    responses @ responses.T,
+                    responses @ responses.T + estimate.square_second_order(source in of_levers[-1:]),
                     source,
                     "A" if source == "fitted_causes" else "B",
                     True,

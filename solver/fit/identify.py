@@ -15,6 +15,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
 from jointstiff.solver.fit.estimate import CommonErrors, ComplementaryStiffness, Estimate, Evidence
+from jointstiff.solver.fit.lever import FreeLoad
 from jointstiff.solver.fit.method import (
     Method,
     MethodRows,
@@ -511,9 +512,16 @@ def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
         settings.constraints,
         settings.confidence,
         prior_to_data,
+        _profile_short_levers(problem, last_fit, scale, common_errors),
     )
+    joints = evidence.derive_joint_results()
+    likelihood, second_order = fit.likelihood, None
+    if evidence.profiles:
+        # Beyond first order, errors of the load add to the uncertainty of joints near the line of the load.
+        second_order = evidence.compute_extra_uncertainties()
+        likelihood = fit.add_common_errors(np.diag(second_order) / (scale.sigma or 1.0)).likelihood
     return Estimate(
-        joints=evidence.derive_joint_results(),
+        joints=joints,
         compliance=fit.compliance,
         balanced=last_fit.rows.balanced,
         covariance=covariance,
@@ -525,8 +533,9 @@ def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
         certificates=certificates,
         compressed=last_fit.compressed,
         observability=observability,
-        likelihood=fit.likelihood,
+        likelihood=likelihood,
         common=common_errors,
+        second_order=second_order,
         robust=robust,
     )
 
@@ -572,6 +581,47 @@ def _propagate_common_errors(problem: _Problem, last_fit: _Pass, sigma: float) -
         responses_to_causes = np.hstack([responses[term.name] for term in fitted_terms])
         by_source["fitted_causes"] = responses_to_causes @ errors.root
     return CommonErrors(by_source, in_fit)
+
+
+def _profile_short_levers(
+    problem: _Problem, last_fit: _Pass, scale: Scale, common_errors: CommonErrors | None
+) -> dict[int, FloatArray]:
+    """Return intervals (2, 2) of joints near the line of the load, two-sided and one-sided [rad/(N·m)].
+
+    Errors that the fit does not know, such as that of the force's scale, widen the profiles.
+    """
+    method, settings, measurements = problem.method, problem.settings, problem.rows.measurements
+    can_profile = method.by_covariance and len(method.stages) == 1
+    if common_errors is None or not scale.sigma or not can_profile:
+        return {}
+    compliance = last_fit.fit.compliance
+    statements = Statements(
+        list_stated_terms(measurements),
+        measurements.common_uncertainty,
+        np.maximum(compliance, 0.0),
+        max(scale.sigma, LEAST_STATED_SIGMA),
+    )
+    joints = np.flatnonzero(~problem.observability.null)
+    free = FreeLoad.of(method, last_fit.rows, statements, joints, settings.constraints, settings.prior)
+    if free is None:
+        return {}
+    quantiles = scale.list_quantiles(settings.confidence)
+    inflation = 1.0 if last_fit.robust is None else last_fit.robust.inflation
+    common = measurements.common_uncertainty
+    not_scale = replace(
+        common_errors, in_fit=common_errors.in_fit | {common.source(TERMS["force_scale"].name)}
+    )
+    other_errors = np.linalg.norm(not_scale.responses_to_unfitted_errors, axis=1)
+    profiles = {}
+    for index in np.flatnonzero(free.weak).tolist():
+        j, value = int(joints[index]), float(compliance[joints[index]])
+        ends = free.profile(index).find_ends(scale.sigma * np.sqrt(inflation) * quantiles)
+        beyond = quantiles[:, None] * np.hypot(other_errors[j], common.scale * ends)
+        distance = np.hypot(ends - value, beyond)
+        bounds = settings.constraints.bounds
+        widened = np.column_stack([value - distance[:, 0], value + distance[:, 1]])
+        profiles[j] = np.clip(widened, bounds.lower[j], bounds.upper[j])
+    return profiles
 
 
 def _compare_prior_to_data(fit_without_prior: Fit, prior: Prior, sigma: float) -> FloatArray:

@@ -406,6 +406,14 @@ class Scale:
         """
         return student_quantile(probability, None if self.given else self.degrees_of_freedom)
 
+    def list_quantiles(self, confidence: float) -> FloatArray:
+        """Return the quantiles (2,) of two-sided intervals and of one-sided bounds.
+
+        Two-sided intervals leave half of the tail on each side, one-sided bounds the whole tail.
+        """
+        tail = 1.0 - confidence
+        return np.array([self.quantile(1.0 - fraction * tail) for fraction in (0.5, 1.0)])
+
 
 def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
     """Return sigma, the chi-square of the targets' residuals, and the chi-square's degrees of freedom.
