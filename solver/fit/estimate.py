@@ -74,9 +74,10 @@ _VIOLATION = 1e-9
 """Tolerance of an inequality, in units of the ball's radius."""
 _OF_LEVERS = ("force_direction", "load_point")
 """Errors whose effect depends on a joint's lever; the last one has the uncertainty beyond first order."""
-_WIDER = 1.25
-"""Width of a joint's profile with a free load point, relative to its width to first order, above which the
-standard uncertainty of the joint contains the difference."""
+_SHORT_LEVER = (
+    "the load hangs too near this joint's axis for its uncertain place: hang the load farther away, or read "
+    "the hook with the tracker"
+)
 _NOT_CERTIFIED = "an end of a confidence interval could not be certified"
 
 
@@ -553,6 +554,18 @@ _NO_UNCERTAINTY = (
 
 
 @dataclass(frozen=True, eq=False)
+class LeverProfile:
+    """Profile of a joint near the line of the load, with the errors of the load free."""
+
+    #: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None without an upper
+    #: end
+    intervals: FloatArray | None = None
+    #: half the width of the two-sided profile without constraints over its quantile, and at least that to
+    #: first order [rad/(N·m)]; infinite without an upper end
+    standard_uncertainty: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
 class Evidence:
     """Data on which the verdicts on the joints are based."""
 
@@ -565,8 +578,8 @@ class Evidence:
     #: (n,) information of each joint's prior over that of the readings; NaN for a joint without a prior, inf
     #: where only the prior separates the joint from other joints
     prior_to_data: FloatArray
-    #: intervals (2, 2) of joints near the line of the load, two-sided and one-sided, with the load free
-    profiles: Mapping[int, FloatArray] = field(default_factory=dict)
+    #: profiles of joints near the line of the load
+    profiles: Mapping[int, LeverProfile] = field(default_factory=dict)
 
     def derive_joint_results(self) -> tuple[JointCompliance, ...]:
         """Return the result for each joint: compliance, interval, status and reason.
@@ -584,10 +597,10 @@ class Evidence:
             functions = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, determined_joints)]
             estimates = self.fit.compliance[determined_joints]
             ends = compute_interval_ends(likelihood, constraints, functions, radii, estimates)
-            intervals_of_joints = [
-                self.profiles.get(j, interval)
-                for j, interval in zip(determined_joints.tolist(), ends.transpose(1, 0, 2), strict=True)
-            ]
+            intervals_of_joints = [*ends.transpose(1, 0, 2)]
+            for index, j in enumerate(determined_joints.tolist()):
+                if j in self.profiles:
+                    intervals_of_joints[index] = self.profiles[j].intervals
         joints = [
             JointCompliance(name, kind, "not_observable", reason=reason)
             for name, kind, reason in zip(self.names, self.observability.kinds, reasons, strict=True)
@@ -610,8 +623,6 @@ class Evidence:
         kind = self.observability.kinds[j]
         units = JOINT_UNITS[kind]
         uncertainty = self.uncertainty(j)
-        if uncertainty is not None and j in self.profiles:
-            uncertainty = float(np.hypot(uncertainty, self.compute_extra_uncertainties()[j]))
         status: Literal["identified", "uncertain", "at_bound"] = "identified"
         reason = self.describe_active_constraint(j, intervals)
         if reason is not None:
@@ -652,6 +663,15 @@ class Evidence:
 
     def uncertainty(self, j: int) -> float | None:
         """Return the standard uncertainty of joint j's compliance, without constraints [rad/(N·m)].
+
+        None if sigma is unknown; infinite where a load point that is elsewhere explains any compliance.
+        """
+        if j in self.profiles:
+            return self.profiles[j].standard_uncertainty
+        return self.compute_first_order_uncertainty(j)
+
+    def compute_first_order_uncertainty(self, j: int) -> float | None:
+        """Return joint j's standard uncertainty with errors of the load to first order [rad/(N·m)].
 
         None if sigma is unknown.
         """
@@ -712,29 +732,31 @@ class Evidence:
         for group in self.fit.undetermined:
             if j in group.joints:
                 return group.reason(self.names)
-        uncertainty = self.uncertainty(j)
-        if uncertainty is not None and uncertainty > float(observability.reference_compliance[j]):
+        uncertainty = self.compute_first_order_uncertainty(j)
+        most = float(observability.reference_compliance[j])
+        if uncertainty is not None and uncertainty > most:
             return explain_noise(j, self.names, observability, uncertainty)
-        if j in self.profiles and not np.isfinite(self.profiles[j]).all():
-            return (
-                "the load hangs so near the axis of this joint that the readings cannot distinguish a soft "
-                "joint from a load point that is elsewhere: hang the load farther from the axis, or read the "
-                "hook with the tracker and state the uncertainty of the load point"
-            )
+        if j in self.profiles and self.profiles[j].standard_uncertainty > most:
+            return _SHORT_LEVER
         return None
 
     def compute_extra_uncertainties(self) -> FloatArray:
         """Return by how much profiles enlarge the standard uncertainties (n,), as a further error would.
 
-        Half the width of a profile counts if it exceeds that to first order by `_WIDER` at least; a profile
-        without an upper end does not count, as its joint has no number.
+        A profile without an upper end does not count, as its joint has no number.
         """
-        extra, quantile = np.zeros(len(self.names)), float(self.scale.list_quantiles(self.confidence)[0])
+        extra = np.zeros(len(self.names))
         for j, profile in self.profiles.items():
-            first_order, half_width = self.uncertainty(j) or 0.0, float(np.ptp(profile[0])) / 2.0 / quantile
-            if isfinite(half_width) and half_width > _WIDER * first_order:
-                extra[j] = np.sqrt(half_width**2 - first_order**2)
+            if profile.intervals is not None:
+                first_order = self.compute_first_order_uncertainty(j) or 0.0
+                extra[j] = np.sqrt(profile.standard_uncertainty**2 - first_order**2)
         return extra
+
+    def list_open_joints(self) -> IndexArray:
+        """Return the joints whose compliance has no upper end, ascending."""
+        return np.array(
+            [j for j in sorted(self.profiles) if self.profiles[j].intervals is None], dtype=np.intp
+        )
 
 
 _LEAST_POSTURES: Final = 2

@@ -14,7 +14,13 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
-from jointstiff.solver.fit.estimate import CommonErrors, ComplementaryStiffness, Estimate, Evidence
+from jointstiff.solver.fit.estimate import (
+    CommonErrors,
+    ComplementaryStiffness,
+    Estimate,
+    Evidence,
+    LeverProfile,
+)
 from jointstiff.solver.fit.lever import FreeLoad
 from jointstiff.solver.fit.method import (
     Method,
@@ -32,6 +38,7 @@ from jointstiff.solver.fit.solution import solve, solve_step
 from jointstiff.solver.fit.stages import (
     Find,
     Fit,
+    Likelihood,
     RobustFit,
     Scale,
     TargetRows,
@@ -512,14 +519,17 @@ def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
         settings.constraints,
         settings.confidence,
         prior_to_data,
-        _profile_short_levers(problem, last_fit, scale, common_errors),
+        _profile_short_levers(problem, last_fit, fit, scale, common_errors),
     )
     joints = evidence.derive_joint_results()
-    likelihood, second_order = fit.likelihood, None
+    likelihood: Likelihood | None = fit.likelihood
+    second_order = None
     if evidence.profiles:
         # Beyond first order, errors of the load add to the uncertainty of joints near the line of the load.
         second_order = evidence.compute_extra_uncertainties()
-        likelihood = fit.add_common_errors(np.diag(second_order) / (scale.sigma or 1.0)).likelihood
+        widened = fit.add_common_errors(np.diag(second_order) / (scale.sigma or 1.0)).likelihood
+        known = widened.leave_out(evidence.list_open_joints())
+        likelihood = known if len(known.joints) else None
     return Estimate(
         joints=joints,
         compliance=fit.compliance,
@@ -584,44 +594,75 @@ def _propagate_common_errors(problem: _Problem, last_fit: _Pass, sigma: float) -
 
 
 def _profile_short_levers(
-    problem: _Problem, last_fit: _Pass, scale: Scale, common_errors: CommonErrors | None
-) -> dict[int, FloatArray]:
-    """Return intervals (2, 2) of joints near the line of the load, two-sided and one-sided [rad/(N·m)].
+    problem: _Problem, last_fit: _Pass, fit: Fit, scale: Scale, common_errors: CommonErrors | None
+) -> dict[int, LeverProfile]:
+    """Return the profiles of joints near the line of the load, whatever the method.
 
-    Errors that the fit does not know, such as that of the force's scale, widen the profiles.
+    Errors that the profiles do not know, such as that of the force's scale, widen them.
+
+    Args:
+        problem: observations, settings and statements.
+        last_fit: last fit, whose rows belong to its compliances.
+        fit: the fit, with the uncertainty of errors that all observations share.
+        scale: sigma.
+        common_errors: errors that all observations share; None without any.
     """
-    method, settings, measurements = problem.method, problem.settings, problem.rows.measurements
-    can_profile = method.by_covariance and len(method.stages) == 1
-    if common_errors is None or not scale.sigma or not can_profile:
+    settings, measurements = problem.settings, problem.rows.measurements
+    if common_errors is None or not scale.sigma:
         return {}
-    compliance = last_fit.fit.compliance
+    compliance, common = last_fit.fit.compliance, measurements.common_uncertainty
     statements = Statements(
         list_stated_terms(measurements),
-        measurements.common_uncertainty,
+        common,
         np.maximum(compliance, 0.0),
         max(scale.sigma, LEAST_STATED_SIGMA),
     )
     joints = np.flatnonzero(~problem.observability.null)
-    free = FreeLoad.of(method, last_fit.rows, statements, joints, settings.constraints, settings.prior)
+    free = FreeLoad.of(last_fit.rows, settings, statements, joints)
     if free is None:
         return {}
     quantiles = scale.list_quantiles(settings.confidence)
     inflation = 1.0 if last_fit.robust is None else last_fit.robust.inflation
-    common = measurements.common_uncertainty
-    not_scale = replace(
-        common_errors, in_fit=common_errors.in_fit | {common.source(TERMS["force_scale"].name)}
-    )
-    other_errors = np.linalg.norm(not_scale.responses_to_unfitted_errors, axis=1)
-    profiles = {}
+    in_profiles = {common.source(term.name) for term in (*statements.terms, TERMS["force_scale"])}
+    others = replace(common_errors, in_fit=frozenset(in_profiles)).responses_to_unfitted_errors
+    is_same_likelihood = bool(last_fit.compressed.statements.terms)
+    bounds, profiles = settings.constraints.bounds, {}
     for index in np.flatnonzero(free.weak).tolist():
-        j, value = int(joints[index]), float(compliance[joints[index]])
+        j = int(joints[index])
         ends = free.profile(index).find_ends(scale.sigma * np.sqrt(inflation) * quantiles)
-        beyond = quantiles[:, None] * np.hypot(other_errors[j], common.scale * ends)
-        distance = np.hypot(ends - value, beyond)
-        bounds = settings.constraints.bounds
-        widened = np.column_stack([value - distance[:, 0], value + distance[:, 1]])
-        profiles[j] = np.clip(widened, bounds.lower[j], bounds.upper[j])
+        if not np.isfinite(np.concatenate(ends)).all():
+            profiles[j] = LeverProfile()
+            continue
+        value, other_error = float(compliance[j]), float(np.linalg.norm(others[j]))
+        first_order = scale.sigma * float(np.sqrt(fit.covariance[j, j]))
+        unconstrained, within = (
+            _widen_profile(each, value, quantiles[:, None] * np.hypot(other_error, common.scale * each))
+            for each in ends
+        )
+        lower = np.minimum(unconstrained[:, 0], within[:, 0])
+        upper = np.maximum(unconstrained[:, 1], within[:, 1])
+        if not is_same_likelihood:  # the method uses the readings in another way
+            lower = np.minimum(lower, value - quantiles * first_order)
+            upper = np.maximum(upper, value + quantiles * first_order)
+        half_width = float(np.ptp(unconstrained[0])) / 2.0
+        profiles[j] = LeverProfile(
+            np.clip(np.column_stack([lower, upper]), bounds.lower[j], bounds.upper[j]),
+            max(first_order, half_width / float(quantiles[0])),
+        )
     return profiles
+
+
+def _widen_profile(intervals: FloatArray, value: float, beyond: FloatArray) -> FloatArray:
+    """Return intervals (q, 2) that contain an estimate, and errors that the profile does not know.
+
+    Args:
+        intervals: (q, 2) by the profile [rad/(N·m)].
+        value: estimate.
+        beyond: (q, 2) expanded uncertainties by other errors, at the ends.
+    """
+    sides = np.array([-1.0, 1.0])
+    distance = np.maximum(sides * (intervals - value), 0.0)
+    return np.asarray(value + sides * np.hypot(distance, beyond))
 
 
 def _compare_prior_to_data(fit_without_prior: Fit, prior: Prior, sigma: float) -> FloatArray:

@@ -8,13 +8,15 @@ stated, or the joint be soft and the lever shorter. For such a joint j the inter
     P_j(v) = min over c_-j, e of ‖A_-j c_-j + A_j v + B(ĉ with c_j = v) e − d‖² + σ² ‖e‖²
 
 over the other compliances within their constraints and the errors e in standard uncertainties: a convex
-program for each v. The interval has no upper end where a shorter lever explains any compliance.
+program for each v. The interval has no upper end where a shorter lever explains any compliance; a bound of
+the joint's own does not change that. All methods have the same profile, that of all readings weighted by
+covariance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, NamedTuple
 
@@ -23,9 +25,8 @@ from scipy.optimize import brentq, minimize_scalar
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fit.method import Method
-from jointstiff.solver.fit.prior import Prior
-from jointstiff.solver.fit.problem import Constraints, IdentificationProblem
+from jointstiff.solver.fit.method import Method, Settings
+from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationProblem
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import solve_step
 from jointstiff.solver.fit.statements import Statements
@@ -68,41 +69,27 @@ class FreeLoad:
 
     @classmethod
     def of(
-        cls,
-        method: Method,
-        rows: Rows,
-        statements: Statements,
-        joints: IndexArray,
-        constraints: Constraints,
-        prior: Prior | None = None,
+        cls, rows: Rows, settings: Settings, statements: Statements, joints: IndexArray
     ) -> FreeLoad | None:
         """Compress the rows of a campaign; None if no joint has a short lever.
 
         Args:
-            method: method of one stage, weighted by covariance.
             rows: N observations, in balance with the fitted compliances.
+            settings: constraints and prior; method and weighting do not matter.
             statements: what is stated of load and places, at the fitted compliances.
             joints: (p,) joints that the readings show, ascending.
-            constraints: constraints on all compliances.
-            prior: stated compliances.
         """
         if not any(term.name in BY_JOINT for term in statements.terms):
             return None
         sample = rows.select_evenly(_SAMPLE) if len(rows) > _SAMPLE else rows
-        free = cls._compress(method, sample, statements, joints, constraints, prior)
+        free = cls._compress(sample, settings, statements, joints)
         if not free.weak.any():
             return None
-        return free if sample is rows else cls._compress(method, rows, statements, joints, constraints, prior)
+        return free if sample is rows else cls._compress(rows, settings, statements, joints)
 
     @classmethod
     def _compress(
-        cls,
-        method: Method,
-        rows: Rows,
-        statements: Statements,
-        joints: IndexArray,
-        constraints: Constraints,
-        prior: Prior | None,
+        cls, rows: Rows, settings: Settings, statements: Statements, joints: IndexArray
     ) -> FreeLoad:
         n, of_load = rows.robot.n, [term for term in statements.terms if term.name in BY_JOINT]
         split = Statements(
@@ -111,6 +98,8 @@ class FreeLoad:
             statements.compliance,
             statements.sigma,
         )
+        all_readings = replace(settings, method="partial_pose", weighting="covariance")
+        method, prior = Method(rows.robot, all_readings, None), settings.prior
         triangle: Triangle | None = None
         for of_block in split.generate(rows, [JOINTS]):
             triangle = triangle or Triangle(**of_block.widths)
@@ -137,7 +126,7 @@ class FreeLoad:
             d=d,
             compliance=statements.compliance[joints],
             sigma=statements.sigma,
-            constraints=constraints.select(joints),
+            constraints=settings.constraints.select(joints),
         )
 
     @cached_property
@@ -172,6 +161,10 @@ class Profile:
         self.programs = 0
         effect = np.hypot(np.linalg.norm(load.A[:, j]), np.linalg.norm(load.levers[:, j]))
         self.unit = load.sigma / float(effect)  # least standard uncertainty of the joint [rad/(N·m)]
+        # Whether the readings leave an upper end does not depend on the joint's own upper bound.
+        bounds = load.constraints.bounds
+        upper = np.where(np.arange(len(load.joints)) == j, np.inf, bounds.upper)
+        self._constraints = replace(load.constraints, bounds=Bounds(bounds.lower, upper))
 
     @cached_property
     def _without_others(self) -> tuple[FloatArray, ...]:
@@ -216,34 +209,29 @@ class Profile:
         """Return the least sum of squares over the other compliances; infinite if none is feasible."""
         self.programs += 1
         try:
-            left = self._load.constraints.fix_joints(np.array([self._j]), np.array([value]), self._others)
+            left = self._constraints.fix_joints(np.array([self._j]), np.array([value]), self._others)
         except RequestError:  # the order of the joints excludes this compliance
             return np.inf
         R, z = factor[:, :-1], factor[:, -1]
         solution = solve_step(IdentificationProblem(R, z, left.bounds, left.inequalities))
         return float(np.square(R @ solution.compliance - z).sum())
 
-    def find_ends(self, radii: FloatArray) -> FloatArray:
-        """Return intervals (q, 2) of the joint's compliance; an upper end may be infinite.
-
-        The interval within the constraints is widened to contain the interval without constraints, as for all
-        joints (`compute_interval_ends`).
+    def find_ends(self, radii: FloatArray) -> ProfileEnds:
+        """Return the intervals of the joint's compliance, without its own upper bound.
 
         Args:
             radii: (q,) half-widths in standard uncertainties, times sigma.
         """
-        bounds = self._load.constraints.bounds
-        least, most = float(bounds.lower[self._j]), float(bounds.upper[self._j])
         estimate = float(self._load.compliance[self._j])
-        free = _search(self.without_constraints, estimate, self.unit, radii, -np.inf, np.inf)
-        ends = np.clip(free.ends, least, most)
+        free = _search(self.without_constraints, estimate, self.unit, radii, -np.inf)
         # Where the optimum without constraints meets the constraints, it is the optimum within them, too, and
         # the sums of squares within constraints are nowhere less: that interval lies within this one.
-        if not self._load.constraints.are_satisfied_by(self._find_optimum(free.bottom)):
-            within = _search(self.within_constraints, estimate, self.unit, radii, least, most).ends
-            lower, upper = np.minimum(ends[:, 0], within[:, 0]), np.maximum(ends[:, 1], within[:, 1])
-            ends = np.column_stack([lower, upper])
-        return ends
+        if self._constraints.are_satisfied_by(self._find_optimum(free.bottom)):
+            return ProfileEnds(free.ends, free.ends)
+        least = float(self._constraints.bounds.lower[self._j])
+        return ProfileEnds(
+            free.ends, _search(self.within_constraints, estimate, self.unit, radii, least).ends
+        )
 
     def _find_optimum(self, value: float) -> FloatArray:
         """Return the compliances (p,) of the fit without constraints for a compliance of the joint."""
@@ -256,6 +244,13 @@ class Profile:
         columns, length = unit_columns(np.hstack([rows[:, :-1], others]))
         unknowns = np.linalg.lstsq(columns, rows[:, -1], rcond=INDEPENDENT)[0] / length
         return np.insert(unknowns[errors:], j, value)
+
+
+class ProfileEnds(NamedTuple):
+    """Intervals of a joint's compliance by its profile; an end may be infinite."""
+
+    without_constraints: FloatArray  # (q, 2) [rad/(N·m)]
+    within_constraints: FloatArray  # (q, 2) [rad/(N·m)]
 
 
 class _Search(NamedTuple):
@@ -271,11 +266,10 @@ def _search(
     unit: float,
     radii: FloatArray,
     least: float,
-    most: float,
 ) -> _Search:
     """Return the intervals (q, 2) in which a profile exceeds its minimum by at most each squared radius.
 
-    An end is infinite, or a bound, if the profile stays below as far as it was computed.
+    An end is infinite, or the lower bound, if the profile stays below as far as it was computed.
 
     Args:
         squares: profile: sums of squares (V,) at compliances (V,).
@@ -283,10 +277,9 @@ def _search(
         unit: first step from the estimate.
         radii: (q,) square roots of the rises.
         least: lower bound.
-        most: upper bound.
     """
     steps = unit * _STEPS
-    grid = np.unique(np.clip(np.concatenate([start - steps, [start], start + steps]), least, most))
+    grid = np.unique(np.clip(np.concatenate([start - steps, [start], start + steps]), least, None))
     values = squares(grid)
     lowest = int(values.argmin())
     bottom, minimum = float(grid[lowest]), float(values[lowest])
@@ -312,8 +305,7 @@ def _search(
             (1, inside.max(), grid[grid > inside.max()]),
         ):
             if not len(beyond):
-                limit = least if side == 0 else most
-                ends[row, side] = limit
+                ends[row, side] = least if side == 0 else np.inf
                 continue
             tolerance = _END_TOLERANCE * max(abs(float(beyond[0]) - bottom) / 4.0, unit)
             ends[row, side] = brentq(above, last, float(beyond[0]), xtol=tolerance)
