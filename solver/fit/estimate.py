@@ -465,8 +465,8 @@ class Estimate:
     likelihood: Likelihood | None = None
     #: effect of errors that all observations share, part of `covariance`; None without them
     common: CommonErrors | None = None
-    #: (n,) standard uncertainties by errors of the load beyond first order, which `covariance` lacks, for
-    #: joints near the line of the load [rad/(N·m)]; None without such joints
+    #: (n,) standard uncertainties by errors of the load beyond first order, part of `covariance`, for joints
+    #: near the line of the load [rad/(N·m)]; None without such joints
     second_order: FloatArray | None = None
     #: why stated errors were propagated after the fit, although they could have been fitted; None otherwise
     statements_dropped: str | None = None
@@ -850,6 +850,7 @@ class UncertaintyBudget:
         readings_covariance = estimate.covariance
         if common_errors is not None:
             readings_covariance = readings_covariance - common_errors.responses @ common_errors.responses.T
+            readings_covariance = readings_covariance - estimate.square_second_order()
         degrees_of_freedom = None if sigma_given else estimate.degrees_of_freedom
         components = [
             BudgetComponent(

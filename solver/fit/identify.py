@@ -527,6 +527,7 @@ def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
     if evidence.profiles:
         # Beyond first order, errors of the load add to the uncertainty of joints near the line of the load.
         second_order = evidence.compute_extra_uncertainties()
+        covariance = None if covariance is None else covariance + np.diag(np.square(second_order))
         widened = fit.add_common_errors(np.diag(second_order) / (scale.sigma or 1.0)).likelihood
         known = widened.leave_out(evidence.list_open_joints())
         likelihood = known if len(known.joints) else None
@@ -608,14 +609,15 @@ def _profile_short_levers(
         common_errors: errors that all observations share; None without any.
     """
     settings, measurements = problem.settings, problem.rows.measurements
-    if common_errors is None or not scale.sigma:
+    # Readings without noise determine the load point, too: to first order is exact enough.
+    if common_errors is None or not scale.sigma or scale.sigma < LEAST_STATED_SIGMA:
         return {}
     compliance, common = last_fit.fit.compliance, measurements.common_uncertainty
     statements = Statements(
         list_stated_terms(measurements),
         common,
         np.maximum(compliance, 0.0),
-        max(scale.sigma, LEAST_STATED_SIGMA),
+        scale.sigma,
     )
     joints = np.flatnonzero(~problem.observability.null)
     free = FreeLoad.of(last_fit.rows, settings, statements, joints)
