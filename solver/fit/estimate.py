@@ -563,6 +563,17 @@ class LeverProfile:
     #: half the width of the two-sided profile without constraints over its quantile, and at least that to
     #: first order [rad/(N·m)]; infinite without an upper end
     standard_uncertainty: float = np.inf
+    #: whether the fit has the errors of the load as unknowns; the interval of any other fit, which uses the
+    #: readings in another way, contains that to first order, too
+    replaces_first_order: bool = False
+
+    def join(self, first_order: FloatArray) -> FloatArray | None:
+        """Return the intervals (2, 2) of the joint, whose intervals to first order are (2, 2)."""
+        if self.intervals is None or self.replaces_first_order:
+            return self.intervals
+        lower = np.minimum(self.intervals[:, 0], first_order[:, 0])
+        upper = np.maximum(self.intervals[:, 1], first_order[:, 1])
+        return np.column_stack([lower, upper])
 
 
 @dataclass(frozen=True, eq=False)
@@ -600,7 +611,7 @@ class Evidence:
             intervals_of_joints = [*ends.transpose(1, 0, 2)]
             for index, j in enumerate(determined_joints.tolist()):
                 if j in self.profiles:
-                    intervals_of_joints[index] = self.profiles[j].intervals
+                    intervals_of_joints[index] = self.profiles[j].join(ends[:, index])
         joints = [
             JointCompliance(name, kind, "not_observable", reason=reason)
             for name, kind, reason in zip(self.names, self.observability.kinds, reasons, strict=True)

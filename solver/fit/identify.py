@@ -643,13 +643,11 @@ def _profile_short_levers(
         )
         lower = np.minimum(unconstrained[:, 0], within[:, 0])
         upper = np.maximum(unconstrained[:, 1], within[:, 1])
-        if not is_same_likelihood:  # the method uses the readings in another way
-            lower = np.minimum(lower, value - quantiles * first_order)
-            upper = np.maximum(upper, value + quantiles * first_order)
         half_width = float(np.ptp(unconstrained[0])) / 2.0
         profiles[j] = LeverProfile(
             np.clip(np.column_stack([lower, upper]), bounds.lower[j], bounds.upper[j]),
             max(first_order, half_width / float(quantiles[0])),
+            replaces_first_order=is_same_likelihood,
         )
     return profiles
 
@@ -693,6 +691,8 @@ def _find_largest_standardised_shift(shift: FloatArray | None, estimate: Estimat
     if estimate.common is not None:
         for source in ("assumed_load_point", "assumed_force_scale"):
             variance = variance - np.square(estimate.common.responses_to(source)).sum(axis=1)
+        is_assumed = "assumed_load_point" in estimate.common.by_source
+        variance = variance - np.diagonal(estimate.square_second_order(is_assumed))
     has_uncertainty = estimate.estimated & (variance > 0.0)
     return (
         float((np.abs(shift[has_uncertainty]) / np.sqrt(variance[has_uncertainty])).max())
