@@ -631,6 +631,8 @@ def _profile_short_levers(
     bounds, profiles = settings.constraints.bounds, {}
     for index in np.flatnonzero(free.weak).tolist():
         j = int(joints[index])
+        if any(j in group.joints for group in fit.undetermined):
+            continue
         ends = free.profile(index).find_ends(scale.sigma * np.sqrt(inflation) * quantiles)
         if not np.isfinite(np.concatenate(ends)).all():
             profiles[j] = LeverProfile()
