@@ -49,7 +49,7 @@ def test_a_goal_takes_five_readings_and_one_that_is_held_out():
         "the measurement continues: the goal is met; one held-out reading checks it",
         "m06: uncertainty 0.88 times that of the goal, joint_6 ± 22 %, agrees with its prediction (p 0.98), "
         "held-out reading: as near to its prediction as 90 % of good readings, goal reached",
-        "reached after 6 readings; without the assumed errors of load point and force (± 27 % with these "
+        "reached after 6 readings; without the assumed errors of load point and force (± 31 % with these "
         "errors); "
         "the held-out reading is as near to its prediction as 90 % of good readings",
         "wrote closed.json",
