@@ -50,7 +50,7 @@ from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements, lis
 from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS, complementary_stiffness
-from jointstiff.solver.mechanics.terms import TERMS
+from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS
 
 MAX_ITERATIONS: Final = 60
 """Maximum number of fits: with K_c alone two or three suffice, with statements five to fifteen."""
@@ -612,25 +612,18 @@ def _profile_short_levers(
     # Readings without noise determine the load point, too: to first order is exact enough.
     if common_errors is None or not scale.sigma or scale.sigma < LEAST_STATED_SIGMA:
         return {}
-    compliance, common = last_fit.fit.compliance, measurements.common_uncertainty
-    statements = Statements(
-        list_stated_terms(measurements),
-        common,
-        np.maximum(compliance, 0.0),
-        scale.sigma,
-    )
-    joints = np.flatnonzero(~problem.observability.null)
-    free = FreeLoad.of(last_fit.rows, settings, statements, joints)
+    free = _free_load(problem, last_fit, scale.sigma)
     if free is None:
         return {}
+    compliance, common = last_fit.fit.compliance, measurements.common_uncertainty
     quantiles = scale.list_quantiles(settings.confidence)
     inflation = 1.0 if last_fit.robust is None else last_fit.robust.inflation
-    in_profiles = {common.source(term.name) for term in (*statements.terms, TERMS["force_scale"])}
+    in_profiles = {common.source(term.name) for term in (*list_stated_terms(measurements), FORCE_SCALE)}
     others = replace(common_errors, in_fit=frozenset(in_profiles)).responses_to_unfitted_errors
     is_same_likelihood = bool(last_fit.compressed.statements.terms)
     bounds, profiles = settings.constraints.bounds, {}
     for index in np.flatnonzero(free.weak).tolist():
-        j = int(joints[index])
+        j = int(free.joints[index])
         if any(j in group.joints for group in fit.undetermined):
             continue
         ends = free.profile(index).find_ends(scale.sigma * np.sqrt(inflation) * quantiles)
@@ -652,6 +645,19 @@ def _profile_short_levers(
             replaces_first_order=is_same_likelihood,
         )
     return profiles
+
+
+def _free_load(problem: _Problem, last_fit: _Pass, sigma: float) -> FreeLoad | None:
+    """Return the last fit with the errors of the load free; None if no joint has a short lever."""
+    measurements = problem.rows.measurements
+    statements = Statements(
+        list_stated_terms(measurements),
+        measurements.common_uncertainty,
+        np.maximum(last_fit.fit.compliance, 0.0),
+        sigma,
+    )
+    joints = np.flatnonzero(~problem.observability.null)
+    return FreeLoad.of(last_fit.rows, problem.settings, statements, joints)
 
 
 def _widen_profile(intervals: FloatArray, value: float, beyond: FloatArray) -> FloatArray:
