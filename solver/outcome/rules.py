@@ -302,7 +302,7 @@ def _list_notes_on_encoders(joints: JointsAlone) -> Iterator[str]:
         yield (
             "The targets show other deflections than the encoders (chi-square test, "
             f"p = {apart.p_value:.1g}): structure behind the encoders bends, too. The joints are identified "
-            "from the targets alone."
+            "from the targets alone; `gearboxes` and `structures` are the two parts of their compliances."
         )
 
 
