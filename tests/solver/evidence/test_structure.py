@@ -91,6 +91,20 @@ def test_structure_behind_the_encoders_is_taken_apart():
     assert sum(held) >= 16  # of 18
 
 
+def test_a_run_prints_gearboxes_and_structure_whose_compliances_add_up():
+    campaign = simulate(Errors(structure=0.4), 1)
+    result = run(ROBOT, campaign.measurements, RunOptions())
+    names = [f"joint_{j + 1}" for j in READ]
+    assert [each.name for each in result.gearboxes] == [each.name for each in result.structures] == names
+    for joint, gearbox, structure in zip(result.joints, result.gearboxes, result.structures, strict=False):
+        whole = gearbox.compliance + structure.compliance
+        assert whole == pytest.approx(joint.compliance, rel=0.02)
+        lower, upper = gearbox.compliance_interval
+        assert gearbox.stiffness_interval == pytest.approx((1.0 / upper, 1.0 / lower))
+        assert gearbox.status == structure.status == "identified"
+    assert any("structure behind the encoders bends" in note for note in result.assessment.notes)
+
+
 def test_an_encoder_that_sees_more_than_the_targets_is_named():
     measurements = simulate(Errors(), 0).measurements
     encoders = measurements.encoders
