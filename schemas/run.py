@@ -558,7 +558,7 @@ class RunResult(Result):
         default_factory=list, description="Gearboxes of joints with encoders behind them."
     )
     structures: list[JointResult] = Field(
-        default_factory=list, description="What bends behind these encoders; compliances add up."
+        default_factory=list, description="Structure behind these encoders; compliances add up."
     )
     model: Annotated[IdentifiedModel | None, WithJsonSchema(_NO_PROMISE)] = Field(
         default=None,

@@ -9,8 +9,10 @@ from typing import Final
 
 import numpy as np
 
+from benchmarks.designs import planned_design
 from benchmarks.report import Figure, Part, Section
 from jointstiff.schemas.options import RunOptions
+from jointstiff.simulator import default_arm
 from jointstiff.solver.run import run as identify_run
 from tests.support.encoder_campaigns import READ, Errors, simulate
 from tests.support.springs import robot_of
@@ -39,7 +41,7 @@ class _Outcome:
 
 def _identify(errors: Errors, seed: int, *, with_encoders: bool = True) -> _Outcome:
     """Identify a campaign; return the outcome."""
-    campaign = simulate(errors, seed)
+    campaign = simulate(errors, seed, planned_design(default_arm(), seed=seed % 20))
     measurements = campaign.measurements
     if not with_encoders:
         measurements = replace(measurements, encoders=None)

@@ -11,12 +11,12 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.designs import SIGMA, planned_design
 from jointstiff.simulator import SpringArm, default_arm
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.mechanics.measurements import EncoderReadings, Measurements
+from tests.support.springs import SIGMA, SpringCampaign
 
 _STREAM: Final = 93
 READ: Final = (0, 1, 2)
@@ -43,15 +43,16 @@ class EncoderCampaign:
     measurements: Measurements
 
 
-def simulate(errors: Errors, seed: int) -> EncoderCampaign:
+def simulate(errors: Errors, seed: int, design: SpringCampaign | None = None) -> EncoderCampaign:
     """Return a campaign of 12 to 19 postures, three targets, and encoders behind three gearboxes.
 
     Args:
         errors: errors that the campaign does not state.
-        seed: of the postures, the noise and the errors.
+        seed: of the noise and the errors, and of postures and pulls without a design.
+        design: 19 postures and pulls; random ones if None.
     """
     generator = np.random.default_rng([seed, _STREAM])
-    design = planned_design(default_arm(), seed=seed % 20)
+    design = design or SpringCampaign.of(default_arm(), seed=seed)
     arm, plan = design.arm, design.experiment
     sides = generator.choice([-1.0, 1.0], (2, *plan.joints.shape))
     unloaded, from_side = plan.joints + 0.5 * errors.play * sides
