@@ -113,10 +113,9 @@ class ForceUncertainty(_Uncertain):
 
 
 class AxisUncertainty(_Uncertain):
-    """Standard uncertainties of the joint axes in the robot's model, each axis by itself.
+    """Standard uncertainties of the joint axes in the robot's model, one error an axis for all observations.
 
-    A geometry states them for each axis; give the typical or the greatest. Each axis has one error for all
-    observations.
+    A geometry states them for each axis; give the typical or the greatest.
     """
 
     position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
@@ -462,15 +461,12 @@ class Reading(Message):
 
 
 class EncoderReading(Message):
-    """A joint's angle behind its gearbox, read by a secondary encoder before and under load.
-
-    Meanwhile the motor's encoder closes the loop, so that the difference is the deflection of the joint.
-    """
+    """A joint's angle behind its gearbox before and under load, while the motor's encoder closes the loop."""
 
     joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
     unloaded: Quantity = Field(
-        description="Unloaded angle of the model's joint, in units.angle, after the joint map; a constant "
-        "offset does not matter."
+        description="Unloaded angle of the model's joint, in units.angle, after the joint map, with any "
+        "offset."
     )
     loaded: Quantity = Field(description="Angle under load, in units.angle.")
 

@@ -34,13 +34,13 @@ from jointstiff.schemas.options import Resampling
 from jointstiff.service.jobs import Parts
 from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.runs.numbers import extract_numbers
-from jointstiff.service.store import rewriting, upgrading
+from jointstiff.service.store import rewriting, steps, upgrading
 from jointstiff.service.store.checking import check_database, list_differences
 from jointstiff.service.store.database import Database, make_migrating_engine
 from jointstiff.service.store.layouts import BASELINE, LAYOUT, kind_of, number_of
+from jointstiff.service.store.steps import list_steps
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import jobs, metadata, read_layout, robots
-from jointstiff.service.store.upgrading import list_steps
 from jointstiff.service.workers.worker import Recovery
 
 Restore = Callable[..., str]
@@ -380,14 +380,14 @@ def contracting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Non
     """A program of a later version: its last step removes a column."""
     name = f"{number_of(LAYOUT) + 1:04}_contract_trend"
     folder = tmp_path / "migrations"
-    shutil.copytree(upgrading.FOLDER, folder)
+    shutil.copytree(steps.FOLDER, folder)
     (folder / "versions" / "later.py").write_text(
         f"from alembic import op\nrevision, down_revision = '{name}', '{LAYOUT}'\n"
         "def upgrade():\n"
         "    with op.batch_alter_table('idempotency_keys') as table:\n"
         "        table.drop_column('created_at')\n"
     )
-    monkeypatch.setattr(upgrading, "FOLDER", folder)
+    monkeypatch.setattr(steps, "FOLDER", folder)
     monkeypatch.setattr("jointstiff.service.store.layouts.LAYOUT", name)
     list_steps.cache_clear()
     yield
@@ -519,7 +519,7 @@ class TestDocuments:
                 return step.rewrite(row)
 
             changing = dataclasses.replace(step, rewrite=change_and_rewrite)
-            monkeypatch.setattr(upgrading, "list_steps", lambda: [changing])
+            monkeypatch.setattr(steps, "list_steps", lambda: [changing])
             store.old_documents.rewrite(FOREVER)
             first = sa.select(robots.c.document).order_by(robots.c.sequence).limit(1)
             assert [row.document for row in store._database.rows(first)] == ['{"newer": true}']
