@@ -204,9 +204,9 @@ class MeasuredArm(Message):
 
     serial_number: str | None
     at: Timestamp = Field(description="Time of its latest campaign.")
-    tested: list[Name] = Field(description="Joints with a campaign to be compared with another.")
+    tested: list[Name] = Field(description="Joints that a trend compares.")
     rank: Dimensionless[float] = Field(
-        description="Standard uncertainties of the most certain change; 1e6 more for a softer joint; 0: none."
+        description="Standard uncertainties of the surest change; 1e6 more if softer; 0: none."
     )
 
 
@@ -263,7 +263,7 @@ class Robot(StoredRobot, RobotSummary):
     marks: list[Mark] = Field(default_factory=list, description="Its history, oldest first.")
     reference_set_ids: list[Identifier] = Field(
         default_factory=list,
-        description="Sets with which later campaigns of an arm are compared; without one: with the first.",
+        description="Sets with which later campaigns are compared; without one: the first.",
     )
 
 
