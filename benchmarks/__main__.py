@@ -68,6 +68,9 @@ BENCHMARKS = {
     "live_service": Benchmark(
         "attacks.live_service", "kill -9 while readings are sent; fifty campaigns at once", in_parts=True
     ),
+    "encoder_logs": Benchmark(
+        "studies.encoder_logs", "gearboxes from a controller's logs: 80 arms; 15 minutes", in_parts=True
+    ),
     "weight_steps": Benchmark(
         "studies.weight_steps", "gearboxes from two encoders: 600 steps, mistakes; 5 minutes", in_parts=True
     ),

@@ -249,6 +249,8 @@ FindingCode = Literal[
     "encoder_referenced_anew",
     "step_off_the_others",
     "gearbox_uncertain",
+    "check_by_log",
+    "logs_contradict",
     # in what is made of a run
     "prediction_implausible",
     "point_implausible",

@@ -17,6 +17,7 @@ from jointstiff.schemas.fields import (
     Quantity,
     Radians,
     RotationalCompliance,
+    Seconds,
     Stiffness,
     Terminal,
     Torque,
@@ -25,6 +26,7 @@ from jointstiff.schemas.fields import (
 from jointstiff.schemas.finding import Assessment, Finding, ResultSummary
 from jointstiff.schemas.job import Job, Result
 from jointstiff.schemas.measurement import AngleUnit, LengthUnit
+from jointstiff.schemas.motion import Motion
 from jointstiff.schemas.robot import MAX_JOINTS, RobotDocument
 
 LEAST_MASS, GREATEST_MASS = 0.01, 1e4
@@ -107,15 +109,15 @@ class StepPosture(Message):
 
 
 class GearboxRequest(Message):
-    """A weight step of one robot: angles of two encoders in postures, without and with a load."""
+    """Angles of two encoders of one robot: of a weight step at rest, or of a motion."""
 
-    name: Name = Field(default="weight step", examples=["LBR cell 2, 10 kg"])
+    name: Name = Field(default="gearboxes", examples=["LBR cell 2, 10 kg"])
     units: GearboxUnits
     robot_id: Annotated[Identifier | None, Terminal(hidden=True)] = Field(
         default=None, description="Id of the robot; or give `robot`."
     )
     robot: RobotDocument | None = Field(default=None, description="The robot, which is not stored.")
-    load: HungLoad
+    load: HungLoad | None = Field(default=None, description="Load of the weight step.")
     gravity: Vector3 = Field(
         default=(0.0, 0.0, -9.80665),
         description="Acceleration of gravity in R0, in m/s².",
@@ -125,14 +127,37 @@ class GearboxRequest(Message):
         description="Standard uncertainty of one angle of one encoder, in units.angle. The noise of a step "
         "is estimated from its residuals, and is at least twice this value.",
     )
-    observations: Annotated[list[StepPosture], Field(min_length=1, max_length=MAX_POSTURES), FailFast()] = (
-        Field(description="Postures; 12 are good practice.")
+    observations: Annotated[list[StepPosture], Field(max_length=MAX_POSTURES), FailFast()] = Field(
+        default_factory=list, description="Postures of the weight step; 12 are good practice."
     )
+    motion: Motion | None = Field(
+        default=None,
+        description="Logs of a motion, in place of `load` and `observations`: a check of a gearbox, within a "
+        "factor of 1.5, by the masses of the arm.",
+    )
+
+    @property
+    def instrument(self) -> HungLoad | Motion:
+        """The load of a weight step, or the logs: one of them is stated."""
+        instrument = self.load if self.motion is None else self.motion
+        if instrument is None:
+            raise AssertionError("the validator requires one of both")
+        return instrument
 
     @model_validator(mode="after")
     def _require_one_robot(self) -> GearboxRequest:
         if (self.robot_id is None) == (self.robot is None):
             raise ValueError("give either `robot_id` or `robot`")
+        return self
+
+    @model_validator(mode="after")
+    def _require_step_or_motion(self) -> GearboxRequest:
+        has_step = self.load is not None and bool(self.observations)
+        has_part = self.load is not None or bool(self.observations)
+        if self.motion is None and not has_step:
+            raise ValueError("give `load` and `observations` of a weight step, or `motion` with logs")
+        if self.motion is not None and has_part:
+            raise ValueError("give either `motion`, or `load` and `observations` of a weight step")
         return self
 
     @model_validator(mode="after")
@@ -192,8 +217,13 @@ class GearboxStiffness(Message):
     noise: Radians[float | None] = Field(
         description="Standard deviation of the step of the twist in one posture."
     )
-    degrees_of_freedom: int
-    postures: int = Field(description="Number of postures with readings of this joint.")
+    degrees_of_freedom: int = Field(
+        description="Postures less unknowns; of logs, the number of independent samples."
+    )
+    postures: int = Field(description="Number of postures with readings of this joint; 0 for logs.")
+    delay: Seconds[float | None] = Field(
+        default=None, description="Delay of the link encoder's readings in logs; null for a weight step."
+    )
 
 
 class StepResidual(Message):
@@ -208,17 +238,31 @@ class StepResidual(Message):
     residual: Radians[float | None] = Field(description="Step less prediction; null without a stiffness.")
 
 
+class LogEstimate(Message):
+    """The gearbox of one joint by one log alone."""
+
+    label: Name
+    joint: Name
+    stiffness: Stiffness[float | None] = Field(description="Null if the log has no upper end.")
+    stiffness_interval: Stiffness[tuple[float, float | None]] = Field(description="95 % interval.")
+
+
 class GearboxResult(Result):
     """Stiffness of gearboxes. It says nothing about structure behind the encoders."""
 
     assessment: Assessment
     gearboxes: list[GearboxStiffness]
     not_observed: list[Name] = Field(description="Joints without readings of two encoders.")
-    mass_uncertainty: Kilograms[float] = Field(description="Standard uncertainty of the mass, as used.")
-    point_uncertainty: Metres[float] = Field(
-        description="Standard uncertainty of each coordinate of the load's place, as used."
+    mass_uncertainty: Kilograms[float | None] = Field(
+        description="Standard uncertainty of the mass, as used; null for logs."
+    )
+    point_uncertainty: Metres[float | None] = Field(
+        description="Standard uncertainty of each coordinate of the load's place, as used; null for logs."
     )
     residuals: list[StepResidual]
+    by_log: list[LogEstimate] = Field(
+        default_factory=list, description="Each log alone, if there are several."
+    )
     findings: list[Finding]
 
     @property

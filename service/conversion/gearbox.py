@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.gearbox import GearboxRequest
+from jointstiff.schemas.gearbox import GearboxRequest, HungLoad
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.gearboxes.step import EncoderReadings, Load, WeightStep
@@ -21,8 +21,8 @@ _FARTHEST: Final = 100.0
 _SENSE: Final = {"+": 1, "-": -1, None: 0}
 
 
-def to_weight_step(request: GearboxRequest, robot: Robot) -> WeightStep:
-    """Return the weight step of a request, in SI units.
+def to_weight_step(request: GearboxRequest, load: HungLoad, robot: Robot) -> WeightStep:
+    """Return the weight step of a request with its load, in SI units.
 
     Raises:
         MeasurementError: a posture has another number of joints than the robot.
@@ -44,7 +44,7 @@ def to_weight_step(request: GearboxRequest, robot: Robot) -> WeightStep:
                 remedy="check the units of the joints",
             )
     rows = [
-        (i, _find_joint(robot, reading.joint, f"observations[{i}].encoder_readings[{k}].joint"), reading)
+        (i, find_joint(robot, reading.joint, f"observations[{i}].encoder_readings[{k}].joint"), reading)
         for i, posture in enumerate(request.observations)
         for k, reading in enumerate(posture.encoder_readings)
     ]
@@ -56,7 +56,6 @@ def to_weight_step(request: GearboxRequest, robot: Robot) -> WeightStep:
         motor=angle * np.array([[state.motor for state in pair] for pair in states], dtype=np.float64),
         link=angle * np.array([[state.link for state in pair] for pair in states], dtype=np.float64),
     )
-    load = request.load
     mass_uncertainty = ASSUMED_MASS * load.mass if load.mass_uncertainty is None else load.mass_uncertainty
     stated = load.point_uncertainty
     return WeightStep(
@@ -76,8 +75,12 @@ def to_weight_step(request: GearboxRequest, robot: Robot) -> WeightStep:
     )
 
 
-def _find_joint(robot: Robot, name: str, where: str) -> int:
-    """Return the index of a joint that turns."""
+def find_joint(robot: Robot, name: str, where: str) -> int:
+    """Return the index of a joint that turns and is not coupled.
+
+    Raises:
+        RequestError: the robot has no such joint, or the joint slides or is coupled.
+    """
     joint = robot.joint_index(name, where)
     if robot.prismatic[joint]:
         raise RequestError(

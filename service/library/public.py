@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.imported import ImportedReadings, import_files
     from jointstiff.service.library.many import identify_many
     from jointstiff.service.library.measure import measure
+    from jointstiff.service.library.motion_logs import read_log
     from jointstiff.service.library.reading import ProposedReadings, read
     from jointstiff.service.library.rehearse import Rehearsal, rehearse
     from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun
@@ -97,6 +98,7 @@ _HOMES = {
     "predict": "service.library.here",
     "read": "service.library.reading",
     "rehearse": "service.library.rehearse",
+    "read_log": "service.library.motion_logs",
     "robot": "service.library.robots",
 }
 """Module of each public name that does not belong to a kind of work."""
@@ -145,6 +147,7 @@ __all__ = [
     "predict",
     "process",
     "read",
+    "read_log",
     "rehearse",
     "robot",
 ]

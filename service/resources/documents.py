@@ -223,6 +223,7 @@ def _explain_other_document(
 
 
 _OTHER_DOCUMENTS: Final = (
+    ({"motion"}, "logs of a motion", "use `jointstiff gearbox FILE`"),
     ({"observations", "load"}, "a weight step", "use `jointstiff gearbox FILE`"),
     (
         {"observations"},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -16,6 +16,7 @@ from jointstiff.solver.fit.estimate import invert_compliance, stiffness_interval
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.gearboxes.identification import LEAST_FREEDOM, GearboxFit, fit_gearboxes
 from jointstiff.solver.gearboxes.step import JointStep, WeightStep
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import build_messages, finite_or_none
 from jointstiff.solver.text import figure
 
@@ -84,14 +85,8 @@ def identify_gearboxes(step: WeightStep) -> GearboxResult:
                 remedy="use a heavier load, or postures in which its lever about the joint differs more",
             )
         )
-    reasons_of_verdict = [finding for finding in findings if not finding.is_remark]
-    assessment = combine_assessments(
-        [Assessment(verdict=each.weight, reasons=[each]) for each in reasons_of_verdict]
-    )
     return GearboxResult(
-        assessment=assessment.model_copy(
-            update={"joints_identified": identified, "joint_count": len(gearboxes)}
-        ),
+        assessment=assess_gearboxes(findings, gearboxes),
         joint_kinds={},
         gearboxes=gearboxes,
         not_observed=[name for j, name in enumerate(names) if j not in reasons],
@@ -100,6 +95,14 @@ def identify_gearboxes(step: WeightStep) -> GearboxResult:
         residuals=[row for each in joints for row in _list_residuals(step, each, fits.get(each.joint))],
         findings=findings,
     )
+
+
+def assess_gearboxes(findings: Sequence[Finding], gearboxes: Sequence[GearboxStiffness]) -> Assessment:
+    """Return the verdict on gearboxes: the worst of the findings."""
+    reasons = [finding for finding in findings if not finding.is_remark]
+    assessment = combine_assessments([Assessment(verdict=each.weight, reasons=[each]) for each in reasons])
+    identified = sum(gearbox.stiffness is not None for gearbox in gearboxes)
+    return assessment.model_copy(update={"joints_identified": identified, "joint_count": len(gearboxes)})
 
 
 def _explain_undetermined(steps: JointStep) -> str | None:
@@ -313,29 +316,51 @@ def _report_fit(step: WeightStep, fit: GearboxFit) -> Iterator[Finding]:
 
 def _report_implausible(step: WeightStep, fits: dict[int, GearboxFit]) -> Iterator[Finding]:
     """Report stiffnesses that are implausible for the payload, as by a weight in place of a mass."""
-    robot = step.robot
+    payload = step.robot.payload
+    torques_by_payload = {
+        joint: float(np.abs(fit.steps.torques[0]).max()) * (payload or 0.0) / step.load.mass
+        for joint, fit in fits.items()
+    }
+    yield from report_against_payload(
+        step.robot,
+        {joint: fit.compliance for joint, fit in fits.items()},
+        torques_by_payload,
+        "check that `load.mass` is in kg, not in N, and the units of angles and lengths",
+    )
+
+
+def report_against_payload(
+    robot: Robot, compliances: Mapping[int, float], torques: Mapping[int, float], remedy: str
+) -> Iterator[Finding]:
+    """Report gearboxes that are far softer or stiffer than those of other arms of the same payload.
+
+    Args:
+        robot: robot with the joints.
+        compliances: joint → compliance [rad/(N·m)]; zero if it may be rigid.
+        torques: joint → greatest torque of the robot's payload about it [N·m].
+        remedy: what to check.
+    """
     if robot.payload is None:
         yield Finding(
             code="payload_not_stated",
             weight="use_with_care",
-            message="the robot states no payload, so that nothing checks the unit of the mass",
+            message="the robot states no payload, so that nothing checks the units",
             remedy="state `payload` of the robot [kg]",
         )
         return
-    compared = [fit for fit in fits.values() if fit.compliance > 0.0]
+    compared = [joint for joint, compliance in compliances.items() if compliance > 0.0]
     if not compared:
         return
-    scale = robot.payload / step.load.mass
-    ratios = [1.0 / (fit.compliance * scale * np.abs(fit.steps.torques[0]).max()) for fit in compared]
+    ratios = [1.0 / (compliances[joint] * torques[joint]) for joint in compared]
     factor = float(np.exp(np.mean(np.log(ratios)))) / _TYPICAL_RATIO
     if not 1.0 / _FACTOR < factor < _FACTOR:
-        names = ", ".join(robot.joint_names[fit.steps.joint] for fit in compared)
+        names = ", ".join(robot.joint_names[joint] for joint in compared)
         yield Finding(
             code="stiffness_against_payload",
             weight="do_not_use",
             message=f"the gearboxes of {names} are {figure(factor, '.2g')} times as stiff as those of a "
             "common arm, by its payload",
-            remedy="check that `load.mass` is in kg, not in N, and the units of angles and lengths",
+            remedy=remedy,
         )
 
 

@@ -86,7 +86,8 @@ def read(document: Document) -> WeightStep:
     """Return the weight step of a document."""
     request = GearboxRequest.model_validate(document)
     assert request.robot is not None
-    return to_weight_step(request, prepare_robot(request.robot).robot)
+    assert request.load is not None
+    return to_weight_step(request, request.load, prepare_robot(request.robot).robot)
 
 
 def _readings(document: Document) -> list[Document]:

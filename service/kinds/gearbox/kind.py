@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.schemas.gearbox import Gearbox, GearboxRequest, GearboxResult, GearboxStiffness
+from jointstiff.schemas.gearbox import Gearbox, GearboxRequest, GearboxResult, GearboxStiffness, HungLoad
+from jointstiff.schemas.motion import Motion
 from jointstiff.service.kinds.kind import READINGS_BYTES, Kind, list_table_files
 from jointstiff.service.tables.estimate import NORMAL_95, estimate_columns, show_estimate, style_for
 from jointstiff.service.tables.report import Report, View, joint_reason_lines
@@ -22,8 +23,11 @@ from jointstiff.service.tables.table import (
 from jointstiff.solver.text import figure, length_text
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.resources.inputs import Inputs
+    from jointstiff.solver.mechanics.robot import Robot
 
 _MEGA, _MICRO = 1e-6, 1e6
 _CONFIDENCE: Final = 0.95
@@ -31,21 +35,26 @@ _CONFIDENCE: Final = 0.95
 
 def _make_report(job: Gearbox, result: GearboxResult, view: View) -> Report:
     """Return the report: verdict, gearboxes and what they rest on; `view.details` adds the evidence."""
+    motion = job.request.motion
     parts: list[Part] = [_gearbox_table(result)]
     parts += joint_reason_lines((each.joint, each.reason) for each in result.gearboxes)
     if result.not_observed:
         parts.append(Line(f"  {', '.join(result.not_observed)}: no second encoder was read, not observed"))
-    mass, half = job.request.load.mass, figure(NORMAL_95 * result.mass_uncertainty, ".2g")
-    parts.append(
-        Line(
-            f"  by a load of {figure(mass)} kg ± {half} kg, whose "
-            f"place is known to ± {length_text(NORMAL_95 * result.point_uncertainty)} (95 %)"
-        )
-    )
+    if job.request.load is not None:
+        parts.append(Line(f"  {_state_load(job.request.load, result)}"))
     parts.append(Line("  bearings and links behind the encoders are not in these numbers", "dim"))
-    if view.details:
+    if view.details and motion is None:
         parts += [_evidence_table(result), _residuals_table(result)]
+    elif view.details:
+        parts += [_motion_table(result), _logs_table(result)]
     return Report(parts)
+
+
+def _state_load(load: HungLoad, result: GearboxResult) -> str:
+    """Return the sentence on which the numbers of a weight step rest."""
+    half = figure(NORMAL_95 * (result.mass_uncertainty or 0.0), ".2g")
+    place = length_text(NORMAL_95 * (result.point_uncertainty or 0.0))
+    return f"by a load of {figure(load.mass)} kg ± {half} kg, whose place is known to ± {place} (95 %)"
 
 
 def _gearbox_table(result: GearboxResult) -> Table:
@@ -60,7 +69,7 @@ def _gearbox_table(result: GearboxResult) -> Table:
             Column("gearbox of", [each.joint for each in result.gearboxes], text=True),
             *estimate_columns("stiffness", shown, _CONFIDENCE),
             Column("±", [format_percent(each.half_width) for each in result.gearboxes]),
-            Column("load's torque", [_format_torques(each) for each in result.gearboxes]),
+            Column("torque", [_format_torques(each) for each in result.gearboxes]),
         ],
         title="Gearboxes, motor to link encoder",
         caption="stiffness in 10⁶ N·m/rad, with its 95 % interval; torque in N·m",
@@ -88,6 +97,42 @@ def _evidence_table(result: GearboxResult) -> Table:
         title="Twist without torque",
         caption="in µrad; offset: change between the states; noise: standard deviation of a step",
     )
+
+
+def _motion_table(result: GearboxResult) -> Table:
+    """Return the table of what else the twists of logs show: delay, lost motion and noise."""
+    return Table(
+        [
+            Column("gearbox of", [each.joint for each in result.gearboxes], text=True),
+            Column("independent samples", [each.degrees_of_freedom for each in result.gearboxes]),
+            Column("delay", [each.delay for each in result.gearboxes], _format_milliseconds),
+            Column("lost motion", [each.lost_motion for each in result.gearboxes], _format_micro),
+            Column("noise", [each.noise for each in result.gearboxes], _format_micro),
+        ],
+        title="Twist without torque",
+        caption="delay of the link's encoder in ms; lost motion and noise in µrad",
+    )
+
+
+def _logs_table(result: GearboxResult) -> Table:
+    """Return the table of each log alone."""
+    shown = [
+        show_estimate(each.stiffness, each.stiffness_interval, _MEGA, style="dim") for each in result.by_log
+    ]
+    return Table(
+        [
+            Column("log", [each.label for each in result.by_log], text=True),
+            Column("gearbox of", [each.joint for each in result.by_log], text=True),
+            *estimate_columns("stiffness", shown, _CONFIDENCE),
+        ],
+        title="Each log alone",
+        caption="stiffness in 10⁶ N·m/rad, with its 95 % interval",
+    )
+
+
+def _format_milliseconds(time: float | None) -> str:
+    """Return a time [s] in ms."""
+    return NO_NUMBER if time is None else figure(1e3 * time, ".3g")
 
 
 def _format_micro(angle: float | None) -> str:
@@ -130,6 +175,7 @@ _GEARBOXES: Final = {
     "offset": "offset",
     "lost motion": "lost_motion",
     "noise": "noise",
+    "delay": "delay",
     "degrees of freedom": "degrees_of_freedom",
     "reason": "reason",
 }
@@ -155,11 +201,9 @@ def _prepare_work(inputs: Inputs, request: GearboxRequest) -> Work:
     Raises:
         RequestError: the robot does not exist or cannot be used, or the readings do not fit it.
     """
-    from jointstiff.service.conversion.gearbox import to_weight_step
     from jointstiff.service.conversion.prepared import prepare_robot
     from jointstiff.service.conversion.readings import hash_texts
     from jointstiff.service.kinds.work import QuickWork, as_request_errors
-    from jointstiff.solver.gearboxes.outcome import identify_gearboxes
 
     if request.robot is not None:
         with as_request_errors("robot"):
@@ -168,14 +212,35 @@ def _prepare_work(inputs: Inputs, request: GearboxRequest) -> Work:
     else:
         robot, robot_hash = inputs.robot(request.robot_id or "", "robot_id")
     with as_request_errors():
-        step = to_weight_step(request, robot)
+        identify = _prepare_identification(request, robot)
     content = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
     return QuickWork(
-        result=lambda: identify_gearboxes(step),
+        result=identify,
         input_hash=hash_texts(robot_hash, content, repr(robot.payload)),
         robot_id=request.robot_id,
         details={"name": request.name},
     )
+
+
+def _prepare_identification(request: GearboxRequest, robot: Robot) -> Callable[[], GearboxResult]:
+    """Return the identification of a request: by a weight step or by logs.
+
+    Raises:
+        MeasurementError: the readings do not fit the robot.
+        RequestError: the robot has no joint of a name, or its masses are not known.
+    """
+    instrument = request.instrument
+    if isinstance(instrument, Motion):
+        from jointstiff.service.conversion.motion import to_motion_campaign
+        from jointstiff.solver.gearboxes.log_outcome import identify_from_logs
+
+        campaign = to_motion_campaign(request, instrument, robot)
+        return lambda: identify_from_logs(campaign)
+    from jointstiff.service.conversion.gearbox import to_weight_step
+    from jointstiff.solver.gearboxes.outcome import identify_gearboxes
+
+    step = to_weight_step(request, instrument, robot)
+    return lambda: identify_gearboxes(step)
 
 
 def _make_example(options: dict[str, Any]) -> dict[str, Any]:
@@ -273,5 +338,6 @@ GEARBOX: Final = Kind[Gearbox, GearboxRequest](
     description="""Identify the stiffness of gearboxes from the angles of two encoders, without a tracker.
 
 Read motor and link angle of joints at rest in planned postures, without and with a weighed load. The result
-is the gearbox between the two encoders, not the joint.""",
+is the gearbox between the two encoders, not the joint. Or give logs of a motion, with the masses of the arm:
+a check within a factor of 1.5.""",
 )

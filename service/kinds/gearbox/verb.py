@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from jointstiff.schemas.gearbox import Gearbox, GearboxUnits, HungLoad, StepPosture
+    from jointstiff.schemas.motion import Motion
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress
@@ -33,10 +34,11 @@ class GearboxFields(TypedDict, total=False):
     units: AnyUnits | GearboxUnits
     robot_id: str | None
     robot: File | RobotDocument | Mapping[str, Any]
-    load: HungLoad | Mapping[str, Any]
+    load: HungLoad | Mapping[str, Any] | None
     gravity: Sequence[float]
     encoder_sigma: float | None
     observations: Sequence[StepPosture | Mapping[str, Any]]
+    motion: Motion | Mapping[str, Any] | None
 
 
 def gearbox(
@@ -50,7 +52,7 @@ def gearbox(
     executor: Executor | None = None,
     **fields: Unpack[GearboxFields],
 ) -> Gearbox:
-    """Identify the stiffness of gearboxes from two encoders, read without and with a load.
+    """Identify the stiffness of gearboxes from two encoders: by a weight step, or by logs of a motion.
 
     Args:
         readings: a file, a document, or the message of the request.

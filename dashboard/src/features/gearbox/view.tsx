@@ -66,6 +66,7 @@ function Gearboxes({ result }: { result: GearboxResult }) {
 
 /** A weight step in a file, with what the page tells of it. */
 interface Step {
+  logs: number;
   request: Record<string, unknown>;
   robot: RobotDocument | null;
   robotId: string;
@@ -76,20 +77,40 @@ interface Step {
 
 function stepOf(content: string): Step | null {
   const document = parsed(content);
-  if (!isFields(document) || !isFields(document["load"])) return null;
+  if (!isFields(document)) return null;
   const { robot, robot_id: robotId, ...request } = document;
-  const postures = listOf(request["observations"]);
-  const readings = postures.flatMap((posture) => listOf(posture["encoder_readings"]));
-  if (readings.length === 0) return null;
+  const read = isFields(request["motion"]) ? logsOf(request["motion"]) : posturesOf(request);
+  if (read === null || read.joints.length === 0) return null;
   return {
+    ...read,
     request,
     robot: isFields(robot) ? (robot as unknown as RobotDocument) : null,
     robotId: typeof robotId === "string" ? robotId : "",
-    joints: [...new Set(readings.map(({ joint }) => String(joint)))],
-    postures: postures.length,
-    mass: `${String(document["load"]["mass"] ?? "?")} kg`,
   };
 }
+
+type Read = Pick<Step, "joints" | "postures" | "logs" | "mass">;
+
+/** Readings at rest, without and with a load. */
+function posturesOf(request: Record<string, unknown>): Read | null {
+  const load = request["load"];
+  if (!isFields(load)) return null;
+  const postures = listOf(request["observations"]);
+  const readings = postures.flatMap((posture) => listOf(posture["encoder_readings"]));
+  const joints = [...new Set(readings.map(({ joint }) => String(joint)))];
+  return { joints, postures: postures.length, logs: 0, mass: massOf(load) };
+}
+
+/** Logs of a motion. */
+function logsOf(motion: Record<string, unknown>): Read | null {
+  const payload = motion["payload"];
+  if (!isFields(payload)) return null;
+  const logs = listOf(motion["logs"]);
+  const names = logs.flatMap(({ link }) => (isFields(link) ? Object.keys(link) : []));
+  return { joints: [...new Set(names)], postures: 0, logs: logs.length, mass: massOf(payload) };
+}
+
+const massOf = (load: Record<string, unknown>) => `${String(load["mass"] ?? "?")} kg`;
 
 type Opened = { name: string; step: Step | null };
 
@@ -122,12 +143,12 @@ export function GearboxesView() {
   );
 }
 
-const Understood = ({ joints, postures, mass }: Step) => (
+const Understood = ({ joints, postures, logs, mass }: Step) => (
   <Facts
     facts={[
       { label: words.joints, value: <Name>{joints.join(", ")}</Name> },
-      { label: words.postures, value: String(postures) },
-      { label: words.load, value: mass },
+      logs > 0 ? { label: words.logs, value: String(logs) } : { label: words.postures, value: String(postures) },
+      { label: logs > 0 ? words.payload : words.load, value: mass },
     ]}
   />
 );

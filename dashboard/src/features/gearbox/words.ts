@@ -2,15 +2,17 @@
 export const gearboxWords = {
   title: "Gearboxes",
   intro:
-    "Read the motor's encoder and the encoder behind the gearbox at rest, without and with a weighed load. The result is the stiffness of each gearbox, without a tracker.",
-  readings: "Weight step",
-  drop: "Drop a file of a weight step here",
-  dropHint: "JSON with “load” and “observations”, as docs/without-a-tracker.md shows",
+    "Read the motor's encoder and the encoder behind the gearbox at rest, without and with a weighed load. The result is the stiffness of each gearbox, without a tracker. Logs of a motion are a check within a factor of 1.5.",
+  readings: "Weight step or logs",
+  drop: "Drop a file of a weight step or of logs here",
+  dropHint: "JSON with “load” and “observations”, or with “motion”, as docs/without-a-tracker.md shows",
   notReadings: [
-    "No weight step in this file",
-    "The file needs “load”, and “observations” with “encoder_readings”; docs/without-a-tracker.md shows the form.",
+    "No weight step and no logs in this file",
+    "The file needs “load”, and “observations” with “encoder_readings”; or “motion” with “logs” and “payload”. docs/without-a-tracker.md shows the form.",
   ],
   postures: "Postures",
+  logs: "Logs",
+  payload: "Payload",
   joints: "Joints",
   load: "Load",
   robot: "Robot",

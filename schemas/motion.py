@@ -1,0 +1,153 @@
+"""Logs of a robot's motion: angles of both encoders over time, and what the motors carry."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import FailFast, Field, model_validator
+
+from jointstiff.schemas.fields import (
+    CubicMetres,
+    Dimensionless,
+    Inertia,
+    Kilograms,
+    Message,
+    Metres,
+    Name,
+    Pascals,
+    Quantity,
+    Seconds,
+    SquareMetres,
+    Vector3,
+)
+from jointstiff.schemas.robot import MAX_JOINTS, Body
+
+MAX_LOGS = 20
+MAX_SAMPLES = 100_000
+"""Largest number of samples of one log."""
+LEAST_SAMPLES = 100
+
+_Tolerance = Annotated[float, Field(strict=True, ge=0.0, lt=1.0)]
+_Samples = Annotated[list[Quantity], Field(min_length=LEAST_SAMPLES, max_length=MAX_SAMPLES), FailFast()]
+
+
+class MovingBody(Body):
+    """A body that a joint carries in motion."""
+
+    mass_uncertainty: Dimensionless[_Tolerance] = Field(
+        default=0.1, description="Relative half-width of the bounds of the mass: 0.1 is ± 10 %."
+    )
+    inertia: Inertia[tuple[float, float, float, float, float, float]] = Field(
+        default=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        description="Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, along the axes of "
+        "the frame of `centre`; default: a point mass.",
+    )
+
+
+class CarriedLoad(Message):
+    """Load that is at the flange during the motion, with the tool."""
+
+    mass: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=1e4)]]
+    mass_uncertainty: Dimensionless[_Tolerance] = Field(
+        default=0.05, description="Relative half-width of the bounds of the mass: 0.05 is ± 5 %."
+    )
+    point: Vector3 = Field(description="Centre of mass in the flange frame, in units.length.")
+    point_uncertainty: Annotated[float, Field(strict=True, ge=0.0, le=1e4)] | None = Field(
+        default=None,
+        description="Radius of the ball that contains the centre, in units.length; absent: 10 mm.",
+    )
+
+
+class GasSpring(Message):
+    """Balancer of a joint: a gas spring that pulls a point behind the joint towards a point before it.
+
+    The gas keeps its temperature; its volume is greatest where the spring is shortest.
+    """
+
+    joint: Name = Field(examples=["joint_2"])
+    radius_before: Metres[Annotated[float, Field(strict=True, gt=0.0, le=10.0)]] = Field(
+        description="Distance of the end before the joint from the joint's axis."
+    )
+    radius_behind: Metres[Annotated[float, Field(strict=True, gt=0.0, le=10.0)]] = Field(
+        description="Distance of the end behind the joint from the joint's axis."
+    )
+    angle: Quantity = Field(
+        description="Angle from the end before to the end behind, about the joint's axis, at joint position "
+        "0 of the model, in units.angle."
+    )
+    area: SquareMetres[Annotated[float, Field(strict=True, gt=0.0, le=1.0)]] = Field(
+        description="Area on which the gas acts: piston less rod."
+    )
+    pressure: Pascals[Annotated[float, Field(strict=True, gt=0.0, le=1e9)]] = Field(
+        description="Pressure of the gas at its greatest volume."
+    )
+    volume: CubicMetres[Annotated[float, Field(strict=True, gt=0.0, le=1.0)]] = Field(
+        description="Greatest volume of the gas."
+    )
+    pressure_uncertainty: Dimensionless[_Tolerance] = Field(
+        default=0.1, description="Relative half-width of the bounds of the pressure: 0.1 is ± 10 %."
+    )
+
+
+class MotionLog(Message):
+    """Angles of one motion at equal intervals of time."""
+
+    label: Name = Field(description="Label, unique among the logs.", examples=["log A"])
+    period: Seconds[Annotated[float, Field(strict=True, ge=1e-5, le=0.02)]] = Field(
+        description="Interval between two samples."
+    )
+    motor: dict[Name, _Samples] = Field(
+        min_length=1,
+        max_length=MAX_JOINTS,
+        description="Joint → angles of its motor divided by the gear ratio, as the controller shows the "
+        "joint, in units.angle or units.length; all joints of the robot.",
+    )
+    link: dict[Name, _Samples] = Field(
+        min_length=1,
+        max_length=MAX_JOINTS,
+        description="Joint → angles of the encoder behind its gearbox, in units.angle.",
+    )
+
+    @model_validator(mode="after")
+    def _require_equal_lengths(self) -> MotionLog:
+        lengths = {name: len(samples) for group in (self.motor, self.link) for name, samples in group.items()}
+        if len(set(lengths.values())) > 1:
+            short = min(lengths, key=lengths.__getitem__)
+            raise ValueError(
+                f"the angles of '{short}' have {lengths[short]} samples, others {max(lengths.values())}: "
+                "give each encoder one sample at each time"
+            )
+        return self
+
+
+class Motion(Message):
+    """Logs of a robot in motion, and what its motors carry."""
+
+    logs: Annotated[list[MotionLog], Field(min_length=1, max_length=MAX_LOGS), FailFast()]
+    payload: CarriedLoad
+    bodies: Annotated[list[MovingBody], Field(min_length=1, max_length=2 * MAX_JOINTS)] | None = Field(
+        default=None,
+        description="Bodies of the arm without the load; default: bodies of the robot, as point masses.",
+    )
+    gas_springs: Annotated[list[GasSpring], Field(max_length=MAX_JOINTS)] = Field(
+        default_factory=list, description="Gas springs that balance joints."
+    )
+    start: Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None = Field(
+        default=None,
+        description="Joints, as the controller shows them, where all angles of the logs are zero; default: "
+        "zero. In units.angle or units.length.",
+    )
+    gear_periods: dict[
+        Name, Annotated[list[Annotated[float, Field(strict=True, ge=1.0, le=1e5)]], Field(max_length=8)]
+    ] = Field(
+        default_factory=dict,
+        description="Joint → periods of the error of its gearbox, in periods a turn of the joint.",
+    )
+
+    @model_validator(mode="after")
+    def _require_unique_labels(self) -> Motion:
+        labels = [log.label for log in self.logs]
+        repeated = [label for label in labels if labels.count(label) > 1]
+        if repeated:
+            raise ValueError(f"the label '{repeated[0]}' is there twice: give each log a label of its own")
+        return self

@@ -1,0 +1,151 @@
+"""Logs of a controller as files: a column of angles for each encoder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from jointstiff.schemas.motion import MotionLog
+from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.library.robots import read_joint_kinds, robot
+from jointstiff.service.problems import as_campaign_error
+from jointstiff.solver.errors import MeasurementError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from jointstiff.schemas.joints import JointKind
+    from jointstiff.schemas.measurement import AngleUnit, LengthUnit
+    from jointstiff.solver.arrays import FloatArray
+
+_STEADY: Final = 0.01
+"""Relative deviation of an interval of time, beyond which the samples are not at equal intervals."""
+_TIMES: Final = {"s": 1.0, "ms": 1e-3}
+_EXAMPLE: Final = "`t [s]`, `motor_1 [deg]`, …, `link_1 [deg]`, …"
+
+
+def read_log(
+    file: str | Path,
+    /,
+    source: object,
+    *,
+    label: str | None = None,
+    angle: AngleUnit = "deg",
+    length: LengthUnit = "mm",
+) -> MotionLog:
+    """Read a controller's log from a CSV or Parquet file with a column for each encoder.
+
+    Headers are ``t [s]``, ``motor_1 [deg]`` and ``link_1 [deg]``; a joint has its number from the base, or
+    its name, as in ``motor_A1 [deg]``. Other columns are left out.
+
+    Args:
+        file: path of the file.
+        source: robot: anything that `jointstiff.robot` reads.
+        label: label of the log; default: name of the file.
+        angle: unit of the angles in the result, as in `units` of the request.
+        length: unit of positions of joints that slide.
+
+    Raises:
+        CampaignError: the file is not a table of numbers, a column is missing, its unit is not known, or the
+            times are not equally spaced.
+        OSError: the file cannot be read.
+    """
+    from jointstiff.service.tables.reading import read_number_table
+
+    path = Path(file)
+    kinds = read_joint_kinds(robot(source))
+    with as_campaign_error(path.name):
+        columns = read_number_table(path.read_bytes()).columns
+        return _build_log(columns, kinds, label or path.stem, ANGLE[angle], LENGTH[length])
+
+
+def _build_log(
+    columns: Mapping[str, FloatArray], kinds: Mapping[str, JointKind], label: str, angle: float, length: float
+) -> MotionLog:
+    """Return the log of columns (N,) by header, in units of `angle` [rad] and `length` [m].
+
+    Raises:
+        MeasurementError: a column is missing, its unit is not known, or the times are not equally spaced.
+    """
+    per_unit = {"revolute": angle, "prismatic": length}
+    encoders: dict[str, dict[str, list[float]]] = {"motor": {}, "link": {}}
+    times = None
+    for header, values in columns.items():
+        name, unit = _split_header(header)
+        encoder, _, joint_text = name.partition("_")
+        if name in ("t", "time") and unit in _TIMES:
+            times = _TIMES[unit] * values
+        if encoder not in encoders:
+            continue
+        joint = _find_name(joint_text, list(kinds), header)
+        size = _find_size(unit, kinds[joint] == "prismatic", header)
+        encoders[encoder][joint] = (values * size / per_unit[kinds[joint]]).tolist()
+    if times is None:
+        raise MeasurementError(
+            "the log has no column of times", where="t", remedy=f"use the headers {_EXAMPLE}"
+        )
+    if not encoders["motor"] or not encoders["link"]:
+        raise MeasurementError(
+            "the log has no columns of motors and links",
+            where="motor_1",
+            remedy=f"use the headers {_EXAMPLE}",
+        )
+    return MotionLog(label=label, period=_find_period(times), **encoders)
+
+
+def _split_header(header: str) -> tuple[str, str]:
+    """Return the name and the unit of a header, such as `motor_1 [deg]`."""
+    name, _, unit = header.partition("[")
+    return name.strip(), unit.rstrip("] ")
+
+
+def _find_name(text: str, joints: list[str], header: str) -> str:
+    """Return the joint of a name, or of a number from the base.
+
+    Raises:
+        MeasurementError: the robot has no such joint.
+    """
+    if text in joints:
+        return text
+    if text.isdecimal() and 1 <= int(text) <= len(joints):
+        return joints[int(text) - 1]
+    raise MeasurementError(
+        f"the robot has no joint '{text}'",
+        where=header,
+        remedy=f"use a number, or one of {', '.join(joints)}",
+    )
+
+
+def _find_size(unit: str, is_prismatic: bool, header: str) -> float:
+    """Return the size of a unit in rad or m.
+
+    Raises:
+        MeasurementError: the joint has no positions in this unit.
+    """
+    sizes: Mapping[Any, float] = LENGTH if is_prismatic else ANGLE
+    if unit not in sizes:
+        raise MeasurementError(
+            f"the unit '{unit}' is not known" if unit else "the column has no unit",
+            where=header,
+            remedy=f"write the unit in brackets: {', '.join(sizes)}",
+        )
+    return sizes[unit]
+
+
+def _find_period(times: FloatArray) -> float:
+    """Return the interval of times (N,) [s].
+
+    Raises:
+        MeasurementError: the times are not equally spaced.
+    """
+    steps = np.diff(times)
+    period = float(np.mean(steps)) if len(steps) else 0.0
+    if period <= 0.0 or np.abs(steps - period).max() > _STEADY * period:
+        raise MeasurementError(
+            "the samples are not at equal intervals of time",
+            where="t",
+            remedy="log at the controller's cycle, or interpolate the log to equal intervals",
+        )
+    return round(period, 9)
