@@ -75,6 +75,9 @@ BENCHMARKS = {
     "weight_steps": Benchmark(
         "studies.weight_steps", "gearboxes from two encoders: 600 steps, mistakes; 5 minutes", in_parts=True
     ),
+    "encoders": Benchmark(
+        "studies.encoders", "tracker and encoders, with play in the gears; 5 minutes", in_parts=True
+    ),
     "beams": Benchmark(
         "studies.beams", "elastic links, load point off; draws of noise; 10 minutes", in_parts=True
     ),
