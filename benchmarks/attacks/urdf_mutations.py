@@ -18,7 +18,7 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.mechanics.inverse import flange_poses
+from jointstiff.solver.mechanics.postures import flange_poses
 from jointstiff.solver.mechanics.urdf import write_urdf
 
 __all__ = ["corpus", "damaged", "judged", "model_of"]

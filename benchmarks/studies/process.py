@@ -27,6 +27,7 @@ from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.models import JointModel
+from jointstiff.solver.process.blend import blend_loads
 from jointstiff.solver.process.deflection import PathDeflection
 from jointstiff.solver.process.knots import find_knots, find_spacing
 from jointstiff.solver.process.pace import Pace
@@ -320,7 +321,10 @@ def _judge(case: Case, path: ProcessPath, joints: FloatArray, feed: float) -> Ju
     """Judge a motion (m, 6) of the controller's joints along a path, by code of its own."""
     q = case.robot.joint_map.model_angles(joints)
     at, cases = Postures(case.robot, q), path.cases(np.arange(len(path)), joints)
-    commanded = case.known.compute_commands(cases, at, np.ones(len(path)))
+    limits = case.task(len(path), feed).pace.limits()
+    blend = blend_loads(case.known, cases, path.continuous, limits)
+    loads = cases if blend is None else blend.cases
+    commanded = case.known.compute_commands(loads, at, np.ones(len(path)))
     steps = np.linalg.norm(np.diff(path.centres, axis=0), axis=1)
     # Turn about the spindle, from the programmed orientation.
     relative = Rotation.from_matrix(at.flange_rotation @ path.poses[:, :3, :3].transpose(0, 2, 1))

@@ -22,7 +22,8 @@ from jointstiff.service.kinds.work import concatenate_steps
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import equilibrium
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
-from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.postures import flange_poses
 from jointstiff.solver.mechanics.robot import Robot
 from robotprograms import read_program
 from tests.support.programs import ARM, TOOL, exact_run, loaded_poses, path, tool_poses, work_of

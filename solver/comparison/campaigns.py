@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from math import asin, atan2, exp, hypot, inf, isfinite, log, pi, sqrt, tan
+from math import asin, atan2, exp, hypot, inf, isfinite, isinf, log, pi, sqrt, tan
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -796,6 +796,16 @@ class Change:
     def is_significant(self, tests: int) -> bool:
         """Return whether the change is significant at `CHANGED_LEVEL` divided by the number of tests."""
         return self.p_value < CHANGED_LEVEL / tests
+
+    def find_unchanged_ratios(self, tests: int) -> tuple[float, float]:
+        """Return the ends of the ratios of the stiffnesses that would not be significant among `tests`."""
+        probability = 0.5 * CHANGED_LEVEL / tests
+        is_normal = isinf(self.degrees_of_freedom)
+        quantile = (
+            special.ndtri(probability) if is_normal else special.stdtrit(self.degrees_of_freedom, probability)
+        )
+        ratio = exp(-float(quantile) * self.standard_uncertainty)
+        return 1.0 / ratio, ratio
 
 
 def log_stiffness(

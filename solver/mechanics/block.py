@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
@@ -89,6 +89,38 @@ class OwnWeight:
 
 
 @dataclass(frozen=True, eq=False)
+class LoadedJoints:
+    """Torques of loads and own weight in B postures, and how elastic joints give way to them."""
+
+    postures: Postures  #: kinematics of the postures
+    torque: FloatArray  #: (B, n) torque of the load and of the own weight about the joints [N·m]
+    stiffness: FloatArray  #: (B, n, n) K_c + ∂g/∂q of load and own weight [N·m/rad]
+    #: (B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the derivative of δθ with respect to c ∘ τ
+    softened: FloatArray
+
+    @classmethod
+    def compute(
+        cls,
+        robot: Robot,
+        compliance: FloatArray,
+        cases: Measurements | LoadCases,
+        weight: OwnWeight | None,
+        postures: Postures,
+    ) -> LoadedJoints:
+        """Compute the torques in postures, with the arguments of `find_balance`.
+
+        Raises:
+            CasesError: a load has no equilibrium, as it softens a joint completely.
+        """
+        jacobian, torque = postures.load(cases.load_point, cases.force, cases.moment)
+        stiffness = wrench_stiffness(postures.angular_jacobian, jacobian, cases.force, cases.moment)
+        if weight is not None:
+            weight_torque, weight_stiffness = weight.torque_and_stiffness(robot, postures)
+            torque, stiffness = torque + weight_torque, stiffness + weight_stiffness
+        return cls(postures, torque, stiffness, _invert_softening(compliance[:, None] * stiffness))
+
+
+@dataclass(frozen=True, eq=False)
 class Balance:
     """Equilibrium of joint springs, loads and own weight: ``δθ = c ∘ (τ(q + δθ) + g(q + δθ) − g(q))``.
 
@@ -96,13 +128,11 @@ class Balance:
     stiffness belong to the posture before the last step of Newton's method.
     """
 
-    loaded: Postures  #: kinematics of the loaded postures, before the last step
+    joints: LoadedJoints  #: the joints in the loaded postures, before the last step
     step: FloatArray  #: (B, n) the last step [rad]
     #: (B, n) torque of the load about the joints, plus the change of the own weight's torque [N·m]
     torque: FloatArray
-    stiffness: FloatArray  #: (B, n, n) K_c + ∂g/∂q of load and own weight [N·m/rad]
-    #: (B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the derivative of δθ with respect to c ∘ τ
-    softened: FloatArray
+    start: LoadedJoints  #: the joints in the postures from which Newton's method started
 
 
 def find_balance(
@@ -111,7 +141,7 @@ def find_balance(
     cases: Measurements | LoadCases,
     weight: OwnWeight | None,
     unloaded: Postures,
-    near: Postures,
+    start: LoadedJoints | None = None,
 ) -> Balance:
     """Find the equilibrium of joint springs, loads and own weight using Newton's method.
 
@@ -121,7 +151,7 @@ def find_balance(
         cases: B loads, measured or to be predicted.
         weight: own weight of the links; None neglects the weight.
         unloaded: B postures without the load.
-        near: B postures from which Newton's method starts.
+        start: loaded joints in the B postures from which Newton's method starts; None for `unloaded`.
 
     Returns:
         The loaded postures, the torques, and the stiffness due to load and weight.
@@ -132,28 +162,23 @@ def find_balance(
     unloaded_weight: FloatArray | float = 0.0  # g(q), by which the own weight already bends the arm
     if weight is not None and not weight.absolute:
         unloaded_weight = weight.torque_and_stiffness(robot, unloaded)[0]
-    loaded = near
+    compute_joints = partial(LoadedJoints.compute, robot, compliance, cases, weight)
+    start = compute_joints(unloaded) if start is None else start
+    loaded = start
     for _ in range(_STEPS):
-        deflection = loaded.q - unloaded.q
-        jacobian, torque = loaded.load(cases.load_point, cases.force, cases.moment)
-        stiffness = wrench_stiffness(loaded.angular_jacobian, jacobian, cases.force, cases.moment)
-        if weight is not None:
-            weight_torque, weight_stiffness = weight.torque_and_stiffness(robot, loaded)
-            torque = torque + weight_torque - unloaded_weight
-            stiffness = stiffness + weight_stiffness
-        softening = compliance[:, None] * stiffness
+        deflection = loaded.postures.q - unloaded.q
+        torque = loaded.torque - unloaded_weight
         residual = compliance * torque - deflection
-        softened = _invert_softening(softening)
-        step = (softened @ residual[..., None])[..., 0]
+        step = (loaded.softened @ residual[..., None])[..., 0]
         deflection = deflection + step
         if (np.abs(step) <= _LAST_STEP).all():
             _refuse_cases_without_balance(np.asarray((np.abs(deflection) > _LARGEST_DEFLECTION).any(axis=1)))
-            _refuse_cases_without_balance(_is_unstable(softening))
-            return Balance(loaded, step, torque, stiffness, softened)
+            _refuse_cases_without_balance(_is_unstable(compliance[:, None] * loaded.stiffness))
+            return Balance(loaded, step, torque, start)
         _refuse_cases_without_balance(
             np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1))
         )
-        loaded = Postures(robot, unloaded.q + deflection)
+        loaded = compute_joints(Postures(robot, unloaded.q + deflection))
     step_sizes = np.abs(step).max(axis=1)
     raise _build_no_balance_error(step_sizes > _LAST_STEP, int(np.argmax(step_sizes)))
 
@@ -521,14 +546,14 @@ def _compute_block(robot: Robot, part: Measurements, compliance: FloatArray | No
         return unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(part.joints)), part)
     unloaded = unloaded_postures(robot, part)
     try:
-        equilibrium = find_balance(robot, compliance, part, None, unloaded, unloaded)
+        equilibrium = find_balance(robot, compliance, part, None, unloaded)
     except RequestError:
         raise SolverError(
             "with joints as soft as these, there is no equilibrium under the load near the unloaded posture",
             where="complementary_stiffness",
             remedy="neglect the complementary stiffness, or check the units of force and length",
         ) from None
-    torque = equilibrium.torque + (equilibrium.stiffness @ equilibrium.step[..., None])[..., 0]
+    torque = equilibrium.torque + (equilibrium.joints.stiffness @ equilibrium.step[..., None])[..., 0]
     halfway = Postures(robot, unloaded.q + 0.5 * compliance * torque)
     in_flange = np.where(part.in_flange[..., None], part.position, unloaded.to_flange(part.position))
     load_jacobian, _ = halfway.load(part.load_point, part.force, part.moment)

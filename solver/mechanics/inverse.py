@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import CasesError, RobotError
-from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
+from jointstiff.solver.mechanics.postures import Postures, flange_poses, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot, fix_prismatic_joints
 
 BRANCHES: Final = 8
@@ -316,11 +316,6 @@ class InverseKinematics:
         return angles, is_reached
 
 
-def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the flange's poses (m, 4, 4) in R0 [m] at the model's joint positions q (m, n) [rad or m]."""
-    return Postures(robot, q).flange_pose
-
-
 def _interpolate_poses(begin: FloatArray, end: FloatArray, fraction: FloatArray) -> FloatArray:
     """Return poses (m, 4, 4) at fractions (m,) in [0, 1] of the motions from `begin` to `end`.
 
@@ -573,7 +568,7 @@ class _PostureChoice:
         others[:, b] = np.inf
         # A solution that is more than twice as far from all others as from the posture before is the nearest
         # to that posture, by the triangle inequality.
-        apart = np.where(np.isnan(others), np.inf, others).min(axis=1)
+        apart = np.fmin.reduce(others, axis=1)  # solutions of NaN do not count
         is_sure = 2.0 * step < apart
         incomplete = np.flatnonzero(~self._complete[run[1:]])
         is_sure[incomplete] &= self._continues_branch(followed[1:][incomplete], followed[:-1][incomplete])

@@ -61,9 +61,10 @@ class Postures:
         data = model.createData()  # own results, so that threads do not share them
         J, place = data.J.reshape(6, last), data.oMi[last]  # Pinocchio's J of one joint has shape (6,)
         R, t = place.rotation, place.translation  # like J, views of results that each call computes anew
-        for i, q in enumerate(in_configuration_space(model, self.q)):
+        configurations = in_configuration_space(model, self.q)
+        for q, own_J, own_R, own_t in zip(configurations, jacobian, rotation, translation, strict=True):
             pin.computeJointJacobians(model, data, q)
-            jacobian[i], rotation[i], translation[i] = J, R, t
+            own_J[...], own_R[...], own_t[...] = J, R, t
         flange = self._robot.flange_placement
         translation += rotation @ flange.translation
         kinematics = jacobian, rotation @ flange.rotation, translation
@@ -230,6 +231,26 @@ class Postures:
     def pose_jacobian_at(self, points: FloatArray) -> FloatArray:
         """Return Jacobians (N, 6, n) of a flange point (N, 1, 3) [m], then of the rotation; all in R0."""
         return np.concatenate([self.jacobian_at(points)[:, 0], self.angular_jacobian], axis=1)
+
+
+def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the flange's poses (m, 4, 4) in R0 [m] at the model's joint positions q (m, n) [rad or m].
+
+    Unlike `Postures`, the function computes no Jacobians.
+    """
+    model, flange = robot.model, robot.flange_placement
+    poses = np.tile(np.eye(4), (len(q), 1, 1))
+    rotation, translation = poses[:, :3, :3], poses[:, :3, 3]
+    data = model.createData()
+    place = data.oMi[robot.n]
+    R, t = place.rotation, place.translation  # views of results that each call computes anew
+    configurations = in_configuration_space(model, Postures(robot, q).q)
+    for configuration, own_R, own_t in zip(configurations, rotation, translation, strict=True):
+        pin.forwardKinematics(model, data, configuration)
+        own_R[...], own_t[...] = R, t
+    translation += rotation @ flange.translation
+    rotation[...] = rotation @ flange.rotation
+    return poses
 
 
 def frame_motions(rotation: FloatArray, origin: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ from jointstiff.solver.arrays import (
 from jointstiff.solver.errors import CasesError, RequestError
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.mechanics.cases import LoadCases
-from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
+from jointstiff.solver.mechanics.postures import Postures, flange_poses, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot
 
 LARGEST_TURN: Final = 0.25
@@ -277,6 +277,16 @@ class Deflection(ABC):
         """(B, 3) rotation vectors of the flange [rad]."""
         return self.motion[:, 3:]
 
+    @abstractmethod
+    def deflect_from(self, unloaded: Postures) -> Deflection:
+        """Compute the deflections of the same loads from other unloaded postures.
+
+        The search for the loaded postures starts at the unloaded postures of these deflections.
+
+        Raises:
+            RequestError: a load has no stable equilibrium.
+        """
+
     @property
     @abstractmethod
     def rows(self) -> FloatArray:
@@ -426,29 +436,30 @@ def compensate(
 ) -> Compensation:
     """Compute commanded angles with which the deflected robot brings the tool to its places.
 
-    Arguments and errors are those of `compensate_postures`.
+    Arguments and errors are those of `compensate_poses`.
 
     Returns:
         The commands, the corrections, and the deviations that remain.
     """
-    return compensate_postures(model, cases, limits, ramp, keep_fixed_joints).compensation
+    return compensate_poses(model, cases, limits, ramp, keep_fixed_joints).compensation
 
 
-class CompensatedPostures(NamedTuple):
-    """A compensation, and the unloaded postures of its commands."""
+class CompensatedPoses(NamedTuple):
+    """A compensation, and the unloaded poses of its commands."""
 
     compensation: Compensation
-    postures: Postures  #: m postures
+    flange_poses: FloatArray  #: (m, 4, 4) in R0 [m]
 
 
-def compensate_postures(
+def compensate_poses(
     model: ForwardModel,
     cases: LoadCases,
     limits: CorrectionLimits | None = None,
     ramp: FloatArray | None = None,
     keep_fixed_joints: Callable[[FloatArray], FloatArray] | None = None,
-) -> CompensatedPostures:
-    """Compute commanded angles as `compensate` does, and return their postures, too.
+    commanded_cases: LoadCases | None = None,
+) -> CompensatedPoses:
+    """Compute commanded angles as `compensate` does, and return their poses, too.
 
     Args:
         model: model of the loaded robot.
@@ -459,6 +470,8 @@ def compensate_postures(
             corrections.
         keep_fixed_joints: function that changes commands (m, n) so that fixed joints keep their angles and
             the other joints reach the same poses; None if no joint is fixed.
+        commanded_cases: the same cases with the loads that the commands correct, such as from `blend_loads`;
+            None for the loads of `cases`.
 
     Raises:
         CasesError: a load twists a joint of unknown compliance, has no stable equilibrium, or cannot be
@@ -466,6 +479,7 @@ def compensate_postures(
     """
     robot, limits = model.robot, CorrectionLimits() if limits is None else limits
     ramp = np.ones(len(cases)) if ramp is None else ramp
+    commanded_cases = cases if commanded_cases is None else commanded_cases
     goal = model.unloaded(cases)
     goal_poses = goal.to_base(cases.place[:, None])[:, 0], goal.flange_rotation
     uncorrected = model.deflect(cases, goal)
@@ -482,23 +496,26 @@ def compensate_postures(
     is_uncertain = uncertainty > np.linalg.norm(uncorrected.displacement, axis=1)
     share = np.where(is_uncertain, 0.0, ramp)  # no correction where its direction is not known
 
-    def apply_commands(angles: FloatArray) -> tuple[Postures, FloatArray]:
-        """Return the unloaded kinematics of commands (m, n), and their difference (m, 6) from the goal."""
-        commanded = Postures(robot, angles if keep_fixed_joints is None else keep_fixed_joints(angles))
-        place = commanded.to_base(cases.place[:, None])[:, 0]
-        return commanded, _compute_pose_difference(*goal_poses, place, commanded.flange_rotation)
+    def apply_commands(angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return commands (m, n), their unloaded poses (m, 4, 4), and the difference (m, 6) from the goal."""
+        commanded = angles if keep_fixed_joints is None else keep_fixed_joints(angles)
+        poses = flange_poses(robot, commanded)
+        rotation, translation = poses[:, :3, :3], poses[:, :3, 3]
+        place = (cases.place[:, None] @ rotation.transpose(0, 2, 1))[:, 0] + translation
+        return commanded, poses, _compute_pose_difference(*goal_poses, place, rotation)
 
-    unloaded, correction = apply_commands(model.compute_commands(cases, goal, share))
+    commanded, poses, correction = apply_commands(model.compute_commands(commanded_cases, goal, share))
     allowed_share = _compute_allowed_shares(correction, limits)
     if (allowed_share < 1.0).any():
-        reduced = model.compute_commands(cases, goal, share * allowed_share)
-        unloaded, correction = apply_commands(np.where(allowed_share[:, None] < 1.0, reduced, unloaded.q))
-    reached = model.deflect(cases, unloaded, near=goal)
+        reduced = model.compute_commands(commanded_cases, goal, share * allowed_share)
+        angles = np.where(allowed_share[:, None] < 1.0, reduced, commanded)
+        commanded, poses, correction = apply_commands(angles)
+    reached = uncorrected.deflect_from(Postures(robot, commanded))
     scatter = np.full(len(cases), np.nan)
     if uncorrected.covariance_root is not None:
         scatter = np.linalg.norm(uncorrected.covariance_root[:, :3], axis=(1, 2))
     compensation = Compensation(
-        commanded=robot.joint_map.controller_angles(unloaded.q),
+        commanded=robot.joint_map.controller_angles(commanded),
         correction=correction,
         residual=_compute_pose_difference(*goal_poses, reached.place, reached.axes),
         uncorrected=uncorrected.motion,
@@ -509,7 +526,7 @@ def compensate_postures(
         uncertain=is_uncertain,
         capped=allowed_share < 1.0,
     )
-    return CompensatedPostures(compensation, unloaded)
+    return CompensatedPoses(compensation, poses)
 
 
 def _compute_pose_difference(

@@ -43,6 +43,7 @@ from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.block import (
     Balance,
+    LoadedJoints,
     OwnWeight,
     find_balance,
     spring_frames,
@@ -167,10 +168,17 @@ class JointModel(ForwardModel):
             RequestError: a load has no stable equilibrium near the unloaded posture.
         """
         unloaded = self.unloaded(cases) if unloaded is None else unloaded
-        equilibrium = find_balance(
-            self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded
-        )
-        loaded = equilibrium.loaded
+        start = None
+        if near is not None:
+            start = LoadedJoints.compute(self.robot, self.compliance, cases, self.weight, near)
+        return self.balance_loads(cases, unloaded, start)
+
+    def balance_loads(
+        self, cases: LoadCases, unloaded: Postures, start: LoadedJoints | None = None
+    ) -> JointDeflection:
+        """Compute the deflections of B load cases from unloaded postures; see `find_balance`."""
+        equilibrium = find_balance(self.robot, self.compliance, cases, self.weight, unloaded, start)
+        loaded = equilibrium.joints.postures
         reached = loaded.to_base(cases.place[:, None])
         jacobian = loaded.pose_jacobian_at(reached)
         # The last step of the balance is added to first order, which saves another computation of kinematics.
@@ -313,17 +321,22 @@ class JointDeflection(Deflection):
     balance: Balance  #: balance of springs and loads
     jacobian: FloatArray  #: (B, 6, n) jacobian of the places [m/rad, then rad/rad], in the loaded posture
 
+    def deflect_from(self, unloaded: Postures) -> JointDeflection:
+        """Compute the deflections of the same loads from other unloaded postures."""
+        return self.model.balance_loads(self.cases, unloaded, self.balance.start)
+
     @cached_property
     def _motion_by_joint_turn(self) -> FloatArray:
         """(B, 6, n) derivatives of `motion` with respect to c ∘ τ: ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹``."""
-        return self.jacobian @ self.balance.softened
+        return self.jacobian @ self.balance.joints.softened
 
     @cached_property
     def _torque(self) -> FloatArray:
         """(B, n) torques of the joints [N·m], without those of an identified own weight."""
         if self.model.weight is None or not self.model.weight.absolute:
             return self.balance.torque
-        return self.balance.loaded.load(self.cases.load_point, self.cases.force, self.cases.moment)[1]
+        loaded = self.balance.joints.postures
+        return loaded.load(self.cases.load_point, self.cases.force, self.cases.moment)[1]
 
     @cached_property
     def rows(self) -> FloatArray:
@@ -338,7 +351,7 @@ class JointDeflection(Deflection):
     def covariance_root(self) -> FloatArray | None:
         """(B, 6, r) L with L Lᵀ the covariance of `motion`, identified sag included; None if unknown."""
         if isinstance(self.model.weight, IdentifiedWeight):
-            turn_root = self.model.weight.compute_turn_root(self.balance.loaded, self._torque)
+            turn_root = self.model.weight.compute_turn_root(self.balance.joints.postures, self._torque)
             return np.asarray(self._motion_by_joint_turn @ turn_root)
         return None if self.model.likelihood is None else np.asarray(self.rows @ self.model.root)
 
@@ -367,7 +380,8 @@ class JointDeflection(Deflection):
         C_x (B, 6, 6) is the compliance of the loaded place; c (n,) are the compliances of the joints.
         """
         # This is (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c), with K the stiffness due to the load.
-        feedback = self.balance.stiffness @ (self.balance.softened * self.model.compliance)
+        joints = self.balance.joints
+        feedback = joints.stiffness @ (joints.softened * self.model.compliance)
         stiffened = np.eye(self.model.robot.n) + feedback
         return self._motion_by_joint_turn, self.jacobian @ stiffened.transpose(0, 2, 1), self.model.covariance
 
@@ -608,6 +622,10 @@ class ElasticDeflection(Deflection):
     #: (B, L, 6, 6) motion of the places per motion of each link's frame; both translation, then rotation
     moves: FloatArray
     wrench: FloatArray  #: (B, L, 6) wrench of the load in each link's frame [N, then N·m]
+
+    def deflect_from(self, unloaded: Postures) -> ElasticDeflection:
+        """Compute the deflections of the same loads from other unloaded postures."""
+        return self.model.deflect(self.cases, unloaded)
 
     @cached_property
     def rows(self) -> FloatArray:

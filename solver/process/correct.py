@@ -26,10 +26,12 @@ from jointstiff.solver.predict.forward import (
     Compensation,
     CorrectionLimits,
     ForwardModel,
-    compensate_postures,
+    compensate_poses,
 )
 from jointstiff.solver.predict.models import JointModel, ModelError
+from jointstiff.solver.process.blend import Blend, blend_loads
 from jointstiff.solver.process.frames import FrameGaps, FramesError, invert_poses, propose_frames
+from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import find_feed_frames
 
 ROWS_AT_ONCE: Final = 2_000
@@ -143,6 +145,8 @@ class CorrectedRows:
     extrapolation: FloatArray
     #: (N,) greatest speed of a revolute joint from the row before, at the feed [rad/s]; NaN without a feed
     joint_speed: FloatArray
+    #: (N,) length of the path over which the correction follows the load [m]; NaN where it follows at once
+    blend_length: FloatArray
 
     @classmethod
     def from_postures(cls, wanted: FloatArray, status: IndexArray) -> CorrectedRows:
@@ -341,6 +345,7 @@ def correct_cases(
     cases: LoadCases,
     settings: CorrectionSettings,
     ramp: FloatArray | None = None,
+    commanded_cases: LoadCases | None = None,
 ) -> CorrectedCases:
     """Compute the commands that bring the loaded tool to its places; a row that fails gets a status.
 
@@ -351,7 +356,10 @@ def correct_cases(
         cases: m wanted postures with their loads.
         settings: limits and confidence.
         ramp: (m,) fraction of each correction to apply; None for full corrections.
+        commanded_cases: the same cases with the loads that the commands correct, such as from `blend_loads`;
+            None for the loads of `cases`.
     """
+    commanded_cases = cases if commanded_cases is None else commanded_cases
     ramp = np.ones(len(cases)) if ramp is None else ramp
     keep_fixed_joints = partial(inverse.reach_with_held_joints, model.robot)
     faults, rows = dict[int, CasesError](), np.arange(len(cases))
@@ -359,10 +367,9 @@ def correct_cases(
     poses = np.full((len(cases), 4, 4), np.nan)
     while done is None and len(rows):
         try:
-            done, postures = compensate_postures(
-                model, cases[rows], settings.limits, ramp[rows], keep_fixed_joints
+            done, poses[rows] = compensate_poses(
+                model, cases[rows], settings.limits, ramp[rows], keep_fixed_joints, commanded_cases[rows]
             )
-            poses[rows] = postures.flange_pose
         except CasesError as error:
             # The others are computed again without the rows that fail.
             failed = error.failed if error.failed.any() else np.ones(len(rows), dtype=np.bool_)
@@ -460,11 +467,24 @@ def correct(
     quantile = model.quantile(settings.confidence)
     from_base, place = invert_poses(waypoints.base), waypoints.tool[:3, 3]
     point = place if load_point is None else load_point
-    for begin in range(0, len(found), ROWS_AT_ONCE):
-        at = found[begin : begin + ROWS_AT_ONCE]
+
+    def select_cases(at: IndexArray) -> LoadCases:
+        """Return the load cases of some rows (k,)."""
         points, places = np.tile(point, (len(at), 1)), np.tile(place, (len(at), 1))
-        cases = LoadCases(rows.wanted[at], loads[at, :3], loads[at, 3:], points, places)
-        done, _, flange = correct_cases(model, error, inverse, cases, settings)
+        return LoadCases(rows.wanted[at], loads[at, :3], loads[at, 3:], points, places)
+
+    blend: Blend | None = None
+    if feed is not None and len(found):
+        pace = Pace(np.full(len(found), feed), model.robot.speeds, rate=np.inf)
+        is_next = np.diff(found, prepend=-2) == 1
+        blend = blend_loads(model, select_cases(found), is_next, pace.limits())
+        if blend is not None:
+            rows.blend_length[found] = np.where(blend.lengths > 0.0, blend.lengths, np.nan)
+    for begin in range(0, len(found), ROWS_AT_ONCE):
+        block = slice(begin, begin + ROWS_AT_ONCE)
+        at = found[block]
+        cases, commanded = select_cases(at), None if blend is None else blend.cases[block]
+        done, _, flange = correct_cases(model, error, inverse, cases, settings, commanded_cases=commanded)
         rows.insert(at, done, quantile)
         rows.poses[at] = from_base @ flange @ waypoints.tool
     rows.deflection[:] = rows.deflection @ waypoints.base[:3, :3]

@@ -18,6 +18,7 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.forward import ForwardModel
+from jointstiff.solver.process.blend import find_corners
 from jointstiff.solver.process.candidates import CLEARANCE_ROOM, Candidates, keep_room, list_candidates
 from jointstiff.solver.process.inspection import Inspection, Inspector
 from jointstiff.solver.process.knots import find_knots, find_spacing
@@ -166,6 +167,9 @@ def choose_turns(
     """
     first = np.arange(len(path)) if first is None else first
     path, roll = task.steady(path, first)
+    if task.corrects:
+        corners = find_corners(path.force, path.moment, path.continuous, path.lengths)
+        task = replace(task, pace=task.pace.leave_room(corners))
     spacing = find_spacing(path, task.pace, task.step)
     lattice = Lattice.build(model, inverse, path, task, first, find_knots(path, spacing, first))
     choice = _Choice(model, inverse, path, task, first, spacing, lattice).find()

@@ -1,4 +1,4 @@
-"""Feeds of a program: stated by the request, by the table of loads, by the program, or by the cut."""
+"""Approaches and retracts of a program, which carry no force: they are faster than the cut."""
 
 from __future__ import annotations
 
@@ -9,36 +9,13 @@ import numpy as np
 
 from jointstiff.schemas.process import ProcessRequest
 from jointstiff.service.conversion.units import LENGTH
+from jointstiff.service.kinds.program.feeds import ROUNDING, read_feeds
 from jointstiff.service.kinds.program.path import Visits
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import BoolArray
 from robotprograms import Program
 
 APPROACH: Final = 2.0
 """Ratio to the least feed of a program beyond which a move is an approach or a retract."""
-_ROUNDING: Final = 1.01
-"""Ratio to the feed of the request beyond which a move is an approach or a retract."""
-_M: Final = 1e-3
-"""Unit of the feeds of a program [m/s]."""
-
-
-def find_feeds(program: Program, request: ProcessRequest, visits: Visits) -> FloatArray:
-    """Return the feed (v,) with which the tool comes to each visit of a target [m/s]; NaN if unknown.
-
-    The table of loads comes first, then the request, the program and the cut. Moves that the program states
-    faster than the request keep the program's feed.
-    """
-    stated = _M * program.moves.feed[program.moves.move_of_visit]
-    feed = stated.copy()
-    if request.feed is not None:
-        wanted = LENGTH[request.units.length] * request.feed
-        feed = np.where(stated > _ROUNDING * wanted, stated, wanted)
-    elif request.cut is not None:
-        feed = np.where(np.isnan(stated), request.cut.feed, stated)
-    of_table = visits.loads.feed
-    if of_table is not None:
-        of_visit = of_table[visits.loads.of_visit]
-        feed = np.where(np.isnan(of_visit), feed, of_visit)
-    return np.where(program.moves.is_visit_of_joint_move, np.nan, feed)
 
 
 def unload_approaches(program: Program, request: ProcessRequest, visits: Visits) -> tuple[Visits, BoolArray]:
@@ -54,11 +31,11 @@ def unload_approaches(program: Program, request: ProcessRequest, visits: Visits)
     none = np.zeros(len(visits.targets), dtype=np.bool_)
     if is_stated or of_joints.all():
         return visits, none
-    stated = _M * program.moves.feed[program.moves.move_of_visit]
+    stated = read_feeds(program)
     known = stated[~of_joints & (stated > 0.0)]
     most = APPROACH * known.min() if len(known) else np.inf
     if request.feed is not None:
-        most = _ROUNDING * LENGTH[request.units.length] * request.feed
+        most = ROUNDING * LENGTH[request.units.length] * request.feed
     cuts = ~of_joints & ~(stated > most)
     if not cuts.any():
         return visits, none

@@ -20,10 +20,11 @@ from jointstiff.schemas.program import ProgramFrame
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.units import LENGTH
-from jointstiff.service.kinds.process.feeds import find_feeds, unload_approaches
+from jointstiff.service.kinds.process.feeds import unload_approaches
 from jointstiff.service.kinds.process.path import ProgramToTurn, make_turn_task
 from jointstiff.service.kinds.process.tables import pack_choice
 from jointstiff.service.kinds.process.unseen import advise_load, assume_unseen
+from jointstiff.service.kinds.program.feeds import find_feeds
 from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.path import ProgramPath, find_wanted_postures
 from jointstiff.service.kinds.program.text import FaultsError, read_program
@@ -33,8 +34,7 @@ from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import find_accepted_run, make_reason
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.mechanics.inverse import flange_poses
-from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.postures import Postures, flange_poses
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import point
 from jointstiff.solver.process.candidates import find_branches
@@ -116,8 +116,10 @@ class ProcessWork(ProgramWork):
         self.unit = "points" if request.place is None else "places"
         self.corrects = request.correct
         self._visits, self._approaches = unload_approaches(self._program, request, self._visits)
-        feeds = find_feeds(self._program, request, self._visits)
+        wanted = None if request.feed is None else LENGTH[request.units.length] * request.feed
+        feeds = find_feeds(self._program, request, self._visits, wanted)
         self._pace = Pace(feeds, robot.speeds, float(np.radians(request.rate) * 1e3))
+        self._joint_limits = replace(self._pace, rate=np.inf).limits()
         self._task = make_turn_task(request, self._pace)
         self._sizes, self._chosen = np.zeros(0), dict[str, Any]()
         self._unwritten: str | None = None  # why no program is written

@@ -22,8 +22,8 @@ from jointstiff.solver.mechanics.inverse import (
     InverseKinematics,
     Unreached,
     choose_postures,
-    flange_poses,
 )
+from jointstiff.solver.mechanics.postures import flange_poses
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
 from robotprograms import (

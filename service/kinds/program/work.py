@@ -32,6 +32,7 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.robots import joint_kinds_by_name
 from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.kinds.program.feeds import find_feeds
 from jointstiff.service.kinds.program.files import compress_file, decompress_file
 from jointstiff.service.kinds.program.path import (
     ProgramPath,
@@ -66,8 +67,8 @@ from jointstiff.solver import messages
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import CasesError, RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
-from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
-from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.postures import Postures, flange_poses
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import (
     CorrectionLimits,
@@ -76,12 +77,14 @@ from jointstiff.solver.predict.forward import (
     compute_ramp_shares,
 )
 from jointstiff.solver.predict.models import EXTRAPOLATED
+from jointstiff.solver.process.blend import Blend, blend_loads, describe_blend
 from jointstiff.solver.process.correct import (
     CaseCorrections,
     CorrectionSettings,
     RowStatus,
     correct_cases,
 )
+from jointstiff.solver.process.pace import Pace
 from robotprograms import BLOCK, NUMBERS, ExternalAxes, Rewriting, quote_text
 from robotprograms import Program as ReadProgram
 
@@ -619,6 +622,9 @@ class ProgramWork(Work):
             return measure_lengths(self._program, request, model.robot, self._inverse)
 
         self._visits = Visits.collect(self._program, request, table, measure)
+        feeds = find_feeds(self._program, request, self._visits)
+        # (v, n) greatest motion of the model's joints for a length of the line to each visit [rad/m or m/m]
+        self._joint_limits = Pace(feeds, robot.speeds, rate=np.inf).limits()
 
     @cached_property
     def _inverse(self) -> InverseKinematics:
@@ -639,6 +645,19 @@ class ProgramWork(Work):
         """Share (m,) of the full correction at each point: it rises and falls along `ramp_length`."""
         length = LENGTH[self._request.units.length] * self._request.ramp_length
         return compute_ramp_shares(self._run_model.model.robot, self._path.cases, length)
+
+    @cached_property
+    def _blend(self) -> Blend | None:
+        """Loads of the points with which corrections change slowly enough for the joints' speeds.
+
+        None if corrections can follow the loads.
+        """
+        visits = self._visits
+        if not self.corrects or np.isinf(self._joint_limits).all():
+            return None
+        cases = self._path.cases[visits.number]
+        blend = blend_loads(self._run_model.model, cases, visits.continuous, self._joint_limits)
+        return None if blend is None else blend.select(visits.first)
 
     def steps(self) -> Sequence[Span]:
         """Return the steps of the work as spans of the points under load; no steps for a short program."""
@@ -680,6 +699,7 @@ class ProgramWork(Work):
             path.cases[points],
             settings,
             self._ramp[points],
+            None if self._blend is None else self._blend.cases[points],
         )
         self._refuse_faults(faults, points)
         return {**vars(done), "points": points}
@@ -834,10 +854,23 @@ class ProgramWork(Work):
             rounding=points.summarize_sizes(points.rounding),
             confidence=self._request.confidence,
             worst=points.list_worst_points(),
-            remarks=self.list_remarks(),
+            remarks=[*self._describe_blend(points), *self.list_remarks()],
             files=files,
             table=compress_file("points", points.pack_table()),
         )
+
+    def _describe_blend(self, points: WrittenPoints) -> list[str]:
+        """Return a remark on corrections that cannot follow the loads; none if all can."""
+        blend = self._blend
+        if blend is None:
+            return []
+        visits, moves = self._visits, self._program.moves
+        is_blended = blend.lengths > 0.0
+        line = moves.line[moves.move_of_visit[visits.first[int(np.argmax(is_blended))]]]
+        written = is_blended[points.corrections.points]
+        left = np.linalg.norm(points.residual[written, :3], axis=1).max(initial=0.0)
+        text = describe_blend(float(blend.lengths.max()), float(left))
+        return [f"{int(is_blended.sum())} points, the first in line {int(line)}: {text}"]
 
     def list_remarks(self) -> list[str]:
         """Return remarks on the run's model, then a remark for each reason why lines were not corrected."""

@@ -20,6 +20,7 @@ from jointstiff.service.runs.verdicts import (
     make_reason,
 )
 from jointstiff.solver.predict.models import EXTRAPOLATED
+from jointstiff.solver.process.blend import describe_blend
 from jointstiff.solver.process.correct import CorrectedRows, RowStatus
 
 NAMES: Final[tuple[CorrectionStatus, ...]] = get_args(CorrectionStatus)
@@ -62,6 +63,11 @@ def describe_rows(rows: CorrectedRows) -> list[str]:
         if name in REASONS:
             reason, remedy = REASONS[name]
             lines.append(f"{count} of {len(rows)} rows, first row {first[name]}: {reason}; {remedy}")
+    is_blended = np.isfinite(rows.blend_length)
+    if is_blended.any():
+        text = describe_blend(rows.blend_length[is_blended].max(), rows.residual[is_blended].max())
+        number = 1 + int(np.argmax(is_blended))
+        lines.append(f"{int(is_blended.sum())} of {len(rows)} rows, first row {number}: {text}")
     return lines
 
 

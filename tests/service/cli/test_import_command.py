@@ -13,7 +13,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.own_weight import unloaded_campaign
-from jointstiff.solver.mechanics.inverse import flange_poses
+from jointstiff.solver.mechanics.postures import flange_poses
 
 ARM = default_arm()
 DOCUMENT = simulate_campaign(ARM, load="dead_weight", configurations=6, seed=7)

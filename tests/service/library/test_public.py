@@ -26,7 +26,7 @@ from jointstiff.service.library.here import attach_campaign
 from jointstiff.service.problems import CampaignError
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign, truth
-from jointstiff.solver.mechanics.inverse import flange_poses
+from jointstiff.solver.mechanics.postures import flange_poses
 
 DOCUMENT = simulate_campaign(
     default_arm(),

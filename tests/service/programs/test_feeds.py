@@ -102,8 +102,13 @@ def test_a_roll_that_jumps_is_named_and_not_followed():
     assert found[1].turned.value == pytest.approx(found[0].turned.value, rel=1e-3)
 
 
-@pytest.mark.parametrize(("lines", "is_named"), [(1, True), (40, False)])
-def test_a_correction_that_needs_more_than_a_joints_speed_is_named_with_its_line(lines, is_named):
+@pytest.mark.parametrize(
+    ("lines", "speed", "is_blended", "is_named"),
+    [(40, 0.002, False, False), (1, 0.002, True, False), (1, 0.0001, True, True)],
+)
+def test_a_correction_changes_over_a_length_and_is_named_where_no_length_is_enough(
+    lines, speed, is_blended, is_named
+):
     """The force turns back on one line of 1 mm in the middle of the path, or over 40 of them."""
     count = 60
     path = ["DEF path()", "$TOOL=TOOL_DATA[1]", "$BASE=BASE_DATA[1]", "$VEL.CP=0.05"]
@@ -119,14 +124,13 @@ def test_a_correction_that_needs_more_than_a_joints_speed_is_named_with_its_line
     stated = options("krl", spindle=[0.6, 0.0, 0.8], axes="robot", load=None, loads="loads.csv", turn="keep")
     request = ProcessRequest.model_validate({"run_id": "r", "files": sent, **stated})
     # The path does not need the first joint, which is slow: the correction needs 0.004 rad/s on one line
-    slow = robot.with_speeds(np.array([0.002, 0.1, 0.1, 0.1, 0.1, 0.1]))
+    slow = robot.with_speeds(np.array([speed, 0.1, 0.1, 0.1, 0.1, 0.1]))
     result = ProcessWork(slow, "robot", run, request).conclude(())
+    blended = [each for each in result.remarks if "the correction changes over" in each]
     named = [each for each in result.assessment.reasons if each.code == "too_fast"]
     assert max(result.speed_shares) < 0.5
-    assert bool(named) == is_named
+    assert (bool(blended), bool(named)) == (is_blended, is_named)
     if is_named:
-        assert named[0].message.startswith(
-            "line 16: at 50 mm/s the corrected path needs 192 % of the greatest"
-        )
+        assert "at 50 mm/s the corrected path needs" in named[0].message
         assert "force that changes over a length" in named[0].remedy
         assert result.assessment.verdict == "use_with_care"

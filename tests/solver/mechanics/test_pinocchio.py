@@ -17,7 +17,7 @@ from jointstiff.simulator import default_arm
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.mechanics.block import regressor_blocks, wrench_stiffness
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
-from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.postures import Postures, flange_poses
 from jointstiff.solver.mechanics.robot import Robot, fix_prismatic_joints
 from jointstiff.solver.mechanics.terms import AXES
 
@@ -157,6 +157,12 @@ def test_motions_of_an_axis_are_those_of_a_robot_with_a_moved_axis(kinds):
             np.testing.assert_allclose(slope[:, :3, 3], moved, rtol=0, atol=1e-8)
             turned = np.stack([pin.skew(each) for each in w]) @ at.flange_rotation
             np.testing.assert_allclose(slope[:, :3, :3], turned, rtol=0, atol=1e-8)
+
+
+def test_poses_without_jacobians_are_those_of_the_kinematics_to_the_last_bit():
+    robot, measurements = simulated(load="pull", seed=2)
+    q = measurements.joints
+    assert np.array_equal(flange_poses(robot, q), Postures(robot, q).flange_pose)
 
 
 def test_levers_of_weights_are_torques_of_pinocchios_gravity():

@@ -10,7 +10,8 @@ from support.hostile_urdfs import BRANCHED
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain, chain_dh_rows
-from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.postures import flange_poses
 from jointstiff.solver.mechanics.robot import JointMap, Robot, fix_prismatic_joints
 from jointstiff.solver.mechanics.urdf import quote, read_urdf, write_urdf
 

@@ -28,9 +28,8 @@ from jointstiff.solver.mechanics.inverse import (
     Unreached,
     _interpolate_poses,
     choose_postures,
-    flange_poses,
 )
-from jointstiff.solver.mechanics.postures import Postures, skew
+from jointstiff.solver.mechanics.postures import Postures, flange_poses, skew
 from jointstiff.solver.mechanics.robot import JointMap, Robot, fix_prismatic_joints
 from jointstiff.solver.mechanics.urdf import read_urdf, write_urdf
 

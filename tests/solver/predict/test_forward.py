@@ -23,8 +23,8 @@ from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.chain import chain_dh_rows
-from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
-from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.postures import Postures, flange_poses
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.models import Columns, find_model
 from jointstiff.solver.predict import models

@@ -20,8 +20,8 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.fit.reduced import Candidate
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
-from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.postures import Postures, flange_poses
 from jointstiff.solver.models import Columns, find_model
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
 from jointstiff.solver.process.candidates import find_branches, list_candidates
