@@ -25,7 +25,19 @@ PACKAGE_FILES = {
 
 EXAMPLE_FILES = {
     f"examples/{name}": f"jointstiff/simulator/files/{name}"
-    for name in ("pocket.src", "poses.csv", "postures.csv", "readings.csv", "sweeps.json", "weight_step.json")
+    for name in (
+        "blade.csv",
+        "blade.json",
+        "drill.src",
+        "lab.toml",
+        "pocket.src",
+        "poses.csv",
+        "postures.csv",
+        "readings.csv",
+        "sweeps.json",
+        "trim.csv",
+        "weight_step.json",
+    )
 }
 """Files that `jointstiff examples` writes; an editable install reads them where they are."""
 

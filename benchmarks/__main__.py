@@ -61,6 +61,7 @@ BENCHMARKS = {
     "causes": Benchmark("studies.causes", "planted, named and mended; clean ones", in_parts=True),
     "posture_errors": Benchmark("studies.posture_errors", "errors that a posture's targets share: coverage"),
     "statements": Benchmark("studies.statements", "loads within what is stated: accusations, ratios"),
+    "levers": Benchmark("studies.levers", "a load near axis 6: coverage, widths beside a dense grid"),
     "pure_error": Benchmark("studies.pure_error", "noise whatever the model: clean ones, mistakes"),
     "reliability": Benchmark("studies.reliability", "mistakes that no reading shows: said, and foretold"),
     "base": Benchmark("studies.base", "pedestals that bend, and clean arms; an hour", in_parts=True),
@@ -73,6 +74,9 @@ BENCHMARKS = {
     ),
     "weight_steps": Benchmark(
         "studies.weight_steps", "gearboxes from two encoders: 600 steps, mistakes; 5 minutes", in_parts=True
+    ),
+    "encoders": Benchmark(
+        "studies.encoders", "tracker and encoders, with play in the gears; 5 minutes", in_parts=True
     ),
     "beams": Benchmark(
         "studies.beams", "elastic links, load point off; draws of noise; 10 minutes", in_parts=True

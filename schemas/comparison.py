@@ -54,13 +54,11 @@ class ComparisonOptions(Message):
 
     ordered: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="Also identify both sets together, with no joint softer in the second set (as after "
-        "switching on secondary encoders).",
+        description="Also identify both sets together, with no joint softer in the second set.",
     )
     same_load_point: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="True if the load of both sets acted at the same point of the flange: both sets then "
-        "share the error of the load point.",
+        description="True if the load of both sets acted at the same point of the flange, with one error.",
     )
     confidence: Confidence | None = Field(
         default=None,
@@ -165,7 +163,7 @@ class ComparedSide(Message):
 
     side: Side
     measurement_set_id: Identifier
-    run_id: Identifier = Field(description="Run that represents the side in the comparison.")
+    run_id: Identifier = Field(description="Run that represents the side.")
     configurations: list[Name] = Field(description="Labels of the side's observations.")
     deflection: Metres[list[float | None]] = Field(
         description="Mean length of the measured deflection in each configuration; null for configurations "
@@ -229,9 +227,7 @@ class OrderedJoint(Message):
     name: Name
     kind: StatedKind = "revolute"
     compliance_first: Compliance[float | None]
-    compliance_second: Compliance[float | None] = Field(
-        description="Compliance on the second side, never larger than `compliance_first`."
-    )
+    compliance_second: Compliance[float | None] = Field(description="Never larger than `compliance_first`.")
     stiffness_first: Stiffness[float | None] = Field(
         description="1 / compliance; null if the compliance is zero."
     )
@@ -240,7 +236,7 @@ class OrderedJoint(Message):
         description="Profile-likelihood interval under all constraints."
     )
     compliance_interval_second: Compliance[Interval | None]
-    equal: StrictBool = Field(description="True if the constraint makes both compliances equal.")
+    equal: StrictBool = Field(description="True if the constraint makes both equal.")
 
 
 class OrderedResult(Message):
@@ -264,12 +260,14 @@ class ComparisonResult(Result):
     sides: list[ComparedSide] = Field(description="One or two measurement sets.")
     entries: list[ComparedRun] = Field(description="Runs in the requested order.")
     joints: list[JointRatio] = Field(description="Stiffness ratio of each joint; empty for one side.")
+    differences: list[JointResult] = Field(
+        default_factory=list,
+        description="First side's compliance less the second's, such as a gearbox's.",
+    )
     avoided: AvoidedDeflection | None = Field(
         description="Fraction of the deflection that the second side avoids; null for one side."
     )
-    ordered: OrderedResult | None = Field(
-        description="Fit of both sides together, if requested: no joint is softer on the second side."
-    )
+    ordered: OrderedResult | None = Field(description="Fit of both sides together, if requested.")
     warnings: list[Finding] = Field(
         description="Warnings of the sets, of the fits, then of the comparison; with two sides, `where` "
         "begins with the side."

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from functools import lru_cache
 from hashlib import sha256
 from typing import Annotated, Any, Final, Generic, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, TypeAdapter, model_validator
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StrictBool,
+    TypeAdapter,
+    model_validator,
+)
 from typing_extensions import TypeAliasType
 
 from jointstiff.schemas.joints import JOINT_UNITS
@@ -143,6 +153,25 @@ Compliance = Annotated[
 
 Timestamp = datetime
 """A time in UTC; in JSON it ends with `Z`."""
+_FIRST_YEAR, _LAST_YEAR = 1980, 2200
+
+
+def _refuse_number(value: object) -> object:
+    """Return a time unchanged; refuse a number, as it may mean seconds, milliseconds or a date."""
+    if isinstance(value, int | float) or (isinstance(value, str) and value.strip().lstrip("+-").isdecimal()):
+        raise ValueError("must be a date and a time with its zone, such as 2026-11-20T14:30:00+01:00")
+    return value
+
+
+def _convert_to_utc(value: datetime) -> datetime:
+    """Return a time in UTC; refuse a time of an implausible year."""
+    if not _FIRST_YEAR <= value.year <= _LAST_YEAR:
+        raise ValueError(f"must lie between {_FIRST_YEAR} and {_LAST_YEAR}")
+    return value.astimezone(UTC)
+
+
+Moment = Annotated[AwareDatetime, BeforeValidator(_refuse_number), AfterValidator(_convert_to_utc)]
+"""A time that was stated with its zone; kept in UTC."""
 
 LEAST_PAYLOAD, GREATEST_PAYLOAD = 0.1, 1e4
 Payload = Kilograms[Annotated[float, Field(strict=True, ge=LEAST_PAYLOAD, le=GREATEST_PAYLOAD)]]

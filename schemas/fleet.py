@@ -59,6 +59,11 @@ class FleetRow(Message):
     stiffness_interval: Stiffness[dict[Name, tuple[float, float | None] | None]]
     error: Problem | None
 
+    @property
+    def outcome(self) -> FleetOutcome:
+        """Verdict on the set, or `failed` if the set was not identified."""
+        return self.verdict or "failed"
+
 
 class FleetResult(Message):
     """Result of a fleet."""

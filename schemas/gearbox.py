@@ -45,18 +45,17 @@ class HungLoad(Message):
     """Load that is at the flange in the second state, and not in the first."""
 
     mass: Kilograms[Annotated[float, Field(strict=True, ge=LEAST_MASS, le=GREATEST_MASS)]] = Field(
-        description="Mass of the load in kg, with the hook or the tool that is added with it."
+        description="Mass of the load in kg, with a hook or tool that is added."
     )
     mass_uncertainty: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=GREATEST_MASS)] | None] = (
         Field(
             default=None,
-            description="Standard uncertainty of the mass in kg, if it was weighed; absent: 1 % of the mass "
-            "is assumed, and the verdict is at best `use_with_care`.",
+            description="Standard uncertainty of the mass in kg; absent: 1 % is assumed, and the verdict is "
+            "at best `use_with_care`.",
         )
     )
     point: Vector3 = Field(
-        description="Centre of mass of the load in the flange frame, in units.length; for a load on a hook, "
-        "the hook."
+        description="Centre of mass of the load in the flange frame, in units.length; on a hook, the hook."
     )
     point_uncertainty: Annotated[float, Field(strict=True, ge=0.0, le=1e4)] | None = Field(
         default=None,
@@ -69,12 +68,10 @@ class EncoderAngles(Message):
     """Angles of both encoders of a joint at rest."""
 
     motor: Quantity = Field(
-        description="Angle of the motor's encoder, divided by the gear ratio, in units.angle; a constant "
-        "offset does not matter."
+        description="Angle of the motor's encoder over the gear ratio, in units.angle, with any offset."
     )
     link: Quantity = Field(
-        description="Angle of the encoder behind the gearbox, in units.angle; a constant offset does not "
-        "matter."
+        description="Angle of the encoder behind the gearbox, in units.angle, with any offset."
     )
 
 
@@ -86,8 +83,7 @@ class TwistReading(Message):
     loaded: EncoderAngles
     approach: Literal["+", "-"] | None = Field(
         default=None,
-        description="Sense in which the joint turned last before it stopped, in both states; absent: "
-        "unknown.",
+        description="Sense in which the joint turned last, in both states; absent: unknown.",
     )
 
 
@@ -124,8 +120,8 @@ class GearboxRequest(Message):
     )
     encoder_sigma: Annotated[float, Field(strict=True, ge=0.0, le=10.0)] | None = Field(
         default=None,
-        description="Standard uncertainty of one angle of one encoder, in units.angle. The noise of a step "
-        "is estimated from its residuals, and is at least twice this value.",
+        description="Standard uncertainty of an encoder's angle, in units.angle. The noise of a step is that "
+        "of the residuals, at least twice this value.",
     )
     observations: Annotated[list[StepPosture], Field(max_length=MAX_POSTURES), FailFast()] = Field(
         default_factory=list, description="Postures of the weight step; 12 are good practice."
@@ -206,12 +202,11 @@ class GearboxStiffness(Message):
     )
     greatest_torque: Torque[float]
     offset: Radians[float | None] = Field(
-        description="Change of the twist between the states that no torque explains, such as a drift of an "
-        "encoder."
+        description="Change of the twist that no torque explains, such as a drift of an encoder."
     )
     lost_motion: Radians[float | None] = Field(
         description="Twist from the positive side less that from the negative side, mean over postures; null "
-        "without readings from both sides."
+        "without both."
     )
     lost_motion_interval: Radians[Interval | None] = Field(description="95 % interval of the mean.")
     noise: Radians[float | None] = Field(

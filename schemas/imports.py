@@ -284,6 +284,9 @@ class ImportAnswer(ImportPreview):
         "something is missing.",
     )
     missing: list[str] = Field(description="Missing items of a measurement set; empty if complete.")
+    unusual: list[str] = Field(
+        default_factory=list, description="Unusual values, which `accept_unusual` confirms."
+    )
     bodies: list[Body] = Field(
         default_factory=list,
         description="Bodies of the robot with their masses, from a table of masses; empty without one.",

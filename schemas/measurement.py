@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from math import hypot
 from typing import Annotated, Literal, Self
 
 from pydantic import (
     AfterValidator,
-    AwareDatetime,
     BeforeValidator,
     FailFast,
     Field,
@@ -21,6 +19,7 @@ from jointstiff.schemas.fields import (
     Identifier,
     Message,
     Metres,
+    Moment,
     Name,
     Point,
     Quantity,
@@ -114,10 +113,9 @@ class ForceUncertainty(_Uncertain):
 
 
 class AxisUncertainty(_Uncertain):
-    """Standard uncertainties of the joint axes in the robot's model, each axis by itself.
+    """Standard uncertainties of the joint axes in the robot's model, one error an axis for all observations.
 
-    A geometry states them for each axis; give the typical or the greatest. Each axis has one error for all
-    observations.
+    A geometry states them for each axis; give the typical or the greatest.
     """
 
     position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
@@ -284,31 +282,12 @@ class ResolvedFrame(Message):
 MAX_NOTES_LENGTH = 2_000
 
 
-_FIRST_YEAR, _LAST_YEAR = 1980, 2200
-
-
-def _refuse_number(value: object) -> object:
-    """Return a time unchanged; refuse a number, as it may mean seconds, milliseconds or a date."""
-    if isinstance(value, int | float) or (isinstance(value, str) and value.strip().lstrip("+-").isdecimal()):
-        raise ValueError("must be a date and a time with its zone, such as 2026-11-20T14:30:00+01:00")
-    return value
-
-
-def _convert_to_utc(value: datetime) -> datetime:
-    """Return a time in UTC; refuse a time of an implausible year."""
-    if not _FIRST_YEAR <= value.year <= _LAST_YEAR:
-        raise ValueError(f"must lie between {_FIRST_YEAR} and {_LAST_YEAR}")
-    return value.astimezone(UTC)
-
-
 def _refuse_unprintable_lines(text: str) -> str:
     if text != text.strip() or not all(line.isprintable() for line in text.split("\n")):
         raise ValueError("must be printable lines without leading or trailing blanks")
     return text
 
 
-Moment = Annotated[AwareDatetime, BeforeValidator(_refuse_number), AfterValidator(_convert_to_utc)]
-"""A time that was stated with its zone; kept in UTC."""
 Notes = Annotated[
     str, Field(min_length=1, max_length=MAX_NOTES_LENGTH), AfterValidator(_refuse_unprintable_lines)
 ]
@@ -482,15 +461,12 @@ class Reading(Message):
 
 
 class EncoderReading(Message):
-    """A joint's angle behind its gearbox, read by a secondary encoder before and under load.
-
-    Meanwhile the motor's encoder closes the loop, so that the difference is the deflection of the joint.
-    """
+    """A joint's angle behind its gearbox before and under load, while the motor's encoder closes the loop."""
 
     joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
     unloaded: Quantity = Field(
-        description="Unloaded angle of the model's joint, in units.angle, after the joint map; a constant "
-        "offset does not matter."
+        description="Unloaded angle of the model's joint, in units.angle, after the joint map, with any "
+        "offset."
     )
     loaded: Quantity = Field(description="Angle under load, in units.angle.")
 

@@ -6,10 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message
+from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message, Moment
 from jointstiff.schemas.finding import AcceptingOptions, Verdict
 from jointstiff.schemas.job import JobState
-from jointstiff.schemas.measurement import Moment
 from jointstiff.schemas.options import Elasticity, Method, Weighting
 
 MAX_PAGE = 100
@@ -105,6 +104,10 @@ class FileQuery(AcceptingOptions):
 class RobotQuery(ListQuery):
     """Filters of robots."""
 
+    sort: Literal["created_at", "-created_at", "name", "-name", "worst"] = Field(
+        default="-created_at",
+        description="Order by time, by name (`-`: descending), or by the change of the joints, worst first.",
+    )
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     content_hash: Reference | None = Field(default=None, description="Filter by `content_hash`.")
 

@@ -13,6 +13,7 @@ from jointstiff.schemas.fields import (
     Kilograms,
     Message,
     Metres,
+    Moment,
     Name,
     Payload,
     Point,
@@ -29,6 +30,7 @@ from jointstiff.schemas.finding import Verdict
 from jointstiff.schemas.joints import JointKind, StatedKind
 
 MAX_JOINTS = 32
+MAX_MARKS = 200
 MAX_URDF_CHARACTERS = 2 * 1024 * 1024
 
 
@@ -197,8 +199,27 @@ class LastCampaign(Message):
     )
 
 
-class RobotSummary(Message):
-    """A robot in a listing."""
+class MeasuredArm(Message):
+    """One arm of a robot, by the serial number that its sets state."""
+
+    serial_number: str | None
+    at: Timestamp = Field(description="Time of its latest campaign.")
+    tested: list[Name] = Field(description="Joints with a campaign to be compared with another.")
+    rank: Dimensionless[float] = Field(
+        description="Standard uncertainties of the most certain change; 1e6 more for a softer joint; 0: none."
+    )
+
+
+class Mark(Message):
+    """An event in a robot's history, such as a crash or a repair."""
+
+    at: Moment
+    note: Name
+    serial_number: Name | None = Field(default=None, description="Arm; null: all.")
+
+
+class RobotEntry(Message):
+    """Fields of a robot that a listing and the stored robot share."""
 
     id: Identifier
     name: Name
@@ -215,8 +236,14 @@ class RobotSummary(Message):
     )
 
 
-class Robot(RobotDocument, RobotSummary):
-    """A stored robot. A URDF is returned reduced to the chain from base to flange."""
+class RobotSummary(RobotEntry):
+    """A robot in a listing."""
+
+    arms: list[MeasuredArm] = Field(default_factory=list, description="Arms with a run, the worst first.")
+
+
+class StoredRobot(RobotDocument, RobotEntry):
+    """The document of a stored robot."""
 
     model: Model
     spherical_wrist: StrictBool = Field(
@@ -230,9 +257,25 @@ class Robot(RobotDocument, RobotSummary):
     )
 
 
+class Robot(StoredRobot, RobotSummary):
+    """A stored robot. A URDF is returned reduced to the chain from base to flange."""
+
+    marks: list[Mark] = Field(default_factory=list, description="Its history, oldest first.")
+    reference_set_ids: list[Identifier] = Field(
+        default_factory=list,
+        description="Sets with which later campaigns of an arm are compared; without one: with the first.",
+    )
+
+
 class RobotChange(ResourceChange):
     """Changes of a robot except its kinematics. Omitted fields remain unchanged."""
 
+    marks: Annotated[list[Mark], Field(max_length=MAX_MARKS)] | None = Field(
+        default=None, description="All marks; null: unchanged."
+    )
+    reference_set_ids: Annotated[list[Identifier], Field(max_length=MAX_MARKS)] | None = Field(
+        default=None, description="All references; null: unchanged."
+    )
     payload: Payload | None = Field(default=None, description="Largest payload by the maker.")
 
 

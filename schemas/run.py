@@ -552,7 +552,13 @@ class RunResult(Result):
         "links or coupling are elastic.",
     )
     encoder_residuals: list[EncoderResidual] = Field(
-        default_factory=list, description="Fit of the secondary encoders, if they were read."
+        default_factory=list, description="Fit of encoders behind gearboxes."
+    )
+    gearboxes: list[JointResult] = Field(
+        default_factory=list, description="Gearboxes of joints with encoders behind them."
+    )
+    structures: list[JointResult] = Field(
+        default_factory=list, description="Structure behind these encoders; compliances add up."
     )
     model: Annotated[IdentifiedModel | None, WithJsonSchema(_NO_PROMISE)] = Field(
         default=None,

@@ -96,6 +96,9 @@ class TrendJoint(Message):
         "(-0.1: 10 % softer); null without two."
     )
     p_value: Dimensionless[float | None] = Field(description="Two-sided p-value of an unchanged stiffness.")
+    unchanged: Dimensionless[tuple[float, float] | None] = Field(
+        default=None, description="Ratios of latest to first stiffness that are no change beyond chance."
+    )
     changed: StrictBool = Field(
         description="True if `p_value` is below `level` divided by the number of tested joints."
     )
@@ -117,6 +120,9 @@ class Trend(Message):
     serial_numbers: list[str] = Field(description="Serial numbers that the robot's sets state.")
     campaigns: list[TrendCampaign] = Field(description="Campaigns, oldest first.")
     campaign_count: int = Field(default=0, description="Number of compared campaigns.")
+    reference_set_id: Identifier | None = Field(
+        default=None, description="Set of the campaign with which comparison begins; null: the first."
+    )
     joints: list[TrendJoint]
     level: Dimensionless[float] = Field(
         description="Greatest probability of reporting a change if there is none."

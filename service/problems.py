@@ -41,16 +41,17 @@ ProblemError                   a problem document as an exception, for programs 
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from functools import cache
+from errno import ENOENT
 from http import HTTPStatus
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
-from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Problem, ProblemItem
 from jointstiff.solver.errors import (
     JointstiffError,
@@ -450,6 +451,8 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "too_long": "send fewer items, or split the items into several resources",
         "literal_error": "use one of these words exactly as written",
         "bool_type": "give true or false, without quotes",
+        "bool_parsing": "give true or false",
+        "float_parsing": "give a number",
         "float_type": "give a number, without quotes",
         "timezone_aware": "add the time zone, such as 2026-11-20T14:30:00+01:00",
         "greater_than": _WITHIN_LIMIT,
@@ -605,7 +608,7 @@ def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequenc
 def _general_remedy(error: Mapping[str, Any]) -> str:
     """Return the remedy for a fault whose type has no remedy in `_REMEDIES`."""
     if error["loc"] and error["loc"][0] in _OUTSIDE_BODY:
-        return "see the description of this address in /openapi.json"
+        return "correct the parameter as the reason says"
     return "correct the field as the reason says"
 
 
@@ -620,6 +623,9 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
     if error["type"] in {"too_long", "too_short"} and str(error["msg"]).startswith("Tuple"):
         # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
         return "give one number per component, with decimal points, not commas"
+    if error["type"] == "extra_forbidden" and error["loc"][:1] == ("query",):
+        known = f", or use one of {', '.join(parameters)}" if parameters else ""
+        return f"leave out this parameter{known}"
     return _REMEDIES.get(str(error["type"]))
 
 
@@ -680,8 +686,8 @@ def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str
     """Return the known name that an unknown field or query parameter resembles; None if there is none."""
     unknown_name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
     is_parameter = error["loc"][:1] == ("query",)
-    known_names = parameters if is_parameter else _list_field_names()
-    if not is_parameter and unknown_name in _NAMES_ELSEWHERE:
+    known_names = parameters if is_parameter else error.get("fields", ())
+    if _NAMES_ELSEWHERE.get(unknown_name) in known_names:
         return _NAMES_ELSEWHERE[unknown_name]
     if not unknown_name or len(unknown_name) > _LONGEST_NAME or unknown_name in known_names:
         return None
@@ -706,18 +712,6 @@ _NAMES_ELSEWHERE: Final = MappingProxyType(
 """Name of an option in other packages → its name here, where the words are not alike."""
 
 
-@cache
-def _list_field_names() -> tuple[str, ...]:
-    """Return the names of the fields of all messages of the API, sorted."""
-    names: set[str] = set()
-    classes_to_visit: list[type[Message]] = [Message]
-    while classes_to_visit:
-        message_class = classes_to_visit.pop()
-        names |= set(message_class.model_fields)
-        classes_to_visit += message_class.__subclasses__()
-    return tuple(sorted(names))
-
-
 class ProblemError(Exception):
     """An error with problem details; its text says what is wrong, where, and how to correct it."""
 
@@ -738,6 +732,36 @@ class RefusedError(ProblemError):
 
 class AwayError(RefusedError):
     """The service cannot be reached at present; a later request may succeed."""
+
+
+class MissingFileError(CampaignError, FileNotFoundError):
+    """A file that does not exist; the remedy names a file with a similar name, if there is one."""
+
+    def __init__(self, path: Path) -> None:
+        folder = path.parent
+        names = [each.name for each in folder.iterdir()] if folder.is_dir() else []
+        similar = get_close_matches(path.name, names, n=1, cutoff=0.8)
+        place = f"in the folder {folder.absolute()}" if folder.is_dir() else f"as there is no folder {folder}"
+        remedy = f"give {folder / similar[0]}" if similar else "give the name of a file that exists"
+        super().__init__(http_problem(422, f"there is no file '{path}', {place}", remedy))
+        self.errno, self.strerror, self.filename = ENOENT, os.strerror(ENOENT), str(path)
+
+    def __str__(self) -> str:
+        """Return what is wrong, and how to correct it."""
+        return str(self.args[0])
+
+
+@contextmanager
+def naming_missing_file() -> Iterator[None]:
+    """Turn the error of the block for a missing file into a `MissingFileError`."""
+    try:
+        yield
+    except MissingFileError:
+        raise
+    except FileNotFoundError as error:
+        if not isinstance(error.filename, str):
+            raise
+        raise MissingFileError(Path(error.filename)) from None
 
 
 @contextmanager

@@ -3,7 +3,7 @@
     estimate = identify(robot, measurements, settings)
     estimate = identify_weight(robot, readings)             # own weight instead of loads
 
-Everything is in SI units and in the base frame R0. `docs/architecture.md` shows how the packages lie on each
+Everything is in SI units and in the base frame R0. `CONTRIBUTING.md` shows how the packages lie on each
 other. Names are imported when they are first used.
 """
 

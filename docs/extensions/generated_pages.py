@@ -1,4 +1,4 @@
-"""Write the pages that are made from the code before Sphinx reads the others: Python and HTTP reference."""
+"""Write the pages that are made from the code before Sphinx reads the others: the whole reference."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ import ast
 import importlib
 import inspect
 import pkgutil
+import tomllib
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from http_reference import messages_page, operations_page
 from pydantic.fields import FieldInfo
 
+from jointstiff.schemas.meanings import MEANINGS
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
-__all__ = ["python_pages", "setup"]
+__all__ = ["findings_page", "headers_page", "python_pages", "setup"]
 
 ROOMS = ("jointstiff.solver", "jointstiff.service.library", "jointstiff.simulator", "jointstiff.schemas")
 """Packages that Python code uses from outside, with the packages in them."""
@@ -30,6 +33,17 @@ Each page shows the public names of one package, module by module.
 ```{{toctree}}
 {names}
 ```
+"""
+_FINDINGS = """# Findings
+
+Codes of findings, by what they concern; the verdict in italics is the best that the finding allows. A
+finding itself has its `weight`, its numbers and its remedy. [How to read a
+result](../reading-a-result.md) explains verdicts.
+"""
+_HEADERS = """# Words of headers
+
+All words that an [import](../import.md) understands in headers, names of points and cells, made from
+`service/importing/words.toml`. Upper and lower case letters are equivalent, except in units.
 """
 _PAGE = """# {name}
 
@@ -53,6 +67,38 @@ def python_pages() -> dict[str, str]:
     names = [name for room in ROOMS for name in _packages(room)]
     pages = {name: _PAGE.format(name=name, modules=_modules(name)) for name in names}
     return pages | {"python": _INDEX.format(names="\n".join(names))}
+
+
+def findings_page() -> str:
+    """Return the page of all codes of findings with their meanings."""
+    parts = [
+        f"\n## {title}\n\n" + "\n".join(f"* `{code}`: {meaning}" for code, meaning in meanings.items())
+        for title, meanings in MEANINGS.items()
+    ]
+    return _FINDINGS + "\n".join(parts) + "\n"
+
+
+def headers_page() -> str:
+    """Return the page of all words that an import understands, by their meaning."""
+    tables = tomllib.loads(
+        resources.files("jointstiff.service.importing").joinpath("words.toml").read_text("utf-8")
+    )
+    parts = [_headers_part(title, table) for title, table in tables.items()]
+    return _HEADERS + "".join(parts)
+
+
+def _headers_part(title: str, table: dict[str, Any]) -> str:
+    """Return the section of a table of words: a line for each meaning."""
+    lines = [
+        f"* **{meaning}**: " + ", ".join(f"`{word}`" for word in words if word)
+        for meaning, words in table.items()
+        if isinstance(words, list)
+    ]
+    inner = [
+        _headers_part(f"{title}: {name}", words) for name, words in table.items() if isinstance(words, dict)
+    ]
+    section = f"\n## {title[0].upper()}{title[1:]}\n\n" + "\n".join(lines) + "\n" if lines else ""
+    return section + "".join(inner)
 
 
 def _packages(name: str) -> list[str]:
@@ -94,7 +140,12 @@ def _children(name: str) -> list[pkgutil.ModuleInfo]:
 def _write(folder: Path) -> None:
     with Store.open("sqlite://") as store:
         document = create_app(store).openapi()
-    pages = python_pages() | {"http": operations_page(document), "messages": messages_page(document)}
+    pages = python_pages() | {
+        "http": operations_page(document),
+        "messages": messages_page(document),
+        "findings": findings_page(),
+        "headers": headers_page(),
+    }
     folder.mkdir(exist_ok=True)
     for old in folder.glob("*.md"):
         if old.stem not in pages:

@@ -10,7 +10,19 @@ from jointstiff.simulator.arm import Encoders, default_arm
 from jointstiff.simulator.campaign import simulate_campaign
 from jointstiff.simulator.document import Document, robot_document
 
-_FIXED = ("pocket.src", "poses.csv", "postures.csv", "readings.csv", "sweeps.json", "weight_step.json")
+_FIXED = (
+    "blade.csv",
+    "blade.json",
+    "drill.src",
+    "lab.toml",
+    "pocket.src",
+    "poses.csv",
+    "postures.csv",
+    "readings.csv",
+    "sweeps.json",
+    "trim.csv",
+    "weight_step.json",
+)
 _UNITS = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.mm"}
 
 

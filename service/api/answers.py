@@ -18,6 +18,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.finding import Problem
+from jointstiff.service.api.addresses import advise_address, advise_method
 from jointstiff.service.jobs import Parts
 from jointstiff.service.problems import ServiceError, http_problem, problem_from_error, problem_from_faults
 from jointstiff.service.process import REQUEST_ID
@@ -38,8 +39,6 @@ REQUEST_ID_HEADER: Final = "X-Request-Id"
 _TAG_PATTERN: Final = re.compile(r'"[^"]*"')
 """A tag in `If-None-Match`, weak or not (RFC 9110, section 13.1.2)."""
 _REMEDIES: Final = {
-    404: "see /openapi.json for the existing addresses",
-    405: "see /openapi.json for the methods of this address",
     409: "check `state` and `error` of the resource",
     413: "send less data in one request",
 }
@@ -175,6 +174,12 @@ async def _answer_failure(request: Request, error: Exception) -> Response:
             return answer_error(error)
         case RequestValidationError():
             return answer_problem(problem_from_faults(error.errors(), _list_query_parameters(request)))
+        case HTTPException(status_code=404) if "endpoint" not in request.scope:
+            reason = f"there is no address {request.url.path}"
+            return answer_problem(http_problem(404, reason, advise_address(request)))
+        case HTTPException(status_code=405):
+            reason = f"there is no method {request.method} at the address {request.url.path}"
+            return answer_problem(http_problem(405, reason, advise_method(request)))
         case HTTPException():
             # In the HTTPExceptions that this service raises, the detail has the form "REASON; REMEDY".
             reason, *own_remedy = str(error.detail).split("; ", 1)

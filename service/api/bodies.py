@@ -18,7 +18,7 @@ from starlette.datastructures import FormData, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH
-from jointstiff.service.conversion.parsing import MalformedError, parse
+from jointstiff.service.conversion.parsing import NOT_JSON, MalformedError, parse
 from jointstiff.service.security.access import AccessRoute
 from jointstiff.service.security.admission import MAX_BYTES, SMALL_BYTES, refuse_structure
 from jointstiff.service.store.tables import IdempotencyKey
@@ -134,8 +134,12 @@ def require_media_type(request: Request, media_type: str, words: str) -> None:
         raise HTTPException(
             415, f"the body has the Content-Encoding {coding[:40]!r}; send the body without that header"
         )
-    if request.headers.get("content-type", "").partition(";")[0].strip().lower() != media_type:
-        raise HTTPException(415, f"send {words}, with the header Content-Type: {media_type}")
+    stated = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if stated != media_type:
+        reason = (
+            f"the body has the Content-Type {stated[:40]!r}" if stated else "the body has no Content-Type"
+        )
+        raise HTTPException(415, f"{reason}; send {words}, with the header Content-Type: {media_type}")
 
 
 def parse_body(message: type[BaseModel], content: bytes) -> BaseModel:
@@ -144,13 +148,34 @@ def parse_body(message: type[BaseModel], content: bytes) -> BaseModel:
     Raises:
         HTTPException: the body has too large a structure (413).
         RequestValidationError: the body does not have the form of the message.
+        RequestError: the body is no text in UTF-8.
     """
     refuse_structure(content)
     try:
         with garbage_collector_paused():
             return parse(message, content)
     except MalformedError as error:
+        if error.keys is NOT_JSON:
+            _refuse_no_text(content)
         raise RequestValidationError(error.faults) from None
+
+
+def _refuse_no_text(content: bytes) -> None:
+    """Refuse a body that is empty, or a text in another encoding than UTF-8.
+
+    Raises:
+        RequestError: the body is such a body.
+    """
+    if not content.strip():
+        raise RequestError("the body is empty", remedy="send a JSON document as the body", where="body")
+    try:
+        is_utf_8 = "\0" not in content.decode()
+    except UnicodeDecodeError:
+        is_utf_8 = False
+    if not is_utf_8:
+        raise RequestError(
+            "the body is not a text in UTF-8", remedy="send the JSON document in UTF-8", where="body"
+        )
 
 
 @contextmanager

@@ -15,9 +15,10 @@ from starlette.datastructures import MutableHeaders
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
-from starlette.routing import BaseRoute, Match, Mount
+from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from jointstiff.service.api.addresses import list_methods
 from jointstiff.service.api.answers import ANSWER_HEADERS, REQUEST_ID_HEADER, answer_error, answer_problem
 from jointstiff.service.api.health import Metrics
 from jointstiff.service.problems import StoreError, http_problem
@@ -44,7 +45,6 @@ _NO_KEY_YET: Final = (
         "--allowed-host localhost`"
     ),
 )
-_METHODS: Final = ("DELETE", "GET", "PATCH", "POST", "PUT")
 _METHOD_NOT_ALLOWED: Final = 405
 _UNRECORDED: Final = re.compile(r"/v1/bridges/[0-9a-f]{32}/points")
 """Path of posts that the audit leaves out: positions of a tracker, several a second, which change nothing.
@@ -172,20 +172,10 @@ class Methods:
 
     def _allowed_methods(self, scope: Scope) -> str:
         """Return the methods of a request's address as text for `Allow`; empty for an unknown address."""
-        methods = {
-            method for method in _METHODS if scope["path"] == "*" or self._accepts_method(scope, method)
-        }
+        methods = set(list_methods(self._routes, scope))
         if "GET" in methods:
             methods.add("HEAD")
         return ", ".join(sorted(methods | {"OPTIONS"})) if methods else ""
-
-    def _accepts_method(self, scope: Scope, method: str) -> bool:
-        """Return whether a route answers a method at the address of a request."""
-        return any(
-            route.matches({**scope, "method": method})[0] is Match.FULL
-            for route in self._routes
-            if method == "GET" or not isinstance(route, Mount)  # mounts are static files, for GET only
-        )
 
 
 COMPRESSED_BYTES: Final = 1024

@@ -10,7 +10,7 @@ from jointstiff.schemas import trend
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.live import MeasurementSet, MeasurementSetPost
 from jointstiff.schemas.measurement import MeasurementSetSummary, SetChange
-from jointstiff.schemas.query import RobotQuery, SetQuery
+from jointstiff.schemas.query import MAX_PAGE, RobotQuery, SetQuery
 from jointstiff.schemas.robot import (
     Catalogue,
     KinematicsRequest,
@@ -62,18 +62,22 @@ def create_robot(
 @robots.get("/v1/robots", dependencies=[VIEWER], response_model=Page[RobotSummary])
 def list_robots(parts: answers.InjectedParts, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, with the last campaign of each."""
+    if query.sort == "worst":  # the order is that of the summaries
+        parts.trends.renew_outdated_summaries(MAX_PAGE)
     page = parts.store.robots.page(**query.listing_arguments())
-    items = [
-        RobotSummary(
+    items = []
+    for entry in page.records:
+        summary = parts.trends.summarise(entry)
+        robot = RobotSummary(
             id=entry.id,
             name=entry.name,
             content_hash=entry.content_hash,
             created_at=entry.created_at,
-            last_campaign=parts.trends.last_campaign(entry),
+            last_campaign=summary.last,
+            arms=summary.arms,
             **entry.summary,
         )
-        for entry in page.records
-    ]
+        items.append(robot)
     return Page(items=items, next=page.next, total=page.total)
 
 
@@ -86,10 +90,9 @@ def list_robots(parts: answers.InjectedParts, query: Annotated[RobotQuery, Query
 def get_robot(request: Request, parts: answers.InjectedParts, robot_id: RobotId) -> Response:
     """Get a robot, with its kinematics and its last campaign."""
     robot = robot_from_record(parts.store.robots.get(robot_id))
-    latest = parts.trends.last_campaign(parts.store.robots.entry(robot_id))
-    return answers.answer_with_etag(
-        request, robot.model_copy(update={"last_campaign": latest}).model_dump_json()
-    )
+    summary = parts.trends.summarise(parts.store.robots.entry(robot_id))
+    derived = {"last_campaign": summary.last, "arms": summary.arms}
+    return answers.answer_with_etag(request, robot.model_copy(update=derived).model_dump_json())
 
 
 @robots.patch("/v1/robots/{robot_id}", dependencies=[OPERATOR], response_model=Robot)
@@ -98,7 +101,7 @@ def change_robot(
     robot_id: RobotId,
     body: Annotated[RobotChange, json_body(EXAMPLES["robot_changes"])],
 ) -> Response:
-    """Change a robot's name or payload, delete it, or restore it.
+    """Change a robot's name, payload, marks or references, delete it, or restore it.
 
     A robot that a measurement set or a job refers to cannot be deleted; a deleted robot can be restored for
     30 days.

@@ -14,7 +14,7 @@ from jointstiff.schemas import live
 from jointstiff.schemas.fields import Identifier, Message, Name
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.measurement import ResolvedFrame, SetMetadata, StoredMeasurementSet
-from jointstiff.schemas.robot import Robot
+from jointstiff.schemas.robot import Mark, RobotChange, StoredRobot
 from jointstiff.service.archive.arrays import pack_arrays
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.history.raising import raise_document
@@ -57,6 +57,8 @@ class _DocumentLine(_Line):
 class _RobotLine(_DocumentLine):
     name: Name
     content_hash: str
+    marks: list[Mark] | None = None
+    reference_set_ids: list[Identifier] | None = None
 
 
 class _SetLine(_DocumentLine):
@@ -161,7 +163,8 @@ def _check_document(
 def _build_robot(values: Mapping[str, Any]) -> Built:
     """Return the row of a robot."""
     line = _RobotLine.model_validate(values)
-    checked = _check_document("robot", Robot, line, frozenset({"last_campaign"}))
+    checked = _check_document("robot", StoredRobot, line, frozenset({"last_campaign"}))
+    noted = RobotChange(marks=line.marks, reference_set_ids=line.reference_set_ids)
     record = RobotRecord(
         id=line.id,
         name=line.name,
@@ -169,6 +172,7 @@ def _build_robot(values: Mapping[str, Any]) -> Built:
         content_hash=line.content_hash,
         summary=checked.message.model_dump(mode="json", include={"joints", "nominal_arm"}),
         document=checked.text,
+        **noted.model_dump(mode="json", include={"marks", "reference_set_ids"}),
     )
     return Built(asdict(record) | {"deleted_at": line.deleted_at}, checked.dropped)
 

@@ -14,7 +14,6 @@ from jointstiff.service.cli.database import database
 from jointstiff.service.cli.demo import demo, examples, rehearse, simulate
 from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.models import export, report, robots
-from jointstiff.service.cli.options import print_known_error
 from jointstiff.service.cli.services import post, serve, status, worker
 from jointstiff.service.kinds.rooms import ROOMS
 
@@ -61,6 +60,8 @@ class _Commands(typer.core.TyperGroup):
         try:
             return super().invoke(ctx)
         except Exception as error:
+            from jointstiff.service.cli.failures import print_known_error
+
             exit_with_status = print_known_error(error)
             if exit_with_status is None:
                 raise

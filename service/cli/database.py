@@ -94,7 +94,7 @@ def _read_layout_of(url: str) -> str | None:
 
 def _describe_earlier(layout: str) -> str:
     """Return the state of a database of an earlier layout in words, with what an upgrade would do."""
-    from jointstiff.service.store.upgrading import list_due_steps
+    from jointstiff.service.store.steps import list_due_steps
 
     due = ", ".join(step.layout for step in list_due_steps(layout))
     return f"layout {layout} of an earlier version; `jointstiff database upgrade` would lead to: {due}"

@@ -17,14 +17,15 @@ from jointstiff.schemas.fields import Terminal
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import SetMetadata
 from jointstiff.service.cli import options as cli
-from jointstiff.service.cli.kinds import (
+from jointstiff.service.cli.failures import print_problem
+from jointstiff.service.cli.fields import (
     field_options,
     gather_stated_fields,
     name_options_in_text,
     naming_options,
     option_flag,
-    scale_numbers,
 )
+from jointstiff.service.cli.kinds import scale_numbers
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import Delimiter
@@ -606,7 +607,7 @@ def _write_campaign(
     readings = answer.measurement_set or answer.geometry
     if readings is None:
         missing = "; ".join(answer.missing)
-        raise cli.print_problem(
+        raise print_problem(
             http_problem(
                 422,
                 f"nothing was written, because information is missing: {missing}",
@@ -691,8 +692,7 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
             next(fault.words for fault in answer.faults if fault.option == option)
         )
     elif option == "accept_unusual":
-        # The text of the missing item ends with "correct: " and the unusual values, which the question names.
-        unusual = answer.missing[answer.missing_fields.index("accept_unusual")].partition("correct: ")[2]
+        unusual = "; ".join(answer.unusual)
         yield option, partial(typer.confirm, f"Is this value correct: {unusual}?", default=False, err=True)
     elif option == "columns":
         columns = (column for file in answer.files for column in file.columns)

@@ -6,32 +6,33 @@ A command is made from the declaration and the options of its kind when it is ca
 from __future__ import annotations
 
 import json
-import math
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType, NoneType, UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Union, get_args, get_origin
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
-from typing_extensions import TypeAliasType
 
 from jointstiff.schemas.correction import CorrectionOptions
 from jointstiff.schemas.deflection import DeflectionOptions
-from jointstiff.schemas.fields import Message, Terminal, parse_names
-from jointstiff.schemas.options import METHODS_IN_SHORT
+from jointstiff.schemas.fields import Message, Terminal
 from jointstiff.schemas.program import Cut
 from jointstiff.service.cli import options as cli
+from jointstiff.service.cli.fields import (
+    Forms,
+    field_options,
+    find_option_form,
+    gather_stated_fields,
+    name_options_in_text,
+    naming_options,
+    option_flag,
+)
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 
 if TYPE_CHECKING:
-    from pydantic.fields import FieldInfo
-
-    from jointstiff.schemas.finding import Problem
     from jointstiff.schemas.job import Job
 
 _Values = Mapping[str, Any]
@@ -98,14 +99,7 @@ _Save = Annotated[
 _AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")]
 
 
-Forms = Mapping[str, Terminal]
-"""Field of a message → its form on the command line."""
-_NO_FORMS: Final[Forms] = MappingProxyType({})
 _JOINTS_OF_ARM: Final = 6  # number of an arm's joints; further joints of a posture are linear axes
-
-
-class ParsedValue:
-    """Placeholder type of options whose text is parsed by a function of Jointstiff, not by Typer."""
 
 
 @dataclass(frozen=True)
@@ -143,9 +137,10 @@ def build_command(name: str) -> Callable[..., None]:
             return
         output = values.get("output")
         if values["save"] is not None:
-            cli.check_ending(values["save"], [".json"])
+            cli.check_ending(values["save"], [".json"], option="--save")
         if output is not None and (writes_table or file_options.endings):
-            cli.check_ending(output, table_endings if writes_table else file_options.endings, reported=True)
+            allowed = table_endings if writes_table else file_options.endings
+            cli.check_ending(output, allowed, reported=True, saved=True)
         table_path, result_path = output if writes_table else None, values["save"]
         paths_to_write = list(
             filter(None, [table_path, result_path, *file_options.list_paths(values, source_values)])
@@ -262,7 +257,7 @@ def build_correct_command() -> Callable[..., None]:
     def command(file: str, poses: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Correct a table of poses for the deflection under load."""
         from jointstiff.service.cli.models import read_or_identify_run
-        from jointstiff.service.library import correction
+        from jointstiff.service.library import here
 
         if values["output"] is not None:
             cli.check_ending(values["output"], [".csv", ".parquet"])
@@ -270,7 +265,7 @@ def build_correct_command() -> Callable[..., None]:
         stated = gather_stated_fields(CorrectionOptions, values)
         source = file if values["run"] is None else read_or_identify_run(Path(file), values["run"])
         with naming_options(CorrectionOptions):
-            result = correction.correct(source, poses, **stated)
+            result = here.correct(source, poses, **stated)
         if values["output"] is not None:
             result.save(values["output"])
             cli.warn(f"wrote {values['output']}")
@@ -352,7 +347,7 @@ def _convert_to_units_of_file(
     quantities = {"m": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
     converted = dict(stated_fields)
     for name, value in stated_fields.items():
-        unit_of_option = _find_option_form(message_class.model_fields[name]).unit
+        unit_of_option = find_option_form(message_class.model_fields[name]).unit
         quantity, unit_sizes = quantities.get(unit_of_option, ("", {}))
         file_unit = units.get(quantity)
         is_posture = quantity == "angle" and isinstance(value, list | tuple)
@@ -375,107 +370,6 @@ def scale_numbers(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
     return (
         [scale_numbers(factor, item) for item in value] if isinstance(value, list | tuple) else factor * value
     )
-
-
-_FIELD_IN_TEXT: Final = re.compile(r"`(?:open\.)?(\w+)(?:: (\w+|\[[^`\]]*\]))?`(?:: (\[[^`\]]*\]))?")
-"""A field in backquotes, with a word or a list as its value: `field`, `field: word`, `field: [A]` or
-`field`: [A]; of a live campaign, `open.field`, too."""
-
-
-def name_options_in_text(message_class: type[Message], text: str, form_of_field: Forms = _NO_FORMS) -> str:
-    """Return a text in which the fields of a message are replaced by the options of a command.
-
-    A field in backquotes, such as `load_point`, becomes `--load-point`; a field with a value, such as
-    `method: pose`, becomes `--method pose`; `leave_alone: ['A', 'B']` becomes `--leave-alone A,B`, and an
-    option that may be repeated is repeated for each value.
-
-    Args:
-        message_class: class of the message that has the fields.
-        text: text for a user.
-        form_of_field: forms of fields on the command line, in place of the forms that the class declares.
-    """
-    fields_with_option = dict(field_options(message_class, form_of_field))
-
-    def replace_field(match: re.Match[str]) -> str:
-        """Return the option for a matched field; the unchanged text if the field has no option."""
-        name, value = match[1], match[2] or match[3]
-        if name not in fields_with_option:
-            return match[0]
-        flag = option_flag(message_class, name, form_of_field)
-        field_info = message_class.model_fields[name]
-        form = _find_option_form(field_info, form_of_field.get(name))
-        if value is None or form.flag:
-            return f"`{flag}`"
-        if _unwrap_type(field_info.annotation) is bool:
-            return f"`{flag}`" if value == "true" else f"`--no-{name.replace('_', '-')}`"
-        values = [each.strip(" '\"") for each in value.strip("[]").split(",")]
-        if form.gather == "one":  # the option has one text with commas
-            values = [",".join(values)]
-        return f"`{' '.join(f'{flag} {each}' for each in values)}`"
-
-    return _FIELD_IN_TEXT.sub(replace_field, text)
-
-
-def name_options_in_problem(
-    message_class: type[Message], problem: Problem, form_of_field: Forms = _NO_FORMS
-) -> Problem:
-    """Return a problem whose texts name the command's options in place of the request's fields.
-
-    Args:
-        message_class: class of the request.
-        problem: problem with the fields of the request.
-        form_of_field: forms of fields on the command line, in place of the forms that the class declares.
-    """
-    from jointstiff.service.problems import MISSING
-
-    fields_with_option, items = dict(field_options(message_class, form_of_field)), []
-    for item in problem.errors:
-        remedy = item.remedy and name_options_in_text(message_class, item.remedy, form_of_field)
-        if item.reason == MISSING and item.where in message_class.model_fields:
-            # An option, such as `--encoders`, is missing on the command line.
-            field_type = _unwrap_type(message_class.model_fields[item.where].annotation)
-            remedy = f"give `{option_flag(message_class, item.where, form_of_field)}`"
-            remedy += (
-                f": one of {', '.join(get_args(field_type))}" if get_origin(field_type) is Literal else ""
-            )
-            if item.where not in fields_with_option:
-                remedy = "state the option in the JSON file of `--options`"
-        changes = {
-            "reason": name_options_in_text(message_class, item.reason, form_of_field),
-            "remedy": remedy,
-        }
-        items.append(item.model_copy(update=changes))
-    title = problem.title
-    if items and all(re.split(r"\W", item.where)[0] in message_class.model_fields for item in items):
-        title = "Options are missing or wrong"
-    is_remedy_of_item = problem.remedy in {item.remedy for item in problem.errors}
-    remedy = (
-        items[0].remedy
-        if is_remedy_of_item
-        else problem.remedy and name_options_in_text(message_class, problem.remedy, form_of_field)
-    )
-    detail = name_options_in_text(message_class, problem.detail, form_of_field)
-    return problem.model_copy(update={"title": title, "detail": detail, "remedy": remedy, "errors": items})
-
-
-@contextmanager
-def naming_options(message_class: type[Message], form_of_field: Forms = _NO_FORMS) -> Iterator[None]:
-    """Change errors raised in the block: their texts name the command's options in place of fields.
-
-    Args:
-        message_class: class of the request.
-        form_of_field: forms of fields on the command line, in place of the forms that the class declares.
-    """
-    from jointstiff.service.problems import CampaignError, FilesError, problem_from_error
-
-    try:
-        yield
-    except FilesError as error:
-        problem = problem_from_error(error)
-        raise CampaignError(name_options_in_problem(message_class, problem, form_of_field)) from error
-    except CampaignError as error:
-        problem = name_options_in_problem(message_class, error.problem, form_of_field)
-        raise CampaignError(problem) from error
 
 
 def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a job that shows itself
@@ -510,174 +404,6 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
         raise typer.Exit(1)
 
 
-def field_options(
-    message_class: type[Message], form_of_field: Forms = _NO_FORMS
-) -> Iterator[tuple[str, Any]]:
-    """Yield (name, Typer annotation) of each field of a message that has an option on the command line.
-
-    All options may be omitted: missing fields are reported when the message is validated.
-
-    Args:
-        message_class: class of the message whose fields become options.
-        form_of_field: forms of fields on the command line, in place of the forms that the class declares.
-    """
-    for name, field_info in message_class.model_fields.items():
-        terminal = _find_option_form(field_info, form_of_field.get(name))
-        flag = option_flag(message_class, name, form_of_field)
-        text = terminal.text or " ".join((field_info.description or "").split())
-        if terminal.hidden:
-            continue
-        if terminal.flag:
-            yield name, Annotated[bool | None, typer.Option(flag, help=text)]
-        elif terminal.parse is not None:
-            option_type: Any = ParsedValue if terminal.gather == "one" else list[ParsedValue]
-            text += "" if terminal.gather == "one" else " Repeatable."
-            arguments: dict[str, Any] = {
-                "parser": _keep_words_of_errors(terminal.parse),
-                "metavar": terminal.metavar,
-            }
-            yield name, Annotated[option_type | None, typer.Option(flag, help=text, **arguments)]
-        elif (
-            type_and_arguments := _choose_option_type(_unwrap_type(field_info.annotation), terminal.unit)
-        ) is not None:
-            option_type, arguments = type_and_arguments
-            flag += f"/--no-{name.replace('_', '-')}" if option_type is bool else ""
-            yield name, Annotated[option_type | None, typer.Option(flag, help=text, **arguments)]
-
-
-def option_flag(message_class: type[Message], name: str, form_of_field: Forms = _NO_FORMS) -> str:
-    """Return the command-line option of a field, such as `--load-point`.
-
-    `form_of_field` maps names of fields to the forms of their options (spelling, unit, parser).
-    Other fields have the form that `message_class` declares.
-    """
-    return (
-        _find_option_form(message_class.model_fields[name], form_of_field.get(name)).option
-        or f"--{name.replace('_', '-')}"
-    )
-
-
-def gather_stated_fields(
-    message_class: type[Message], values: _Values, form_of_field: Forms = _NO_FORMS
-) -> dict[str, Any]:
-    """Return the fields of a message that a user stated with the options of a command, by name.
-
-    Args:
-        message_class: class of the message.
-        values: values of all options of the command; None or [] for an option that was not given.
-        form_of_field: forms of fields on the command line, in place of the forms that the class declares.
-    """
-    stated = {}
-    for name, _ in field_options(message_class, form_of_field):
-        if values[name] not in (None, []):
-            terminal = _find_option_form(message_class.model_fields[name], form_of_field.get(name))
-            value = dict(values[name]) if terminal.gather == "dict" else values[name]
-            stated[name] = terminal.flag or value  # an option without a value means the value `flag`
-    return stated
-
-
-def _keep_words_of_errors(parse: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Return a parser that raises BadParameter with the message of a ValueError of `parse`.
-
-    Without this, Click would replace the message by the text that was parsed.
-    """
-
-    def parse_option(text: str) -> Any:  # noqa: ANN401 - JSON
-        """Parse the text of an option, and report an error in the words of `parse`."""
-        try:
-            return parse(text)
-        except ValueError as error:
-            raise typer.BadParameter(str(error)) from None
-
-    return parse_option
-
-
-def _find_option_form(field_info: FieldInfo, form: Terminal | None = None) -> Terminal:
-    """Return the form of a field on the command line.
-
-    `form` takes precedence, then the form that the field declares, then a form that only has the field's
-    unit.
-    """
-    if form is not None:
-        return form
-    extra = field_info.json_schema_extra
-    unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
-    return next((each for each in field_info.metadata if isinstance(each, Terminal)), Terminal(unit=unit))
-
-
-def _choose_option_type(field_type: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
-    """Return (type of an option, arguments for `typer.Option`) for a field with a type and a unit.
-
-    Return None if the field cannot be an option, so that only a file of options can state it.
-    """
-    if field_type in {bool, int}:
-        return field_type, {}
-    if get_origin(field_type) is Literal:
-        words = get_args(field_type)
-        return ParsedValue, {
-            "parser": _keep_words_of_errors(_make_word_parser(words)),
-            "metavar": f"<{'|'.join(words)}>",
-            "autocompletion": lambda incomplete: [word for word in words if word.startswith(incomplete)],
-        }
-    if field_type is str:
-        return str, {"metavar": "TEXT"}
-    if field_type is float and unit in _UNITS_AT_TERMINAL:
-        terminal_unit, factor = _UNITS_AT_TERMINAL[unit]
-        return ParsedValue, {
-            "parser": lambda text: factor * float(text),
-            "metavar": f"NUMBER[{terminal_unit}]",
-        }
-    if field_type is float:
-        return float, {"metavar": "NUMBER"}
-    item_types = [_unwrap_type(each) for each in get_args(field_type)]
-    if get_origin(field_type) is tuple and item_types == [float] * 3:
-        unit_text = {"m": "[mm]", "": "", "1": ""}.get(unit, f"[{unit}]")
-        return ParsedValue, {
-            "parser": cli.parse_point if unit == "m" else cli.parse_vector,
-            "metavar": f"X,Y,Z{unit_text}",
-        }
-    if get_origin(field_type) is list and (item_types[0] is str or get_origin(item_types[0]) is Literal):
-        return ParsedValue, {"parser": parse_names, "metavar": "NAME,NAME,..."}
-    return None
-
-
-def _make_word_parser(words: Sequence[str]) -> Callable[[str], str]:
-    """Return a parser that accepts the words of an API field and the abbreviations of methods.
-
-    Hyphens may replace the underscores of a word.
-    """
-
-    def parse(text: str) -> str:
-        """Return the word of the API that a text names; raise ValueError for another text."""
-        word = METHODS_IN_SHORT.get(text.upper(), text.replace("-", "_"))
-        if word not in words:
-            raise ValueError(f"{text!r} is not one of {', '.join(map(repr, words))}.")
-        return word
-
-    return parse
-
-
-_UNITS_AT_TERMINAL: Final[Mapping[str, tuple[str, float]]] = {
-    "m": ("mm", 1e-3),
-    "rad": ("deg", math.pi / 180.0),
-    "deg": ("deg", 1.0),
-}
-"""Unit in the API → (unit on the command line, factor that converts a number to the unit in the API)."""
-
-
-def _unwrap_type(annotation: Any) -> Any:  # noqa: ANN401 - a type
-    """Return the plain type that an alias, an `Annotated` or an optional type contains."""
-    if isinstance(annotation, TypeAliasType):
-        return _unwrap_type(annotation.__value__)
-    origin = get_origin(annotation)
-    if origin is Annotated:
-        return _unwrap_type(get_args(annotation)[0])
-    if origin in {Union, UnionType}:
-        others = [each for each in get_args(annotation) if each is not NoneType]
-        return _unwrap_type(others[0]) if len(others) == 1 else annotation
-    return annotation
-
-
 def _choose_corrected_path(values: _Values) -> Path | None:
     """Return the path for the corrected campaign, by default next to the old one; None without an action.
 
@@ -689,10 +415,10 @@ def _choose_corrected_path(values: _Values) -> Path | None:
     action = _choose_action(values)
     if action is None:
         if output is not None:
-            hint = "`jointstiff export` writes tables, `jointstiff report` writes reports"
             message = (
                 "names the file for the campaign that --apply or --payload corrects, so one of them is "
-                f"needed; {hint}"
+                f"needed; `--save {output.with_suffix('.json')}` writes the whole result, "
+                "`jointstiff export` writes tables, `jointstiff report` writes reports"
             )
             raise typer.BadParameter(message, param_hint="--output")
         return None

@@ -12,7 +12,7 @@ import typer
 
 from jointstiff.schemas.live import LiveOptions
 from jointstiff.service.cli import options as cli
-from jointstiff.service.cli.kinds import field_options, gather_stated_fields, naming_options
+from jointstiff.service.cli.fields import field_options, gather_stated_fields, naming_options
 
 if TYPE_CHECKING:
     from jointstiff.schemas.rehearsal import RehearsedJoint

@@ -77,9 +77,9 @@ def report(
 
 def read_or_identify_run(file: Path, run: Path | None) -> TabledRun:
     """Return the run of a campaign: read from the file `run`, or identified now if `run` is None."""
-    from jointstiff.service.library.here import Here, attach_campaign
+    from jointstiff.service.library.here import Here, attach_campaign, use_saved
     from jointstiff.service.library.results import TabledRun
-    from jointstiff.service.library.saved import load, use_saved
+    from jointstiff.service.library.saved import load
     from jointstiff.service.problems import CampaignError, http_problem
     from jointstiff.service.resources.documents import read_campaign
 
@@ -111,6 +111,7 @@ def robots(
     as_json: cli.AsJson = False,
 ) -> None:
     """List the nominal arms of the catalogue."""
+    from jointstiff.service.cli.failures import print_problem
     from jointstiff.service.conversion.catalogue import catalogue, find_arm, nominal_robot
     from jointstiff.service.problems import problem_from_error
     from jointstiff.service.tables.terminal import console, lay_out_parts
@@ -121,7 +122,7 @@ def robots(
     try:
         arm = None if name is None else find_arm(name, "ARM")
     except RequestError as error:
-        raise cli.print_problem(problem_from_error(error)) from error
+        raise print_problem(problem_from_error(error)) from error
     if as_json:
         typer.echo((arm or catalogue()).model_dump_json(indent=2))
     else:

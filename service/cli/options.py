@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args, get_
 import typer
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.finding import Problem
+    pass
 
 
 def parse_vector(text: str) -> tuple[float, ...]:
@@ -51,11 +51,23 @@ REPORTS: Final = (".pdf", ".html")
 """Endings of reports."""
 
 
-def check_ending(path: Path, endings: Iterable[str], *, reported: bool = False) -> None:
+def check_ending(
+    path: Path,
+    endings: Iterable[str],
+    *,
+    option: str = "--output",
+    reported: bool = False,
+    saved: bool = False,
+) -> None:
     """Check that the name of a file to write has one of the endings, such as `.json`.
 
-    With `reported`, the error about a `.pdf` or `.html` file refers to `jointstiff report`, which writes
-    such files.
+    Args:
+        path: file to write.
+        endings: allowed endings.
+        option: option that names the file.
+        reported: whether the error about a `.pdf` or `.html` file refers to `jointstiff report`, which writes
+            such files.
+        saved: whether the error about a `.json` file refers to `--save`, which writes such a file.
 
     Raises:
         typer.BadParameter: the file has another ending.
@@ -64,8 +76,12 @@ def check_ending(path: Path, endings: Iterable[str], *, reported: bool = False) 
     if path.suffix.lower() in allowed:
         return
     list_of_endings = " or ".join(filter(None, [", ".join(allowed[:-1]), allowed[-1]]))
-    hint = "; `jointstiff report` writes reports" if reported and path.suffix.lower() in REPORTS else ""
-    raise typer.BadParameter(f"'{path.name}' must end in {list_of_endings}{hint}", param_hint="--output")
+    hint = ""
+    if reported and path.suffix.lower() in REPORTS:
+        hint = "; `jointstiff report` writes reports"
+    if saved and path.suffix.lower() == ".json":
+        hint = f"; `--save {path.name}` writes the whole result"
+    raise typer.BadParameter(f"'{path.name}' must end in {list_of_endings}{hint}", param_hint=option)
 
 
 def path_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's
@@ -161,40 +177,6 @@ def options_from_settings(settings: type) -> Parameters:
     """Return name → (annotation, default) of the parameters of a command, one for each dataclass field."""
     hints = get_type_hints(settings, include_extras=True)
     return {field.name: (hints[field.name], field.default) for field in fields(settings)}
-
-
-def print_known_error(error: Exception) -> typer.Exit | None:
-    """Print an error that has a remedy; return the exit to raise (status 2).
-
-    None, and nothing is printed, for an unexpected error, which has no remedy.
-    """
-    if isinstance(error, OSError) and error.filename is not None:
-        return print_failure(f"cannot write {error.filename}: {error.strerror}", "choose another path")
-    if isinstance(error, ImportError):
-        from jointstiff.service.problems import explain_missing_library
-
-        error = explain_missing_library("this command", error)
-    if not type(error).__module__.startswith("jointstiff."):
-        return None
-    from jointstiff.service.problems import ProblemError, ServiceError, problem_from_error
-    from jointstiff.solver.errors import RequestError
-
-    if isinstance(error, ProblemError):
-        return print_problem(error.problem)
-    if isinstance(error, RequestError):
-        return print_problem(problem_from_error(error))
-    return print_failure(error.reason, error.remedy) if isinstance(error, ServiceError) else None
-
-
-def print_problem(problem: Problem) -> typer.Exit:
-    """Print the problem details of a request; return the exit to raise (status 2)."""
-    from jointstiff.schemas.finding import AcceptingOptions
-    from jointstiff.service.cli.kinds import name_options_in_text
-    from jointstiff.service.tables.terminal import console, problem_text
-
-    remedy = problem.remedy and name_options_in_text(AcceptingOptions, problem.remedy)
-    console(stderr=True).print(problem_text(problem.model_copy(update={"remedy": remedy})))
-    return typer.Exit(2)
 
 
 def print_failure(reason: str, remedy: str) -> typer.Exit:

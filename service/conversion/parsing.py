@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import codecs
-from collections.abc import Mapping, Sequence, Set
-from typing import Any, Final, TypeVar
+from collections.abc import Iterator, Mapping, Sequence, Set
+from typing import Any, Final, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
+from typing_extensions import TypeAliasType
 
 MAX_SET_BYTES: Final = 8 * 1024 * 1024
 """Largest measurement set, or file with one, in bytes."""
@@ -23,7 +24,9 @@ class MalformedError(Exception):
 
     def __init__(self, faults: Sequence[Mapping[str, Any]], keys: Set[str] = NOT_JSON) -> None:
         super().__init__(f"{len(faults)} faults")
-        self.faults = faults  # errors as pydantic lists them, without the values that were sent
+        # Errors as pydantic lists them, without the values that were sent; the fault of an unknown field
+        # also has the `fields` that exist at its place
+        self.faults = faults
         self.keys = keys  # keys of the document if it is an object; `NOT_JSON` if the text is not JSON
 
 
@@ -50,5 +53,34 @@ def parse(message: type[Parsed], content: bytes, section: str | None = None) -> 
     try:
         return message.model_validate(document)
     except ValidationError as error:
-        faults = error.errors(include_url=False, include_context=False, include_input=False)
+        faults = [
+            {**fault, "fields": list_fields_at(message, fault["loc"][:-1])}
+            if fault["type"] == "extra_forbidden"
+            else dict(fault)
+            for fault in error.errors(include_url=False, include_context=False, include_input=False)
+        ]
         raise MalformedError(faults, set(document) if isinstance(document, dict) else set()) from None
+
+
+def list_fields_at(message: type[BaseModel], place: Sequence[int | str]) -> list[str]:
+    """Return the names of the fields that a message has at a place, such as ("observations", 3), sorted.
+
+    Of several forms that a field may have, all fields are named.
+    """
+    models = {message}
+    for part in place:
+        fields = [model.model_fields[part] for model in models if part in model.model_fields]
+        if fields:  # otherwise an index, a key, or the form of a field
+            models = {model for field in fields for model in _list_models(field.annotation)}
+    return sorted({name for model in models for name in model.model_fields})
+
+
+def _list_models(annotation: Any) -> Iterator[type[BaseModel]]:  # noqa: ANN401 - a type
+    """Yield the messages that a type contains, such as the items of a list."""
+    if isinstance(annotation, TypeAliasType):
+        yield from _list_models(annotation.__value__)
+    elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    else:
+        for inner in get_args(annotation):
+            yield from _list_models(inner)

@@ -326,6 +326,7 @@ def check_set(
     frame_findings: list[Finding],
     others: Iterable[KnownRobot] = (),
     *,
+    flange_fields: Sequence[str] = (),
     robot_id: str = "",
     robot_hash: str = "",
 ) -> PreparedSet:
@@ -337,6 +338,7 @@ def check_set(
         resolved: transform from the set's frame to R0; None if all readings are in R0.
         frame_findings: findings about the frame, which come before the findings about the readings.
         others: known robots, in case another robot was measured instead of `robot`.
+        flange_fields: fields that a remedy names if lengths in the flange frame seem to have another unit.
         robot_id: id of the robot, if it is stored.
         robot_hash: hash of the robot's content.
 
@@ -347,7 +349,11 @@ def check_set(
     findings = list(frame_findings)
     if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
         findings += inspect_measurements(
-            robot, measurements, degrees=document.units.angle == "deg", others=others
+            robot,
+            measurements,
+            degrees=document.units.angle == "deg",
+            others=others,
+            flange_fields=flange_fields,
         )
     content = compute_content_hash(document, readings, resolved)
     return PreparedSet(robot, robot_id, robot_hash, readings, measurements, findings, content)
@@ -395,6 +401,7 @@ def prepare_set(
         robot: the robot that was measured.
         robot_id: any id for the robot.
         others: known robots, in case another robot was measured instead of `robot`.
+        flange_fields: fields that a remedy names if lengths in the flange frame seem to have another unit.
 
     Raises:
         MeasurementError: the set cannot be used.

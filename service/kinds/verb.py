@@ -9,8 +9,9 @@ from __future__ import annotations
 import inspect
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
+from dataclasses import dataclass, field
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
@@ -22,7 +23,7 @@ from jointstiff.schemas.job import Progress
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service import kinds
-from jointstiff.service.kinds.kind import AnyJob, Kind
+from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import read_object, read_robot
@@ -155,6 +156,39 @@ class Backend(Protocol):
         """
 
 
+@dataclass(frozen=True)
+class Request:
+    """Request of a kind of work, made of the arguments of its verb."""
+
+    fields: dict[str, Any]
+    files: Mapping[str, bytes] = field(default_factory=dict)  # contents of files by name
+
+
+def carry_out_verb(
+    backend: Backend,
+    kind: Kind[AnyJob, Any],
+    monitor: JobMonitor,
+    make_request: Callable[[Backend], Request],
+) -> AnyJob:
+    """Make the request of a verb, carry it out, and return the ended job.
+
+    Args:
+        backend: first argument of the verb.
+        kind: kind of work of the verb.
+        monitor: progress and cancellation of this call.
+        make_request: returns the request; called with the backend of this call.
+
+    Raises:
+        CampaignError: a source or an option cannot be used.
+        RefusedError: the service refuses the request.
+        OSError: a file cannot be read.
+    """
+    with monitor:
+        backend_of_call = backend.start_call(monitor)
+        request = make_request(backend_of_call)
+        return backend_of_call.carry_out_request(kind, request.fields, request.files, monitor)
+
+
 def merge_readings(
     message: type[Message],
     readings: str | PathLike[str] | Mapping[str, Any] | Message | None,
@@ -249,21 +283,62 @@ def _merge_numbers(
     return merged
 
 
-def describe_fields(verb: Callable[..., object], options: type[Message]) -> None:
-    """Append a section `Keyword Args`, with the descriptions of all options, to the docstring of a verb."""
-    lines = [
+_ARGUMENTS: Final = """\
+    options: a `{options}`; keyword arguments replace options of the same name.
+    on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
+        notebook, if it takes more than 2 s.
+    cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
+        `cancelled`.
+    executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
+        client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
+        executor.
+"""
+"""Description of the arguments that all verbs have."""
+_OUTCOME: Final = """
+Returns:
+    The {job}, with its result in SI units. If the computation fails, its state is `failed`.
+
+Raises:
+    CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
+    RefusedError: the service refuses the request.
+    OSError: a file cannot be read.
+"""
+"""Description of the result and the errors of all verbs."""
+
+
+def describe_verb(verb: Callable[..., object], kind: AnyKind) -> None:
+    """Complete the docstring of a verb: arguments that all verbs have, result, errors, and all options.
+
+    The verb describes its own arguments and errors. `fields`, the options, is described unless the verb does.
+    """
+    names = {"options": kind.options.__name__, "job": kind.message.__name__}
+    own, _, own_errors = inspect.cleandoc(verb.__doc__ or "").partition("\n\nRaises:\n")
+    summary, _, own_arguments = own.partition("\n\nArgs:\n")
+    arguments = "    backend: `Here` or a `Client`, which has this function as a method and does the work.\n"
+    stated, _, stated_fields = own_arguments.partition("    fields: ")
+    arguments += f"{stated.rstrip()}\n" if stated else ""
+    arguments += _ARGUMENTS.format(**names)
+    described_fields = stated_fields or f"fields of `{kind.options.__name__}`."
+    arguments += f"    fields: {described_fields}\n"
+    outcome = _OUTCOME.format(**names) + own_errors
+    lines = [f"{summary}\n\nArgs:\n{arguments}{outcome.rstrip()}", "\nKeyword Args:"]
+    verb.__doc__ = "\n".join([*lines, *_describe_options(kind.options)])
+
+
+def _describe_options(options: type[Message]) -> Iterator[str]:
+    """Yield a line for each option of a verb: name, description and unit."""
+    yield (
         "    units: Units of the numbers of this call, such as 'm, rad, kN, kN.m'; default: mm, deg, N, N.m. "
         "Masses are in kg, and quantities that combine units in SI units. Numbers of messages, such as "
         f"`{options.__name__}`, are in the units of the message."
-    ]
-    for name, field in options.model_fields.items():
+    )
+    for name, field_info in options.model_fields.items():
         if name == "units":
             continue
-        schema = field.json_schema_extra
+        schema = field_info.json_schema_extra
         si_unit = schema.get("unit") if isinstance(schema, dict) else None
         unit = f" [{_SHOWN_UNITS.get(str(si_unit), si_unit)}]" if si_unit else ""
-        lines.append(f"    {name}: {' '.join((field.description or '').split())}{unit}")
-    verb.__doc__ = "\n".join([inspect.cleandoc(verb.__doc__ or ""), "\nKeyword Args:", *lines])
+        yield f"    {name}: {' '.join((field_info.description or '').split())}{unit}"
 
 
 def import_verb(kind: str) -> Callable[..., Any]:

@@ -6,22 +6,18 @@ numbers computed in this process.
 
 from __future__ import annotations
 
-import pickle
 import traceback
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import suppress
-from functools import cache, lru_cache, partial
+from functools import partial
 from itertools import islice
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from jointstiff.service.problems import ExecutorError
 from jointstiff.service.process import one_thread
-
-if TYPE_CHECKING:
-    from jointstiff.service.kinds.work import Arrays, Span, Work
 
 IN_FLIGHT: Final = 256
 """Greatest number of calls that an executor has at once: enough for a cluster, and not too much memory."""
@@ -140,48 +136,3 @@ def _call_executor(call: Callable[[], Any]) -> Any:  # noqa: ANN401 - of the exe
         return call()
     except Exception as error:
         raise ExecutorError(error) from error
-
-
-def compute_steps(
-    work: Work, spans: Sequence[Span], executor: Executor | None, cancelled: Callable[[], object]
-) -> Generator[Arrays]:
-    """Compute the steps of a job's work, in this process or in an executor, and yield their arrays in order.
-
-    Args:
-        work: work whose steps are computed.
-        spans: spans of units, one span for each step.
-        executor: carries out the steps; None to carry them out in this process.
-        cancelled: called between the steps; a true answer ends the computation.
-
-    Raises:
-        CancelledWorkError: `cancelled` returned true.
-        ExecutorError: the executor failed.
-        JointstiffError: a step fails.
-    """
-    if executor is not None and spans:
-        pickle_whole = cache(partial(pickle.dumps, work))  # the whole work is pickled only once
-
-        def make_task(span: Span) -> tuple[bytes, Span]:
-            """Return the pickled work for a step, and the span of the step."""
-            detached = work.detach_for_step(span)
-            return pickle_whole() if detached is work else pickle.dumps(detached), span
-
-        yield from map_in_order(executor, _compute_task, map(make_task, spans), cancelled)
-        return
-    for span in spans:
-        if cancelled():
-            raise CancelledWorkError
-        yield work.compute(span)
-
-
-def _compute_task(task: tuple[bytes, Span]) -> Arrays:
-    """Compute a step in another process, from the pickled work and the step's span; return its arrays."""
-    pickled_work, span = task
-    return _unpickle_work(pickled_work).compute(span)
-
-
-@lru_cache(maxsize=1)
-def _unpickle_work(pickled_work: bytes) -> Work:
-    """Return the unpickled work, cached because the next step in this process mostly needs the same work."""
-    work: Work = pickle.loads(pickled_work)  # noqa: S301 - `compute_steps` wrote it
-    return work

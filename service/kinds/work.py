@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import pickle
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cache, lru_cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from uuid import uuid4
@@ -20,7 +22,7 @@ import numpy.typing as npt
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobState, Progress, Provenance
-from jointstiff.service.kinds.width import CancelledWorkError, compute_steps
+from jointstiff.service.kinds.width import CancelledWorkError, map_in_order
 from jointstiff.service.problems import ExecutorError, StoreUnavailableError, http_problem, problem_from_error
 from jointstiff.service.process import versions
 from jointstiff.solver.errors import InputError, JointstiffError, NotObservableError, RequestError
@@ -242,6 +244,51 @@ def carry_out(
             "provenance": job.provenance.model_copy(update=times),
         }
     )
+
+
+def compute_steps(
+    work: Work, spans: Sequence[Span], executor: Executor | None, cancelled: Callable[[], object]
+) -> Generator[Arrays]:
+    """Compute the steps of a job's work, in this process or in an executor, and yield their arrays in order.
+
+    Args:
+        work: work whose steps are computed.
+        spans: spans of units, one span for each step.
+        executor: carries out the steps; None to carry them out in this process.
+        cancelled: called between the steps; a true answer ends the computation.
+
+    Raises:
+        CancelledWorkError: `cancelled` returned true.
+        ExecutorError: the executor failed.
+        JointstiffError: a step fails.
+    """
+    if executor is not None and spans:
+        pickle_whole = cache(partial(pickle.dumps, work))  # the whole work is pickled only once
+
+        def make_task(span: Span) -> tuple[bytes, Span]:
+            """Return the pickled work for a step, and the span of the step."""
+            detached = work.detach_for_step(span)
+            return pickle_whole() if detached is work else pickle.dumps(detached), span
+
+        yield from map_in_order(executor, _compute_task, map(make_task, spans), cancelled)
+        return
+    for span in spans:
+        if cancelled():
+            raise CancelledWorkError
+        yield work.compute(span)
+
+
+def _compute_task(task: tuple[bytes, Span]) -> Arrays:
+    """Compute a step in another process, from the pickled work and the step's span; return its arrays."""
+    pickled_work, span = task
+    return _unpickle_work(pickled_work).compute(span)
+
+
+@lru_cache(maxsize=1)
+def _unpickle_work(pickled_work: bytes) -> Work:
+    """Return the unpickled work, cached because the next step in this process mostly needs the same work."""
+    work: Work = pickle.loads(pickled_work)  # noqa: S301 - `compute_steps` wrote it
+    return work
 
 
 def compute_outcome(

@@ -26,7 +26,8 @@ from jointstiff.schemas.bridge import (
 from jointstiff.schemas.fields import Name
 from jointstiff.schemas.live import MeasurementSet
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.library.client import Client, parse_resource
+from jointstiff.service.library.answers import parse_resource
+from jointstiff.service.library.client import Client
 from jointstiff.service.library.measure import SourceThread
 from jointstiff.service.live.declaration import Scales
 from jointstiff.service.live.sources import CheckedSource, Place, Setting, SourceError, Stand, make_source

@@ -14,6 +14,7 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.library import robots
 from jointstiff.service.library.robots import plain_fields
 from jointstiff.service.problems import as_campaign_error
+from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import parse_document, read_campaign
 from jointstiff.solver.errors import MeasurementError
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.conversion.prepared import PreparedSet
+    from jointstiff.service.resources.inputs import InMemoryInputs
 
     Numbers = npt.ArrayLike | Mapping[str, Any]
 
@@ -165,17 +167,31 @@ class Campaign(messages.Campaign):
     __str__ = __repr__
 
 
+@one_thread()
+def add_campaign(inputs: InMemoryInputs, campaign: messages.Campaign, place: str = "") -> str:
+    """Prepare a campaign as an input of work; return the id of its measurement set.
+
+    `place` is put before the places in errors, such as `campaigns[3].`.
+
+    Raises:
+        CampaignError: robot or readings cannot be used.
+    """
+    with as_campaign_error(f"{place}robot"):
+        robot = robots.prepare_once(campaign.robot)
+    with as_campaign_error(f"{place}measurement_set"):
+        return inputs.add_set(campaign.measurement_set, robot)
+
+
 def _prepare(campaign: Campaign) -> PreparedSet:
     """Return the measurement set of a campaign as it is prepared for a run.
 
     Raises:
         CampaignError: robot or readings cannot be used.
     """
-    from jointstiff.service.library.here import Here
+    from jointstiff.service.resources.inputs import InMemoryInputs
 
-    here = Here()
-    set_id, _ = here.prepare_set(campaign)
-    return here.inputs.measured(set_id, "measurement_set")
+    inputs = InMemoryInputs()
+    return inputs.measured(add_campaign(inputs, campaign), "measurement_set")
 
 
 def _refuse_long_deflections(campaign: Campaign, row_count: int) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.joints import JointKind
+from jointstiff.service.problems import naming_missing_file
 from jointstiff.service.resources.documents import parse_document
 from jointstiff.solver.errors import RequestError
 
@@ -39,6 +40,7 @@ class PredictFields(TypedDict, total=False):
     moments: Numbers
 
 
+@naming_missing_file()
 def make_load_cases(
     postures: AnyPostures,
     joints: Mapping[str, JointKind],

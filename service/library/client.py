@@ -16,7 +16,6 @@ from urllib.parse import quote
 from uuid import uuid4
 
 import httpx2
-from pydantic import ValidationError
 
 from jointstiff.schemas.fields import Message, Page, content_key
 from jointstiff.schemas.finding import Problem
@@ -26,12 +25,12 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSe
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
 from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.history.raising import raise_document
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress, import_verb, merge_options
 from jointstiff.service.library import results
+from jointstiff.service.library.answers import foreign_answer_error, parse_problem, parse_resource
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, make_presented_class
@@ -300,6 +299,13 @@ class Client(Verbs):
         key = content_key(text) if once else None
         return self.runs.parse_answer(self.send("POST", "/v1/campaigns", _WAIT_QUERY, text, key))
 
+    @property
+    def unpickler(self) -> Callable[[str], Any]:
+        """Function that makes a job from the text to which it was pickled."""
+        from jointstiff.service.library.here import restore_job_text
+
+        return restore_job_text
+
     def start_call(self, monitor: JobMonitor) -> Client:
         """Check the monitor of a call that does work, such as `identify`; return this client.
 
@@ -341,7 +347,7 @@ class Client(Verbs):
         The campaign gets the options of the run.
         """
         if isinstance(source, str | PathLike):
-            from jointstiff.service.library.saved import use_saved
+            from jointstiff.service.library.here import use_saved
 
             source = use_saved(source)
         if not isinstance(source, TabledRun) or source.was_done_by(self):
@@ -547,7 +553,7 @@ class Client(Verbs):
         try:
             response = self._http.request(verb, path, **request)
         except httpx2.DecodingError as error:
-            raise _foreign_answer_error("the answer cannot be decoded") from error
+            raise foreign_answer_error("the answer cannot be decoded") from error
         except httpx2.InvalidURL as error:
             raise RefusedError(_no_answer_problem(self._http.base_url, error)) from error
         except httpx2.TransportError as error:
@@ -690,55 +696,6 @@ class _KindOfJob(Message, extra="ignore"):
     kind: str
 
 
-def parse_resource(response: httpx2.Response, kind: type[Resource]) -> Resource:
-    """Parse an answer as a message; replace unprintable characters, because any server may have sent them.
-
-    Raises:
-        RefusedError: the answer is not such a message.
-    """
-    try:
-        document = _replace_unprintable(json.loads(response.content))
-        return _validate_answer(document, kind)
-    except (ValidationError, ValueError, RecursionError) as error:
-        raise _foreign_answer_error(f"the answer is not a {kind.__name__}") from error
-
-
-def _validate_answer(document: Any, kind: type[Resource]) -> Resource:  # noqa: ANN401 - any JSON
-    """Return an answer as a message; an answer of an older service is raised to today's shape."""
-    try:
-        return kind.model_validate(document)
-    except ValidationError:
-        name = _KINDS_OF_ANSWERS.get(kind) or (kind.kind_name() if issubclass(kind, Job) else None)
-        if name is None or not isinstance(document, dict):
-            raise
-        return kind.model_validate(raise_document(name, document, None).document)
-
-
-_KINDS_OF_ANSWERS: Final[Mapping[type[Message], str]] = MappingProxyType(
-    {Robot: "robot", MeasurementSet: "measurement_set", Prediction: "prediction"}
-)
-"""Class of an answer that is no job → kind of its document."""
-
-
-def parse_problem(response: httpx2.Response) -> Problem:
-    """Return the problem document in an answer, or a problem that says the answer is not from Jointstiff."""
-    try:
-        return parse_resource(response, Problem)
-    except RefusedError:
-        return _foreign_answer_error(f"the answer has the status {response.status_code}").problem
-
-
-def _foreign_answer_error(what: str) -> RefusedError:
-    """Return the error for an answer that does not come from Jointstiff.
-
-    `what` describes the answer.
-    """
-    reason = f"the answer is not from Jointstiff: {what}"
-    return RefusedError(
-        http_problem(502, reason, "check the address, and that client and service have the same version")
-    )
-
-
 def _no_answer_problem(address: object, error: Exception) -> Problem:
     """Return the problem (status 503) for an address at which no service answers."""
     return http_problem(
@@ -746,17 +703,6 @@ def _no_answer_problem(address: object, error: Exception) -> Problem:
         f"no answer from {address}: {error}",
         "start the service with `jointstiff serve`, or give the address of a running service with --server",
     )
-
-
-def _replace_unprintable(value: Any) -> Any:  # noqa: ANN401 - any JSON
-    """Return JSON data in which U+FFFD replaces unprintable characters, which could control a terminal."""
-    if isinstance(value, str):
-        return "".join(character if character.isprintable() else "\ufffd" for character in value)
-    if isinstance(value, list):
-        return [_replace_unprintable(item) for item in value]
-    if isinstance(value, dict):
-        return {_replace_unprintable(name): _replace_unprintable(item) for name, item in value.items()}
-    return value
 
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from jointstiff.service.conversion.arguments import complete_units
 from jointstiff.service.conversion.arrays import read_numbers
 from jointstiff.service.conversion.poses import read_frame, read_poses
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.problems import as_campaign_error
+from jointstiff.service.problems import as_campaign_error, naming_missing_file
 from jointstiff.service.resources.documents import parse_document
 from jointstiff.service.runs.correction.answer import correct_table
 from jointstiff.service.runs.correction.columns import (
@@ -33,6 +33,7 @@ from jointstiff.service.runs.correction.columns import (
 from jointstiff.service.runs.correction.orientation import ROTATION_VECTOR
 from jointstiff.service.runs.correction.poses import PoseTable
 from jointstiff.service.runs.correction.verdict import count_statuses, describe_rows, find_first_rows
+from jointstiff.service.runs.verdicts import refuse_unaccepted
 from jointstiff.service.tables.files import make_data_frame, parquet_bytes, write_sheet
 from jointstiff.service.tables.reading import LABEL, read_number_table
 from jointstiff.solver.arrays import FloatArray
@@ -302,42 +303,7 @@ def _place_forces(forces: FloatArray, columns: Mapping[str, FloatArray]) -> dict
     return dict(zip(FORCES, rows.T, strict=True))
 
 
-def correct(
-    source: Any,  # noqa: ANN401 - a run, a campaign, or a robot
-    poses: AnyPoses,
-    /,
-    joints: Matrix | None = None,
-    **options: Any,  # noqa: ANN401 - of CorrectFields
-) -> Correction:
-    """Correct poses of a tool, so that the loaded tool is where each of them says.
-
-    Args:
-        source: run that `identify` returned, or a campaign, which is identified first; or an arm that was not
-            measured: a robot document, or the name of an arm of the catalogue.
-        poses: poses of the tool in the base: an array (N, 4, 4), an array (N, 6) of X, Y, Z and rotation
-            vector, or a CSV or Parquet file with units in its headers.
-        joints: (N, n) controller's joints of the poses, if they are known: a wrong tool, base, world or unit
-            is then refused, and frames that fit are proposed.
-        options: `tool` in the flange frame and `base` in R0, as (4, 4) or six numbers; `forces` (3,), (N, 3)
-            or rows (K, 4) of path length and force, along `axes` (`robot`, `base`, `tool`, `feed`); `feed`,
-            for the speed of the joints and for corners; `start`, joints near the first pose; and fields of
-            `CorrectionOptions`. All numbers of the call are in mm, deg, N and N.m unless `units` states
-            others.
-
-    Returns:
-        Corrected rows. Its arrays are in SI units (m, rad, rad/s), whatever the units of the call; `to_frame`
-        and `save` write the units of the call in headers.
-
-    Raises:
-        CampaignError: source, poses or options cannot be used. A single row never raises an error: see
-            `status`.
-        OSError: a file of poses cannot be read.
-    """
-    from jointstiff.service.library.here import Here
-
-    return Here().correct(source, poses, joints, **options)
-
-
+@naming_missing_file()
 def prepare_call(
     robot: Robot,
     poses: AnyPoses,
@@ -351,3 +317,23 @@ def prepare_call(
     """
     with as_campaign_error("correction"):
         return CorrectionCall.read(robot, poses, joints, options)
+
+
+def correct_robot(
+    robot: Robot,
+    poses: AnyPoses,
+    joints: AnyJoints,
+    options: Mapping[str, Any],
+    run: Run | None = None,
+) -> Correction:
+    """Correct poses by the model of a robot's run; without a run, by the prior of the robot.
+
+    Raises:
+        CampaignError: an argument cannot be used, or the verdict on the run is not accepted.
+    """
+    call = prepare_call(robot, poses, joints, options)
+    with as_campaign_error("correction"):
+        if run is not None and run.result is not None:
+            accepted = call.options.accept_verdict
+            refuse_unaccepted(run.result.assessment, accepted, f"run '{run.id}'")
+        return call.correct(robot, run)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Callable, Mapping
+from os import PathLike
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, TypeVar, Unpack, cast
 
@@ -18,8 +20,9 @@ from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.kinds.verb import JobMonitor
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
-from jointstiff.service.library.campaigns import extract_run_options
+from jointstiff.service.library.campaigns import add_campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
+from jointstiff.service.library.restoring import parse_job
 from jointstiff.service.library.results import Prediction, TabledRun, make_presented_class
 from jointstiff.service.library.robots import prepare_once, read_joint_kinds
 from jointstiff.service.library.verbs import Verbs
@@ -40,6 +43,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from jointstiff.schemas.joints import JointKind
+    from jointstiff.service.kinds.verb import Matrix
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
     from jointstiff.service.library.correction import AnyPoses, CorrectFields, Correction
@@ -59,11 +63,15 @@ class Here(Verbs):
         self.tables: Mapping[str, Sheet] = {}  # of a service's job that was read from a file, by name
         self.files: Mapping[str, bytes] = {}  # corrected files of such a program, by name
 
+    @property
+    def unpickler(self) -> Callable[[str], Any]:
+        """Function that makes a job from the text to which it was pickled."""
+        return restore_job_text
+
     def start_call(self, monitor: JobMonitor) -> Here:  # noqa: ARG002 - any executor can be used
         """Return a new object for one call, so that its inputs are freed with the result of the call."""
         return Here()
 
-    @one_thread()
     def prepare_set(self, source: Any, place: str = "") -> tuple[str, RunOptions]:  # noqa: ANN401 - campaign or run
         """Prepare a campaign, or the campaign of a run; return the id of its set, and the options of the run.
 
@@ -72,14 +80,11 @@ class Here(Verbs):
         Raises:
             CampaignError: robot or readings cannot be used.
         """
-        source = _use_saved(source)
+        source = use_saved(source)
         if isinstance(source, TabledRun):
             return self.prepare_set(source.campaign)[0], extract_run_options(source)
         self.campaign = campaign = read_campaign(source)
-        with as_campaign_error(f"{place}robot"):
-            robot = prepare_once(campaign.robot)
-        with as_campaign_error(f"{place}measurement_set"):
-            return self.inputs.add_set(campaign.measurement_set, robot), campaign.run
+        return add_campaign(self.inputs, campaign, place), campaign.run
 
     def prepare_run(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401 - run or campaign
         """Prepare a run as an input of further work; return its id. A campaign is identified first.
@@ -87,7 +92,7 @@ class Here(Verbs):
         Raises:
             CampaignError: the run has failed, or was not made from its campaign by this version.
         """
-        source = _use_saved(source)
+        source = use_saved(source)
         run: TabledRun = source if isinstance(source, TabledRun) else self.identify(source, executor=executor)
         if run.error is not None:
             raise CampaignError(run.error)
@@ -262,24 +267,16 @@ class Here(Verbs):
         **options: Unpack[CorrectFields],
     ) -> Correction:
         """Correct poses by the model of a run, or by the prior of a robot; as `jointstiff.correct`."""
-        from jointstiff.service.library.correction import prepare_call
+        from jointstiff.service.library.correction import correct_robot
         from jointstiff.service.resources.documents import read_plan_source
-        from jointstiff.service.runs.verdicts import refuse_unaccepted
 
         described = source if isinstance(source, RobotDocument) else read_plan_source(source)
-        run = None
         if isinstance(described, RobotDocument):
             with as_campaign_error("robot"):
                 robot = prepare_once(described).robot
-        else:
-            measured_run = self.inputs.run(self.prepare_run(described), "run_id")
-            run, robot = measured_run.run, measured_run.prepared.robot
-        call = prepare_call(robot, poses, joints, options)
-        with as_campaign_error("correction"):
-            if run is not None and run.result is not None:
-                accepted = call.options.accept_verdict
-                refuse_unaccepted(run.result.assessment, accepted, f"run '{run.id}'")
-            return call.correct(robot, run)
+            return correct_robot(robot, poses, joints, options)
+        measured_run = self.inputs.run(self.prepare_run(described), "run_id")
+        return correct_robot(measured_run.prepared.robot, poses, joints, options, measured_run.run)
 
     def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
         """Return the report of a job as PDF or HTML, or the calibration certificate of a run as XML."""
@@ -322,11 +319,36 @@ class Here(Verbs):
         return self.identify(campaign)
 
 
-def _use_saved(source: Any) -> Any:  # noqa: ANN401 - a source of a verb
-    """Return the run in a saved file; return any other source of a verb unchanged."""
-    from jointstiff.service.library.saved import use_saved
+def restore_job(document: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a job of any kind
+    """Return the job of a saved document; tables, plots and further work are made in this process.
 
-    return use_saved(source)
+    Raises:
+        CampaignError: the document is no job.
+    """
+    saved = parse_job(document)
+    parts = saved.parts
+    here = Here(parts.campaign or parts.continues)
+    if parts.made_from is not None and parts.made_from.get("kind") == Run.kind_name():
+        here.source = restore_job(parts.made_from)
+    here.tables, here.files = parts.make_sheets(), parts.files
+    return results.attach_origin(saved.job, here)
+
+
+def restore_job_text(text: str) -> Any:  # noqa: ANN401 - a job of any kind
+    """Return a job from the text to which it was pickled."""
+    return restore_job(json.loads(text))
+
+
+def use_saved(source: Any) -> Any:  # noqa: ANN401 - a source of a verb
+    """Return the run in a saved file; return any other source of a verb unchanged."""
+    if not isinstance(source, str | PathLike) or not Path(source).is_file():
+        return source
+    try:
+        document = json.loads(Path(source).read_bytes())
+    except (ValueError, RecursionError):
+        return source  # the verb names what is wrong
+    is_run = isinstance(document, dict) and document.get("kind") == Run.kind_name() and "campaign" in document
+    return restore_job(document) if is_run else source
 
 
 def make_failed_run(message: type[AnyRun], request: RunRequest, problem: Problem) -> AnyRun:
@@ -376,3 +398,37 @@ def predict(
         CampaignError: run, table or array cannot be used.
     """
     return Here().predict(run, postures, forces, **options)
+
+
+def correct(
+    source: Any,  # noqa: ANN401 - a run, a campaign, or a robot
+    poses: AnyPoses,
+    /,
+    joints: Matrix | None = None,
+    **options: Any,  # noqa: ANN401 - of CorrectFields
+) -> Correction:
+    """Correct poses of a tool, so that the loaded tool is where each of them says.
+
+    Args:
+        source: run that `identify` returned, or a campaign, which is identified first; or an arm that was not
+            measured: a robot document, or the name of an arm of the catalogue.
+        poses: poses of the tool in the base: an array (N, 4, 4), an array (N, 6) of X, Y, Z and rotation
+            vector, or a CSV or Parquet file with units in its headers.
+        joints: (N, n) controller's joints of the poses, if they are known: a wrong tool, base, world or unit
+            is then refused, and frames that fit are proposed.
+        options: `tool` in the flange frame and `base` in R0, as (4, 4) or six numbers; `forces` (3,), (N, 3)
+            or rows (K, 4) of path length and force, along `axes` (`robot`, `base`, `tool`, `feed`); `feed`,
+            for the speed of the joints and for corners; `start`, joints near the first pose; and fields of
+            `CorrectionOptions`. All numbers of the call are in mm, deg, N and N.m unless `units` states
+            others.
+
+    Returns:
+        Corrected rows. Its arrays are in SI units (m, rad, rad/s), whatever the units of the call; `to_frame`
+        and `save` write the units of the call in headers.
+
+    Raises:
+        CampaignError: source, poses or options cannot be used. A single row never raises an error: see
+            `status`.
+        OSError: a file of poses cannot be read.
+    """
+    return Here().correct(source, poses, joints, **options)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypedDict, Unpack, cast
 
 from pydantic import PrivateAttr
 
@@ -16,7 +16,12 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.here import Here
 from jointstiff.service.library.results import Presented, TabledRun
-from jointstiff.service.problems import CampaignError, as_campaign_error, problem_from_error
+from jointstiff.service.problems import (
+    CampaignError,
+    as_campaign_error,
+    naming_missing_file,
+    problem_from_error,
+)
 from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import parse_document, read_robot
 from jointstiff.service.tables.table import Line, Part, Sheet
@@ -66,7 +71,23 @@ class ImportFields(TypedDict, total=False):
 class ImportedReadings(Presented, ImportAnswer):
     """Readings from files, from which a campaign is made; shown in one line."""
 
+    _saved_kind: ClassVar[str] = "imported"
     _robot: Any = PrivateAttr(default=None)  # document of the measured robot
+
+    @classmethod
+    def _from_fields(cls, fields: Mapping[str, Any]) -> Self:
+        """Return the readings from their document, with the robot."""
+        stated = dict(fields)
+        robot = stated.pop("robot", None)
+        readings = super()._from_fields(stated)
+        return readings if robot is None else readings.with_robot(robot)
+
+    def _to_document(self) -> dict[str, Any]:
+        """Return the readings as a document, with the robot."""
+        document = super()._to_document()
+        if self.robot is not None:
+            document["robot"] = self.robot.model_dump(mode="json", exclude_unset=True)
+        return document
 
     def _parts(self) -> Sequence[Part]:
         """Return the line of the report, and lines of what is missing and of suspicious readings."""
@@ -101,7 +122,7 @@ class ImportedReadings(Presented, ImportAnswer):
         """Measured robot, with the masses of a table of masses; None if `import_files` got no robot."""
         return cast("RobotDocument | None", self._robot)
 
-    def with_robot(self, robot: RobotDocument | Mapping[str, Any]) -> ImportedReadings:
+    def with_robot(self, robot: RobotDocument | Mapping[str, Any]) -> Self:
         """Return the readings with their robot, a message or a document.
 
         Raises:
@@ -141,6 +162,7 @@ class ImportedReadings(Presented, ImportAnswer):
         return Here().identify(self.campaign, options, **fields)
 
 
+@naming_missing_file()
 @one_thread()
 def import_files(
     *files: str | PathLike[str],

@@ -171,14 +171,14 @@ def _make_task(number: int, source: Any, shared: _SharedOptions) -> _Task:  # no
             path = Path(cast("str | PathLike[str]", source))
             name = str(path)
             content = read_content(path)
-    except CampaignError as error:
-        content = error.problem
     except TypeError:
         reason = f"a {type(source).__name__} cannot be read as a campaign"
         content = http_problem(422, reason, "give a file, a document, a `Campaign` or a run")
     except OSError as error:
         reason = f"{path} cannot be read: {error.strerror}"
         content = http_problem(422, reason, "give the name of a file that can be read")
+    except CampaignError as error:
+        content = error.problem
     return _Task(name, content, path, shared)
 
 

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Coroutine, Mapping
 from concurrent.futures import Future
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self, TypeVar, cast
 from urllib.parse import quote
 
 import numpy as np
@@ -33,6 +33,7 @@ from jointstiff.service.conversion.prepared import (
     resolve_stated_frame,
 )
 from jointstiff.service.conversion.units import FORCE
+from jointstiff.service.library.answers import parse_resource
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.frames import NameMatcher
 from jointstiff.service.live.campaign import MOST_READINGS, Declaration, Entry, LiveCampaign
@@ -58,7 +59,8 @@ from jointstiff.service.resources.documents import parse_document, read_plan_sou
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
-    from jointstiff.service.library.client import Client
+    import httpx2
+
     from jointstiff.service.library.results import TabledRun
 
 Value = TypeVar("Value")
@@ -162,10 +164,28 @@ class _SetInProcess:
         return Here().identify(campaign), self.state()
 
 
+class LiveService(Protocol):
+    """Client of a service that keeps a measurement set, such as `jointstiff.Client`."""
+
+    runs: Any  # collection of the runs of the service
+
+    def prepare_robot(self, robot: RobotDocument) -> str:
+        """Return the id of a robot in the service."""
+
+    def send(
+        self,
+        verb: str,
+        path: str,
+        query: Mapping[str, str | bool] | None = None,
+        document: Any = None,  # noqa: ANN401 - a message, a document or JSON text
+    ) -> httpx2.Response:
+        """Send a request; return the answer of the service."""
+
+
 class _SetInService:
     """Measurement set that is measured live, kept by a service."""
 
-    def __init__(self, client: Client, robot: RobotDocument, post: MeasurementSetPost) -> None:
+    def __init__(self, client: LiveService, robot: RobotDocument, post: MeasurementSetPost) -> None:
         """Store robot and measurement set in the service; `post` declares goal, load and targets."""
         self._client = client
         body = post.model_copy(update={"robot_id": client.prepare_robot(robot)})
@@ -176,8 +196,6 @@ class _SetInService:
 
     def _request_state(self, verb: str, path: str, document: Message | str | None = None) -> LiveState:
         """Send a request about the set to the service; return the state in its answer."""
-        from jointstiff.service.library.client import parse_resource
-
         answer = self._client.send(verb, f"{self._path}{path}", None, document)
         return parse_resource(answer, LiveState)
 
@@ -628,7 +646,7 @@ def measure(
     *,
     force: Any = None,  # noqa: ANN401 - three numbers
     timeout: float = PATIENCE,
-    client: Client | None = None,
+    client: LiveService | None = None,
     source_options: Mapping[str, Any] | None = None,
     units: AnyUnits = None,
     **options: Any,  # noqa: ANN401 - fields of LiveOptions

@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from jointstiff.service.library import datasets
     from jointstiff.service.library.campaigns import Campaign
     from jointstiff.service.library.client import AsyncClient, Client
-    from jointstiff.service.library.correction import Correction, correct
-    from jointstiff.service.library.here import Here, predict
+    from jointstiff.service.library.correction import Correction
+    from jointstiff.service.library.here import Here, correct, predict
     from jointstiff.service.library.imported import ImportedReadings, import_files
     from jointstiff.service.library.many import identify_many
     from jointstiff.service.library.measure import measure
@@ -91,7 +91,7 @@ _HOMES = {
     "RobotTrend": "service.library.results",
     "identify_many": "service.library.many",
     "import_files": "service.library.imported",
-    "correct": "service.library.correction",
+    "correct": "service.library.here",
     "load": "service.library.saved",
     "measure": "service.library.measure",
     "Rehearsal": "service.library.rehearse",

@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.rehearsal import RehearsalResult
 from jointstiff.schemas.run import Campaign, RunResult
 from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in
-from jointstiff.service.library.here import Here
+from jointstiff.service.library.here import Here, restore_job, use_saved
 from jointstiff.service.library.results import Presented, TabledRun
 from jointstiff.service.library.robots import prepare_once
 from jointstiff.service.library.robots import robot as describe_robot
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 
 class Rehearsal(Presented, RehearsalResult):
     """Stiffnesses that a campaign would find next to those that were planted; shown as a table."""
+
+    _saved_kind: ClassVar[str] = "rehearsal"
 
     def _parts(self) -> Sequence[Part]:
         """Return the verdict on the campaign, the joints, and the remarks."""
@@ -132,13 +134,11 @@ def rehearse(
 
 def _load_source(source: Any) -> Any:  # noqa: ANN401 - as of `rehearse`
     """Return a run, a plan or a document from a file; return any other source unchanged."""
-    from jointstiff.service.library.saved import load, use_saved
-
     if not isinstance(source, str | PathLike) or not Path(source).is_file():
         return source
     document = json.loads(read_content(Path(source)))
     if isinstance(document, dict) and document.get("kind") == "plan":
-        return load(source)
+        return restore_job(document)
     return document if isinstance(document, dict) and "measurement_set" in document else use_saved(source)
 
 

@@ -10,7 +10,7 @@ from io import StringIO
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Unpack, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self, Unpack, cast
 
 from pydantic import PrivateAttr, create_model
 from rich.console import Console
@@ -23,7 +23,8 @@ from jointstiff.schemas.trend import Trend
 from jointstiff.service.kinds import verb
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.rooms import import_kind
-from jointstiff.service.library.campaigns import Campaign
+from jointstiff.service.library.campaigns import Campaign, extract_run_options
+from jointstiff.service.library.restoring import describe_contents, parse_job, parse_message, with_version
 from jointstiff.service.tables.estimate import percent_text
 from jointstiff.service.tables.files import make_data_frame, write_sheet, xlsx_bytes
 from jointstiff.service.tables.report import View
@@ -37,8 +38,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from jointstiff.schemas import run as messages
+    from jointstiff.schemas.comparison import Comparison
+    from jointstiff.schemas.deflection import Map
+    from jointstiff.schemas.fleet import Fleet
+    from jointstiff.schemas.gearbox import Gearbox
+    from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.plan import Plan
     from jointstiff.schemas.process import Process
+    from jointstiff.schemas.program import Program
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import AnyPostures, PredictFields
     from jointstiff.service.library.correction import AnyPoses, CorrectFields, Correction
@@ -53,6 +60,10 @@ _MODELS = {"csv", "xlsx", "mjcf"}
 
 class Backend(verb.Backend, Protocol):
     """Service or process that does work, and also makes files, predictions and new runs from a job."""
+
+    @property
+    def unpickler(self) -> Callable[[str], Any]:
+        """Function that makes a job from the text to which it was pickled."""
 
     def read_campaign(self, job: Run | Plan) -> messages.Campaign | None:
         """Return the campaign of a run, or the campaign that a plan continues; None if it is not known."""
@@ -122,6 +133,8 @@ def _lay_out_text(parts: Sequence[Part]) -> ShownText:
 class Presented(ABC):
     """Base class of results: shown in a line or as tables; made into data frames, plots and files."""
 
+    _saved_kind: ClassVar[str]  # `kind` in the files of a result that is no job
+
     @abstractmethod
     def _parts(self) -> Sequence[Part]:
         """Return the parts of the report, lines and tables, in the order in which they are shown."""
@@ -146,9 +159,33 @@ class Presented(ABC):
 
     def __reduce__(self) -> tuple[Callable[[str], Any], tuple[str]]:
         """Return how the result is pickled: as its saved file, which is read in the other process."""
-        from jointstiff.service.library.saved import from_pickle, to_document
+        return self._unpickler(), (json.dumps(self._to_document()),)
 
-        return from_pickle, (json.dumps(to_document(self)),)
+    @classmethod
+    def _from_text(cls, text: str) -> Self:
+        """Return the result from the text to which it was pickled."""
+        return cls._from_fields(json.loads(text))
+
+    @classmethod
+    def _from_fields(cls, fields: Mapping[str, Any]) -> Self:
+        """Return the result from its document.
+
+        Raises:
+            CampaignError: the document is no such result.
+        """
+        return cast("Self", parse_message(fields, cast("type[Message]", cls)))
+
+    def _unpickler(self) -> Callable[[str], Any]:
+        """Return the function that makes the result from the text to which it was pickled."""
+        return type(self)._from_text
+
+    def _to_document(self) -> dict[str, Any]:
+        """Return the result as a document that `jointstiff.load` reads.
+
+        Raises:
+            RefusedError: the service that did the work does not answer, or has deleted the campaign.
+        """
+        return with_version({"kind": self._saved_kind}) | self._message.model_dump(mode="json")
 
     def __dir__(self) -> list[str]:
         """Return the fields and the methods of the result, without those that pydantic adds."""
@@ -274,9 +311,7 @@ class Presented(ABC):
         if suffix in {"svg", "png"}:
             self.plot(dpi=dpi).savefig(target)
         elif suffix == "json":
-            from jointstiff.service.library.saved import to_document
-
-            text = json.dumps(to_document(self), indent=1, ensure_ascii=False)
+            text = json.dumps(self._to_document(), indent=1, ensure_ascii=False)
             target.write_text(text + "\n", encoding="utf-8")
         elif suffix == "csv":
             target.write_bytes(write_sheet(self._make_table(None), suffix))
@@ -313,6 +348,25 @@ class PresentedJob(Presented):
     def __eq__(self, other: object) -> bool:
         """Return whether another job, of this class or a plain message, has the same kind and fields."""
         return isinstance(other, Job) and other.kind == self._job.kind and dict(self._job) == dict(other)
+
+    def _unpickler(self) -> Callable[[str], Any]:
+        """Return the function that makes the job from the text to which it was pickled."""
+        return _parse_job_text if self._origin is None else self._require_origin().unpickler
+
+    def _to_document(self) -> dict[str, Any]:
+        """Return the job as a document, with what its message only names."""
+        from jointstiff.schemas.plan import Plan
+
+        job = self._job
+        fields: dict[str, Any] = job.model_dump(mode="json")
+        if self._origin is None:
+            return with_version(fields)
+        origin = self._require_origin()
+        if isinstance(job, Plan) and (continued := origin.read_campaign(job)) is not None:
+            fields["continues"] = continued.model_dump(mode="json", exclude_unset=True)
+        if (run := origin.find_run_for_tables(job)) is not None:
+            fields["made_from"] = run._to_document()
+        return with_version(fields | describe_contents(*origin.read_contents(job)))
 
     def __hash__(self) -> int:
         """Return the hash of the job's id, which is unique."""
@@ -469,6 +523,33 @@ class PresentedJob(Presented):
         return cast("Backend", self._origin)
 
 
+if TYPE_CHECKING:  # `make_presented_class` makes them when they are needed
+
+    class TabledComparison(PresentedJob, Comparison):
+        """A comparison, with its tables, plots and files."""
+
+    class TabledFleet(PresentedJob, Fleet):
+        """A fleet, with its tables, plots and files."""
+
+    class TabledGearbox(PresentedJob, Gearbox):
+        """Gearboxes, with their tables, plots and files."""
+
+    class TabledGeometry(PresentedJob, Geometry):
+        """A geometry, with its tables, plots and files."""
+
+    class TabledMap(PresentedJob, Map):
+        """A map, with its tables, plots and files."""
+
+    class TabledPlan(PresentedJob, Plan):
+        """A plan, with its tables, plots and files."""
+
+    class TabledProcess(PresentedJob, Process):
+        """A process, with its tables, plots and files."""
+
+    class TabledProgram(PresentedJob, Program):
+        """A compensated program, with its tables, plots and files."""
+
+
 class _Joints(dict[str, JointResult]):
     """Results of joints by name; the error for an unknown name lists the known names."""
 
@@ -512,26 +593,27 @@ class TabledRun(PresentedJob, Run):
         """
         return self._list_numbers("compliance")
 
-    def conf_int(self, of: Literal["stiffness", "compliance"] = "stiffness") -> FloatArray:
-        """Return the intervals (n, 2) of the joints at the run's confidence level; lower and upper ends.
+    def conf_int(self, of: Literal["compliance", "stiffness"] = "compliance") -> FloatArray:
+        """Return the intervals (n, 2) of `params` at the run's confidence level; lower and upper ends.
 
         Args:
-            of: `stiffness` [N·m/rad] or `compliance` [rad/(N·m)]; of prismatic joints [N/m] or [m/N].
+            of: `compliance` [rad/(N·m)], the quantity of `params`, `bse` and `cov_params()`, or `stiffness`
+                [N·m/rad]; of prismatic joints [m/N] or [N/m].
 
         Returns:
-            Profile-likelihood intervals under the run's constraints. An upper end is inf if the readings
-            allow a rigid joint; joints without an interval are NaN.
+            Profile-likelihood intervals under the run's constraints. The upper end of a stiffness is inf if
+            the readings allow a rigid joint; joints without an interval are NaN.
 
         Raises:
             RequestError: the run has no result, or there is no such interval.
         """
         import numpy as np
 
-        if of not in ("stiffness", "compliance"):
+        if of not in ("compliance", "stiffness"):
             raise RequestError(
                 f"there is no interval of {of!r}",
                 where="of",
-                remedy="give `stiffness` or `compliance`; the level is the option `confidence` of `identify`",
+                remedy="give `compliance` or `stiffness`; the level is the option `confidence` of `identify`",
             )
         unknown, field = (np.nan, np.nan), f"{of}_interval"
         intervals = [getattr(joint, field) or unknown for joint in self._require_result().joints]
@@ -546,7 +628,8 @@ class TabledRun(PresentedJob, Run):
     def params(self) -> FloatArray:
         """Estimated parameters (n,) of the fit, as statsmodels names them: `compliance` [rad/(N·m)].
 
-        Compliances of prismatic joints are in m/N. `conf_int("compliance")` has their intervals.
+        Compliances of prismatic joints are in m/N. `bse`, `cov_params()` and `conf_int()` concern the same
+        compliances, in the same order; `stiffness` and `conf_int("stiffness")` are their inverses.
 
         Raises:
             RequestError: the run has no result.
@@ -698,6 +781,15 @@ class TabledRun(PresentedJob, Run):
             )
         return Campaign.from_message(campaign)
 
+    def _to_document(self) -> dict[str, Any]:
+        """Return the run as a document, with its campaign if that is known."""
+        fields: dict[str, Any] = self.model_dump(mode="json")
+        campaign = None if self._origin is None else self._require_origin().read_campaign(self)
+        if campaign is not None:
+            campaign = campaign.model_copy(update={"run": extract_run_options(self)})
+            fields["campaign"] = campaign.model_dump(mode="json", exclude_unset=True)
+        return with_version(fields)
+
     @property
     def robot(self) -> Robot:
         """Robot that was measured; `run.robot.model` is its Pinocchio model.
@@ -765,6 +857,8 @@ class TabledRun(PresentedJob, Run):
 class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary` of a listing
     """Predicted deflections, shown as tables; its arrays have a row for each of N load cases."""
 
+    _saved_kind: ClassVar[str] = "prediction"
+
     @property
     def displacement(self) -> FloatArray:
         """Displacements (N, 3) of the loaded place in N cases, axes of R0 [m]; NaN without a prediction."""
@@ -812,6 +906,8 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
 class RobotTrend(Presented, Trend):
     """Stiffness of a robot's joints over its campaigns; shown as a table of changes, and plots."""
+
+    _saved_kind: ClassVar[str] = "trend"
 
     def _parts(self) -> Sequence[Part]:
         """Return the report of a trend: number of changed joints, a table of the changes in %, remarks."""
@@ -923,6 +1019,12 @@ def attach_origin(job: AnyJob, origin: Backend) -> AnyJob:
     presented = make_presented_class(import_kind(job.kind)).model_validate(dict(job))
     cast("Any", presented)._origin = origin
     return cast("AnyJob", presented)
+
+
+def _parse_job_text(text: str) -> Any:  # noqa: ANN401 - a job of any kind
+    """Return a job, without an origin, from the text to which it was pickled."""
+    job = parse_job(json.loads(text)).job
+    return make_presented_class(import_kind(job.kind)).model_validate(dict(job))
 
 
 def _require_suffix(path: str | Path, known: set[str]) -> str:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from difflib import get_close_matches
+from functools import lru_cache, wraps
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, Unpack
 
 from pydantic import PrivateAttr
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.robot import JointMap, RobotDocument
 from jointstiff.service.problems import as_campaign_error
+from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import URDF_ENDINGS, parse_document, read_robot, read_urdf_file
 from jointstiff.solver.errors import RobotError
 
@@ -24,9 +27,14 @@ if TYPE_CHECKING:
     from jointstiff.service.library.correction import AnyJoints, AnyPoses, CorrectFields, Correction
 
 
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
 class DescribedRobot(RobotDocument):
     """Robot document that `robot` returns: equal to the plain document, with the work that needs no run."""
 
+    @one_thread()
     def correct(
         self,
         poses: AnyPoses,
@@ -35,9 +43,11 @@ class DescribedRobot(RobotDocument):
         **options: Unpack[CorrectFields],
     ) -> Correction:
         """Correct poses by the prior of this robot; arguments as of `jointstiff.correct`."""
-        from jointstiff.service.library.here import Here
+        from jointstiff.service.library.correction import correct_robot
 
-        return Here().correct(self, poses, joints, **options)
+        with as_campaign_error("robot"):
+            robot = prepare_once(self).robot
+        return correct_robot(robot, poses, joints, options)
 
     def __eq__(self, other: object) -> bool:
         """Return whether another document, of any class, has the same fields."""
@@ -106,6 +116,28 @@ def _prepare_cached(robot: str) -> PreparedRobot:
     return prepare_robot(RobotDocument.model_validate_json(robot))
 
 
+def _explain_unknown_arguments(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Return a function that refuses an unknown argument with the argument that was meant."""
+    known = list(inspect.signature(function).parameters)
+
+    @wraps(function)
+    def call(*arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+        """Call the function unless an argument is unknown."""
+        for name in named:
+            if name in known:
+                continue
+            remedy = f"the arguments are {', '.join(known)}"
+            if "unit" in name:
+                remedy = "state all units in `units`, such as units='mm, deg'"
+            elif similar := get_close_matches(name, known, n=1):
+                remedy = f"give `{similar[0]}` in its place"
+            raise TypeError(f"{function.__name__}() has no argument '{name}'; remedy: {remedy}")
+        return function(*arguments, **named)
+
+    return call
+
+
+@_explain_unknown_arguments
 def robot(
     source: object,
     *,

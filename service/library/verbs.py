@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from types import MethodType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.kinds.verb import import_verb
@@ -19,21 +19,41 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.process import verb as of_process
     from jointstiff.service.kinds.program import verb as of_program
     from jointstiff.service.kinds.run import verb as of_run
+    from jointstiff.service.kinds.verb import Backend
+    from jointstiff.service.library.results import (
+        TabledComparison,
+        TabledFleet,
+        TabledGearbox,
+        TabledGeometry,
+        TabledMap,
+        TabledPlan,
+        TabledProcess,
+        TabledProgram,
+        TabledRun,
+    )
+
+    Arguments = ParamSpec("Arguments")
+    Result = TypeVar("Result")
+
+    def _presenting(
+        verb: Callable[Concatenate[Backend, Arguments], object], result: type[Result]
+    ) -> Callable[Concatenate[Any, Arguments], Result]:
+        """Return a verb as a method that returns its result with tables, plots and files."""
 
 
 class Verbs:
     """Base class with a method for each kind of work, imported when it is first used."""
 
     if TYPE_CHECKING:
-        identify = of_run.identify
-        compare = of_comparison.compare
-        geometry = of_geometry.geometry
-        gearbox = of_gearbox.gearbox
-        plan = of_plan.plan
-        map = of_map.map
-        fleet = of_fleet.fleet
-        compensate = of_program.compensate
-        process = of_process.process
+        identify = _presenting(of_run.identify, TabledRun)
+        compare = _presenting(of_comparison.compare, TabledComparison)
+        geometry = _presenting(of_geometry.geometry, TabledGeometry)
+        gearbox = _presenting(of_gearbox.gearbox, TabledGearbox)
+        plan = _presenting(of_plan.plan, TabledPlan)
+        map = _presenting(of_map.map, TabledMap)
+        fleet = _presenting(of_fleet.fleet, TabledFleet)
+        compensate = _presenting(of_program.compensate, TabledProgram)
+        process = _presenting(of_process.process, TabledProcess)
     else:
 
         def __getattr__(self, name: str) -> Callable[..., Any]:

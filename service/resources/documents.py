@@ -22,6 +22,7 @@ from jointstiff.service.problems import (
     CampaignError,
     as_campaign_error,
     http_problem,
+    naming_missing_file,
     problem_from_error,
     problem_from_faults,
 )
@@ -68,6 +69,7 @@ def read_document(path: Path, message_class: type[Document], section: str | None
     return parse_content(read_content(path), message_class, path, section)
 
 
+@naming_missing_file()
 def read_content(path: Path) -> bytes:
     """Return the content of a file of at most `MAX_SET_BYTES`, without parsing it.
 
@@ -243,6 +245,7 @@ URDF_ENDINGS: Final = frozenset((".urdf", ".xacro", ".xml"))
 """Endings of files with a URDF."""
 
 
+@naming_missing_file()
 def read_urdf_file(path: Path, base: str | None = None, flange: str | None = None) -> dict[str, Any]:
     """Return the fields of the robot in a file with a URDF, also of xacro, by the links `base` and `flange`.
 

@@ -80,7 +80,12 @@ def import_files(
         faults.append(fault)
     # Readings without any load serve to identify by the robot's own weight, if the masses are known.
     is_by_own_weight = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
-    missing = {} if faults else _list_missing_fields(understood, request, own_weight=is_by_own_weight)
+    unusual: list[str] = []
+    if not faults and not request.accept_unusual:
+        unusual = _describe_unusual_values(understood, request)[:MAX_PREVIEW_ROWS]
+    missing = (
+        {} if faults else _list_missing_fields(understood, request, unusual, own_weight=is_by_own_weight)
+    )
     document, findings, template, geometry = None, None, None, None
     if not faults and not missing:
         try:
@@ -110,6 +115,7 @@ def import_files(
         ],
         missing_fields=list(missing),
         missing=list(missing.values()),
+        unusual=unusual,
         bodies=bodies,
         leave_out=[observation.label for observation in understood.observations if observation.held_out],
         measurement_set=document,
@@ -150,18 +156,15 @@ def _name_joints_of_bodies(bodies: Sequence[Body], robot: Robot | None) -> list[
 
 
 def _list_missing_fields(
-    understood: Understood, request: ImportRequest, *, own_weight: bool
+    understood: Understood, request: ImportRequest, unusual: Sequence[str], *, own_weight: bool
 ) -> dict[MissingField, str]:
     """Return field → description for people, for the fields that a measurement set still needs.
 
-    With `own_weight` the robot's own weight is the load: no force and no loaded positions are needed then.
+    `unusual` has the values that a person must confirm. With `own_weight` the robot's own weight is the load:
+    no force and no loaded positions are needed then.
     """
     first_observation, states = understood.observations[0], understood.preview.states
-    unusual = [] if request.accept_unusual else _describe_unusual_values(understood, request)
-    confirmation = (
-        "a confirmation (`accept_unusual`) that these values are correct: "
-        f"{'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
-    )
+    confirmation = f"a confirmation (`accept_unusual`) that these values are correct: {'; '.join(unusual)}"
     force_is_stated = request.force is not None
     force_unit = None if request.units is None else request.units.force
     joints = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
@@ -240,17 +243,12 @@ def _inspect_set(
 
     try:
         known_robots = catalogue_robots() if other_robots is None else other_robots
-        findings = check_set(document, robot, None, [], known_robots).warnings
+        flange_fields = [name for name in ("load_point", "flange_targets") if getattr(document, name)]
+        return check_set(document, robot, None, [], known_robots, flange_fields=flange_fields).warnings
     except MeasurementError as error:
         where = f" ({error.where})" if error.where else ""
         reason = f"the readings do not fit the robot{where}: {error.reason}"
         raise ImportFileError(NOWHERE, reason, error.remedy or "check robot and readings") from error
-    fields = [f"`{field}`" for field in ("load_point", "flange_targets") if getattr(document, field)]
-    for index, finding in enumerate(findings):
-        if fields and finding.code == "length_unit_suspect" and "the flange frame" in finding.message:
-            remedy = f"check the unit of {' and '.join(fields)}"
-            findings[index] = finding.model_copy(update={"remedy": remedy})
-    return findings
 
 
 # ---- lengths of the request, in the files' unit

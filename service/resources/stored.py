@@ -147,7 +147,7 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         prepared = prepare_robot(document)
         checked, robot = prepared.document, prepared.robot
         wrist, created_at = find_wrist(robot), datetime.now(UTC)
-        robot_message = robots.Robot(
+        robot_message = robots.StoredRobot(
             **checked.model_dump(exclude={"model"}),
             model=checked.model,
             id=uuid4().hex,
@@ -210,12 +210,36 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
     def _list_changed_columns(self, identifier: str, change: ResourceChange) -> dict[str, object]:
         """Return column → new value; the payload is a field of the document."""
         columns = super()._list_changed_columns(identifier, change)
+        for name in ("marks", "reference_set_ids"):
+            if columns.get(name, ()) is None:  # unchanged
+                del columns[name]
+        if "marks" in columns:
+            marks = sorted(change.marks, key=lambda mark: mark.at)
+            columns["marks"] = [mark.model_dump(mode="json") for mark in marks]
+        if "reference_set_ids" in columns:
+            self._refuse_foreign_references(identifier, change.reference_set_ids)
         payload = columns.pop("payload", None)
         if payload is not None:
-            stored = robots.Robot.model_validate_json(self._store.robots.get(identifier).document)
+            stored = robots.StoredRobot.model_validate_json(self._store.robots.get(identifier).document)
             changed = stored.model_copy(update={"payload": payload})
             columns["document"] = changed.model_dump_json(exclude={"last_campaign"})
         return columns
+
+    def _refuse_foreign_references(self, robot_id: str, set_ids: Sequence[str]) -> None:
+        """Refuse new references that are no sets of the robot.
+
+        Raises:
+            RequestError: one of the sets is neither a set of the robot nor one of its references.
+        """
+        known = {entry.id for entry in self._store.sets_of_robot(robot_id)}
+        known |= {*(self._store.robots.get(robot_id).reference_set_ids or ())}
+        for set_id in set_ids:
+            if set_id not in known:
+                raise RequestError(
+                    f"the robot has no measurement set '{set_id}'",
+                    remedy="give ids of measurement sets of this robot",
+                    where="reference_set_ids",
+                )
 
     def _describe_robot(self, request: robots.RobotDocument) -> tuple[robots.RobotDocument, dict[str, str]]:
         """Return (complete document of a requested robot, origin of its model).
@@ -252,12 +276,17 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
 
 
 def robot_from_record(record: RobotRecord) -> robots.Robot:
-    """Return the API message of a stored robot, with its present name.
+    """Return the API message of a stored robot, with its present name, its marks and its references.
 
-    The name may have been changed since the document in the record was written.
+    They may have been changed since the document in the record was written.
     """
     stored = robots.Robot.model_validate_json(record.document)
-    return stored.model_copy(update={"name": record.name})
+    columns = {
+        "name": record.name,
+        "marks": [robots.Mark.model_validate(mark) for mark in record.marks or ()],
+        "reference_set_ids": record.reference_set_ids or [],
+    }
+    return stored.model_copy(update=columns)
 
 
 def load_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:

@@ -17,7 +17,7 @@ from jointstiff.schemas import trend as messages
 from jointstiff.schemas.finding import Assessment, Verdict
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.options import Method, Weighting
-from jointstiff.schemas.robot import ChangedJoint, Estimate, LastCampaign
+from jointstiff.schemas.robot import ChangedJoint, Estimate, LastCampaign, MeasuredArm
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.resources.stored import robot_from_record
@@ -183,6 +183,7 @@ def compare_campaigns(
     *,
     same_load_point: bool = False,
     most: int = _MAX_RUNS,
+    references: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Compare campaigns of a robot; return the trend's fields about its campaigns and joints.
 
@@ -192,11 +193,14 @@ def compare_campaigns(
         most: greatest number of campaigns in the fields.
         same_load_point: True if the load of all campaigns hung at the same point of the flange, so that the
             error of the load point is the same.
+        references: ids of measurement sets; the comparison begins with the latest campaign that is one of
+            them, or with the first campaign.
     """
-    changes = {name: _estimate_change(campaigns, name, same_load_point=same_load_point) for name in names}
+    compared = _drop_before_reference(campaigns, references)
+    changes = {name: _estimate_change(compared, name, same_load_point=same_load_point) for name in names}
     # The more joints are tested, the stricter each test has to be.
     test_count = sum(1 for change in changes.values() if change is not None)
-    shown = choose_shown(names, campaigns, most)
+    shown = choose_shown(names, campaigns, most, compared)
     has_assessments = len(shown) <= messages.MOST_ASSESSED
     joints = [_summarise_joint(shown, name, changes[name], test_count) for name in names]
     return {
@@ -213,10 +217,19 @@ def compare_campaigns(
             )
             for campaign in shown
         ],
+        "reference_set_id": None if compared is campaigns else compared[0].measured.id,
         "joints": joints,
         "level": CHANGED_LEVEL,
-        "note": _write_note(campaigns, joints, same_load_point=same_load_point),
+        "note": _write_note(compared, joints, same_load_point=same_load_point),
     }
+
+
+def _drop_before_reference(campaigns: Sequence[Campaign], references: Sequence[str]) -> Sequence[Campaign]:
+    """Return the campaigns from the latest reference on; all campaigns if none of them is a reference."""
+    for index in reversed(range(len(campaigns))):
+        if campaigns[index].measured.id in references:
+            return campaigns[index:]
+    return campaigns
 
 
 def _estimate_change(
@@ -268,19 +281,23 @@ def _find_determining(campaigns: Iterable[Campaign], name: str) -> Campaign | No
     return next((each for each in campaigns if _compute_log_stiffness(each, name) is not None), None)
 
 
-def choose_shown(names: Sequence[str], campaigns: Sequence[Campaign], most: int) -> Sequence[Campaign]:
+def choose_shown(
+    names: Sequence[str], campaigns: Sequence[Campaign], most: int, compared: Sequence[Campaign]
+) -> Sequence[Campaign]:
     """Return at most about `most` campaigns: some at even distances, and those that joints are compared by.
 
     Args:
         names: names of the robot's joints.
         campaigns: campaigns of a trend, oldest first.
         most: number of campaigns at even distances, at least two.
+        compared: campaigns from the reference on.
     """
     if len(campaigns) <= most:
         return campaigns
     numbers = {round(place) for place in np.linspace(0, len(campaigns) - 1, most)}
-    compared = {id(each) for name in names for each in _find_compared(campaigns, name) or ()}
-    return [each for number, each in enumerate(campaigns) if number in numbers or id(each) in compared]
+    needed = {id(each) for name in names for each in _find_compared(compared, name) or ()}
+    needed.add(id(compared[0]))
+    return [each for number, each in enumerate(campaigns) if number in numbers or id(each) in needed]
 
 
 def _find_fewest_degrees_of_freedom(campaign: Campaign) -> float:
@@ -344,6 +361,7 @@ def _summarise_joint(
         points=[_summarise_point(campaign, name) for campaign in campaigns],
         change=None if change is None else _make_estimate_of_change(change),
         p_value=None if change is None else change.p_value,
+        unchanged=None if change is None else change.find_unchanged_ratios(test_count),
         changed=change is not None and change.is_significant(test_count),
     )
 
@@ -522,6 +540,38 @@ def _show_value(value: object) -> str:
     return ("yes" if value else "no") if isinstance(value, bool) else str(value).replace("_", " ")
 
 
+_SOFTER_RANK: Final = 1e6  # is added to the rank of a softer joint, which is worse than any stiffer one
+
+
+def rank_changes(changes: Iterable[Estimate]) -> float:
+    """Return the rank of an arm by the changes of its joints; the arm of the greatest rank is the worst.
+
+    The rank is the greatest ratio of a change to its standard uncertainty, at most 1e6. Softer joints have
+    1e6 more. The rank is 0 without a change.
+    """
+    ranks = [0.0]
+    for change in changes:
+        uncertainty = change.standard_uncertainty
+        ratio = abs(change.value) / uncertainty if uncertainty else _SOFTER_RANK
+        is_softer = change.value < 0.0
+        ranks.append(min(ratio, _SOFTER_RANK) + (_SOFTER_RANK if is_softer else 0.0))
+    return max(ranks)
+
+
+@dataclass(frozen=True)
+class CampaignSummary:
+    """The latest campaign of a robot, None before its first run; and its arms with a run, the worst first."""
+
+    last: LastCampaign | None
+    arms: list[MeasuredArm]
+
+    @classmethod
+    def from_stored(cls, campaign: dict[str, Any] | None, arms: list[Any] | None) -> CampaignSummary:
+        """Return the summary of what the store keeps of a robot."""
+        last = None if campaign is None else LastCampaign.model_validate(campaign)
+        return cls(last, [MeasuredArm.model_validate(arm) for arm in arms or ()])
+
+
 class Trends:
     """The trends of a store's robots."""
 
@@ -536,7 +586,7 @@ class Trends:
         Raises:
             NotFoundError: there is no such robot.
         """
-        names = [joint.name for joint in robot_from_record(self._store.robots.get(robot_id)).joints]
+        robot = robot_from_record(self._store.robots.get(robot_id))
         sets = self._store.sets_of_robot(robot_id)
         runs = self._group_runs_by_set(robot_id, sets)
         selection = choose_selection(runs.values(), query)
@@ -547,78 +597,109 @@ class Trends:
             serial_numbers=sorted({entry.serial_number for entry in sets if entry.serial_number is not None}),
             left_out=left_out,
             **compare_campaigns(
-                names, campaigns_of_trend, same_load_point=query.same_load_point, most=query.campaigns
+                [joint.name for joint in robot.joints],
+                campaigns_of_trend,
+                same_load_point=query.same_load_point,
+                most=query.campaigns,
+                references=robot.reference_set_ids,
             ),
         )
 
-    def last_campaign(self, entry: RobotEntry) -> LastCampaign | None:
-        """Return the latest campaign of a robot and the joints that changed; None without a campaign.
+    def summarise(self, entry: RobotEntry) -> CampaignSummary:
+        """Return the latest campaign of a robot and its measured arms.
 
-        This summary is cached in the robot's row, and renewed if runs or sets changed since it was written.
+        This summary is cached with the robot, and renewed if the robot, its runs or its sets changed since it
+        was written.
         """
         if entry.is_current:
-            return None if entry.campaign is None else LastCampaign.model_validate(entry.campaign)
-        summary = self._summarise_last_campaign(entry.id)
+            return CampaignSummary.from_stored(entry.campaign, entry.arms)
+        summary = self._summarise_anew(entry.id)
         # If the database cannot be written now, the summary is made again next time.
         with suppress(StoreUnavailableError):
+            last, arms = summary.last, summary.arms
             self._store.robots.store_last_campaign(
-                entry, None if summary is None else summary.model_dump(mode="json")
+                entry,
+                None if last is None else last.model_dump(mode="json"),
+                [arm.model_dump(mode="json") for arm in arms],
+                max((arm.rank for arm in arms), default=None),
             )
         return summary
 
     def renew_outdated_summaries(self, limit: int) -> None:
         """Renew the outdated summaries of at most `limit` robots, so that listing the robots is fast."""
         for entry in self._store.robots.list_outdated(limit):
-            self.last_campaign(entry)
+            self.summarise(entry)
 
-    def _summarise_last_campaign(self, robot_id: str) -> LastCampaign | None:
-        """Return a robot's newest run with the joints that changed in any trend; None without runs."""
+    def _summarise_anew(self, robot_id: str) -> CampaignSummary:
+        """Return a robot's newest run and its arms, with the joints that any trend tests or finds changed."""
         sets = self._store.sets_of_robot(robot_id)
         runs = self._group_runs_by_set(robot_id, sets)
         if not runs:
-            return None
-        newest = max((campaign for candidates in runs.values() for campaign in candidates), key=_sorting_time)
-        return LastCampaign(
+            return CampaignSummary(None, [])
+        campaigns = [campaign for candidates in runs.values() for campaign in candidates]
+        newest = max(campaigns, key=_sorting_time)
+        tested, changed = self._test_joints(robot_id, sets, runs)
+        serial_numbers = {campaign.measured.serial_number for campaign in campaigns}
+        arms = [
+            MeasuredArm(
+                serial_number=serial_number,
+                at=max(each.at for each in campaigns if each.measured.serial_number == serial_number),
+                tested=[joint for serial, joint in tested if serial == serial_number],
+                rank=rank_changes(each.change for each in changed if each.serial_number == serial_number),
+            )
+            for serial_number in serial_numbers
+        ]
+        arms.sort(key=lambda arm: (arm.rank, arm.at), reverse=True)
+        last = LastCampaign(
             run_id=newest.run_id,
             at=newest.at,
             serial_number=newest.measured.serial_number,
             verdict=newest.run.result.assessment.verdict,
-            changed=self._find_changed_joints(robot_id, sets, runs, newest.measured.serial_number),
+            changed=sorted(
+                changed,
+                key=lambda each: (
+                    each.serial_number != newest.measured.serial_number,
+                    each.serial_number or "",
+                ),
+            ),
         )
+        return CampaignSummary(last, arms)
 
-    def _find_changed_joints(
+    def _test_joints(
         self,
         robot_id: str,
         sets: Sequence[MeasurementSetEntry],
         runs: Mapping[str, Sequence[Campaign]],
-        newest_serial_number: str | None,
-    ) -> list[ChangedJoint]:
-        """Return the joints that changed in any trend of the robot, at most once for each serial number.
+    ) -> tuple[list[tuple[str | None, str]], list[ChangedJoint]]:
+        """Return the joints that any trend of the robot tests, and those that changed.
 
-        Joints of the serial number `newest_serial_number` come first. If a joint changed in several trends,
-        the change in the trend with most campaigns is returned.
+        A tested joint is (serial number, name of the joint). Both lists have a joint at most once for each
+        serial number, in the order of the joints. If a joint changed in several trends, the change in the
+        trend with most campaigns is returned.
         """
-        names = [joint.name for joint in robot_from_record(self._store.robots.get(robot_id)).joints]
+        robot = robot_from_record(self._store.robots.get(robot_id))
+        names = [joint.name for joint in robot.joints]
+        tested = set[tuple[str | None, str]]()
         # Trends with most campaigns come first, so that `setdefault` keeps the change of these.
         changed_joints: dict[tuple[str | None, str], ChangedJoint] = {}
         by_options = group_by_selection(runs.values())
         for selection in sorted(by_options, key=lambda each: len(by_options[each]), reverse=True):
             campaigns_of_trend, _ = split_by_comparability(sets, runs, selection)
-            for joint in compare_campaigns(names, campaigns_of_trend, most=2)["joints"]:
-                if joint.changed and joint.change is not None:
-                    serial_number = selection.serial_number
+            fields = compare_campaigns(names, campaigns_of_trend, most=2, references=robot.reference_set_ids)
+            serial_number = selection.serial_number
+            for joint in fields["joints"]:
+                if joint.change is None:
+                    continue
+                tested.add((serial_number, joint.name))
+                if joint.changed:
                     changed_joint = ChangedJoint(
                         joint=joint.name, serial_number=serial_number, change=joint.change
                     )
                     changed_joints.setdefault((serial_number, joint.name), changed_joint)
         order = {name: index for index, name in enumerate(names)}
-        return sorted(
-            changed_joints.values(),
-            key=lambda each: (
-                each.serial_number != newest_serial_number,
-                each.serial_number or "",
-                order[each.joint],
-            ),
+        return (
+            sorted(tested, key=lambda each: order[each[1]]),
+            sorted(changed_joints.values(), key=lambda each: order[each.joint]),
         )
 
     def _group_runs_by_set(

@@ -70,6 +70,8 @@ class Collection(Generic[Record, Entry]):
     """SQL conditions that a record must meet to be deleted."""
     _listing_conditions: ClassVar[Sequence[sa.ColumnElement[bool]]] = ()
     """Further SQL conditions that a record must meet to be listed."""
+    _rank: ClassVar[sa.ColumnElement[Any] | None] = None
+    """Number of a row for the order `worst`; None if the records have no such order."""
 
     def __init__(
         self,
@@ -266,7 +268,7 @@ class Collection(Generic[Record, Entry]):
             spans: column of times → begin (included) and end (excluded); None for no limit.
             deleted: True to list only the deleted records.
             q: words to search; each must be a part of a name, serial number, operator or instrument.
-            sort: `created_at` or `name`; in descending order with a minus in front.
+            sort: `created_at` or `name`, in descending order with a minus in front; or `worst` for robots.
             counted: True to count the records of all pages, which is done with the first page.
 
         Raises:
@@ -286,7 +288,7 @@ class Collection(Generic[Record, Entry]):
         conditions += [columns[name] == value for name, value in sorted(filters.items())]
         conditions += [columns[name] >= begin for name, (begin, _) in spans.items() if begin is not None]
         conditions += [columns[name] < end for name, (_, end) in spans.items() if end is not None]
-        order = Order(limit, cursor, q, sort, counted)
+        order = Order(limit, cursor, q, sort, counted, self._rank)
         return read_page(self._database, self._table, self._entry_query, self._entry, conditions, order)
 
     def delete(self, identifier: str, deletion_time: datetime | None = None) -> None:
@@ -495,6 +497,15 @@ class Collection(Generic[Record, Entry]):
 class Robots(Collection[RobotRecord, RobotEntry]):
     """The robots; a listing shows the last campaign of each robot, derived from the robot's runs."""
 
+    # Robots without a measured arm come last.
+    _rank = sa.func.coalesce(
+        sa.select(last_campaigns.c.rank)
+        .where(last_campaigns.c.robot_id == robots.c.id)
+        .correlate(robots)
+        .scalar_subquery(),
+        -1.0,
+    )
+
     def __init__(self, database: Database, quota: Quota) -> None:
         super().__init__(database, ROBOT, robots, RobotRecord, RobotEntry, quota)
 
@@ -514,24 +525,46 @@ class Robots(Collection[RobotRecord, RobotEntry]):
         rows = self._database.rows(self._entry_query.where(robots.c.id.in_(outdated_ids)))
         return [RobotEntry(**row._mapping) for row in rows]
 
-    def store_last_campaign(self, entry: RobotEntry, campaign: dict[str, Any] | None) -> None:
+    def store_last_campaign(
+        self,
+        entry: RobotEntry,
+        campaign: dict[str, Any] | None,
+        arms: list[Any] | None = None,
+        rank: float | None = None,
+    ) -> None:
         """Store the last campaign of a robot, which the caller derived after reading the robot's `entry`.
 
-        If runs or sets of the robot changed meanwhile, the campaign stays marked as outdated.
+        If the robot, its runs or its sets changed meanwhile, the campaign stays marked as outdated.
+
+        Args:
+            entry: the robot.
+            campaign: its last campaign; None without a run.
+            arms: its arms that were measured; None without a run.
+            rank: greatest rank of the arms; None without an arm.
         """
         is_outdated = [last_campaigns.c.robot_id == entry.id, last_campaigns.c.changes >= entry.changes]
-        is_older = sa.func.coalesce(last_campaigns.c.derived, 0) < entry.changes
+        is_older = sa.func.coalesce(last_campaigns.c.arms_derived, 0) < entry.changes
         update = sa.update(last_campaigns).where(*is_outdated, is_older)
-        self._database.change(update.values(derived=entry.changes, campaign=campaign))
+        derived = {"derived": entry.changes, "arms_derived": entry.changes}
+        self._database.change(update.values(**derived, campaign=campaign, arms=arms, rank=rank))
 
     def _listing_query(self) -> sa.Select[Any]:
         """Return the query of robots with their last campaigns."""
         campaign_columns = last_campaigns.c
         return (
             select_fields_of(robots, RobotRow)
-            .add_columns(campaign_columns.changes, campaign_columns.derived, campaign_columns.campaign)
+            .add_columns(
+                campaign_columns.changes,
+                campaign_columns.arms_derived,
+                campaign_columns.campaign,
+                campaign_columns.arms,
+            )
             .outerjoin_from(robots, last_campaigns, campaign_columns.robot_id == robots.c.id)
         )
+
+    def _mark_campaign_outdated(self, connection: sa.Connection, identifier: str) -> None:
+        """Mark the last campaign of the robot as outdated: it depends on the robot's references."""
+        mark_campaigns_outdated(connection, last_campaigns.c.robot_id == identifier)
 
     def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a robot's name in its own row (the text for searches), its sets and its jobs.

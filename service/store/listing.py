@@ -28,14 +28,22 @@ class Order:
     limit: int  # greatest number of records, one or more
     cursor: str | None = None  # `next` of the page before; None for the first page
     q: str | None = None  # words to search, each a part of a name; None for no search
-    sort: str = "-created_at"  # `created_at` or `name`; in descending order with a minus in front
+    # `created_at` or `name`, in descending order with a minus in front; or `worst`, by `rank`
+    sort: str = "-created_at"
     # True to count the records of all pages to `MOST_COUNTED` and one, which is done with the first page
     counted: bool = False
+    rank: sa.ColumnElement[Any] | None = None  # number of a row for the order `worst`, never null
 
     @property
     def is_descending(self) -> bool:
         """True if the order is descending."""
-        return self.sort.startswith("-")
+        return self.sort.startswith("-") or self.sort == "worst"
+
+    def columns_of(self, table: sa.Table) -> list[sa.ColumnElement[Any]]:
+        """Return the columns by which a table is ordered, first of all those before `sequence`."""
+        if self.sort == "worst" and self.rank is not None:
+            return [self.rank, table.c.sequence]
+        return [table.c.words, table.c.sequence] if self.is_by_name else [table.c.sequence]
 
     @property
     def is_by_name(self) -> bool:
@@ -69,7 +77,7 @@ def read_page(
     sequence, conditions = table.c.sequence, [*where]
     if order.q is not None:
         conditions += _search_conditions(database, table.c.words, order.q)
-    sorted_by = [table.c.words, sequence] if order.is_by_name else [sequence]
+    sorted_by = order.columns_of(table)
     page_query = sa.select(sequence).where(*conditions)
     if order.cursor is not None:
         page_query = page_query.where(
@@ -135,10 +143,11 @@ def _values_at_cursor(database: Database, table: sa.Table, order: Order) -> tupl
     """Return the values of the record at the cursor in the columns by which the listing is ordered."""
     cursor = order.cursor or ""
     sequence = parse_cursor(cursor)
-    if not order.is_by_name:
+    *first, _ = order.columns_of(table)
+    if not first:
         return (sequence,)
-    for row in database.rows(sa.select(table.c.words).where(table.c.sequence == sequence)):
-        return (row.words, sequence)
+    for row in database.rows(sa.select(*first).where(table.c.sequence == sequence)):
+        return (*row, sequence)
     raise problems.CursorError(cursor)
 
 

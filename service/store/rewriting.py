@@ -20,7 +20,7 @@ from jointstiff.service.store.layouts import SCHEMA
 from jointstiff.service.store.tables import OPEN, jobs, measurement_sets, open_sets, robots
 
 if TYPE_CHECKING:
-    from jointstiff.service.store.upgrading import Step
+    from jointstiff.service.store.steps import Step
 
 MOST_ROWS: Final = 200
 """Greatest number of rows that one transaction rewrites."""
@@ -72,7 +72,7 @@ class OldDocuments:
         if self.count() == 0:
             return 0
         # Imported here, as few processes need Alembic
-        from jointstiff.service.store.upgrading import list_steps
+        from jointstiff.service.store.steps import list_steps
 
         deadline = time.monotonic() + seconds
         rewritten = 0

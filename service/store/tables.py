@@ -47,13 +47,14 @@ class RobotEntry(RobotRow):
     """A robot in a listing, with its last campaign as derived from its runs; None before its first run."""
 
     changes: int | None
-    derived: int | None
+    arms_derived: int | None
     campaign: dict[str, Any] | None
+    arms: list[Any] | None
 
     @property
     def is_current(self) -> bool:
-        """True if the last campaign was derived after the last change of the robot's runs and sets."""
-        return self.changes == self.derived
+        """True if the campaign was derived after the last change of the robot, its runs and its sets."""
+        return self.changes == self.arms_derived
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +63,11 @@ class RobotRecord(RobotRow):
 
     schema: DocumentVersion = field(default=SCHEMA, kw_only=True)
     document: Document
-    """JSON text of `jointstiff.schemas.robot.Robot`; `name` is that of the column."""
+    """JSON text of `jointstiff.schemas.robot.StoredRobot`; `name` is that of the column."""
+    marks: list[Any] | None = field(default=None, kw_only=True)
+    """Marks of the robot's history, in the form of `jointstiff.schemas.robot.Mark`; None for none."""
+    reference_set_ids: list[Any] | None = field(default=None, kw_only=True)
+    """Ids of the sets with which later campaigns are compared; None: with the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +75,13 @@ class LastCampaignRecord:
     """The last campaign of a robot, derived from its runs and their sets when the robot is listed."""
 
     robot_id: str
-    changes: int  # number of changes of the robot's runs and their sets
+    changes: int  # number of changes of the robot, its runs and their sets
     derived: int | None  # value of `changes` when the campaign was derived; None before the first time
     campaign: dict[str, Any] | None
+    # The following are of layout 0020: a program of layout 0019 writes only `derived` and `campaign`.
+    arms_derived: int | None  # value of `changes` when all columns were derived; None before the first time
+    arms: list[Any] | None  # arms that were measured, in the form of `jointstiff.schemas.robot.MeasuredArm`
+    rank: float | None  # greatest rank of the arms; null without a measured arm
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,6 +324,8 @@ _TYPES: Final[Mapping[Any, type[TypeEngine[Any]] | TypeEngine[Any]]] = MappingPr
         int | None: sa.Integer,
         dict[str, Any]: sa.JSON,
         dict[str, Any] | None: sa.JSON(none_as_null=True),
+        list[Any] | None: sa.JSON(none_as_null=True),
+        float | None: sa.Float,
         DocumentVersion: sa.Integer,
         Numbers | None: sa.JSON(none_as_null=True).with_variant(JSONB(none_as_null=True), "postgresql"),
         Document: CompressedText,
@@ -464,7 +475,7 @@ robots = _make_numbered_table(
     ],
 )
 
-DUE: Final = "derived IS NULL OR derived < changes"
+DUE: Final = "arms_derived IS NULL OR arms_derived < changes"
 """SQL condition that selects outdated summaries of last campaigns; equal to the text in their index."""
 
 last_campaigns = sa.Table("last_campaigns", metadata, *_make_columns(LastCampaignRecord, {}, key="robot_id"))

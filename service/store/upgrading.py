@@ -12,18 +12,15 @@ import shlex
 import shutil
 import sqlite3
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
-from functools import cache
 from itertools import count
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import sqlalchemy as sa
 from alembic import command
-from alembic.config import Config
-from alembic.script import ScriptDirectory
 from sqlalchemy.exc import DBAPIError
 
 from jointstiff.service.problems import StoreError, StoreUnavailableError
@@ -33,12 +30,11 @@ from jointstiff.service.store.database import (
     open_existing,
     sqlite_path_of,
 )
-from jointstiff.service.store.layouts import can_upgrade, kind_of, number_of
+from jointstiff.service.store.layouts import can_upgrade, kind_of
 from jointstiff.service.store.rewriting import OldDocuments
+from jointstiff.service.store.steps import Step, list_due_steps, make_config
 from jointstiff.service.store.tables import LOCK_SECONDS, lock_tables, read_layout
 
-FOLDER: Final = Path(__file__).with_name("migrations")
-"""Folder of the steps, for Alembic."""
 _LOCK_PAUSE: Final = 0.5  # before a step whose lock was not available is tried again [s]
 _LOCKED_STATES: Final = frozenset({"55P03", "40P01"})  # SQLSTATE: a lock is not available, or a deadlock
 SPARE_BYTES: Final = 16 * 1024 * 1024
@@ -46,44 +42,6 @@ SPARE_BYTES: Final = 16 * 1024 * 1024
 _PART: Final = ".part"  # ends the name of a copy until its step is committed
 _MOST_NAMED: Final = 10  # documents that a refusal names
 _REWRITE_SECONDS: Final = 2.0  # between two reports of progress
-
-
-@dataclass(frozen=True)
-class Step:
-    """A step to a layout, as its file states it."""
-
-    layout: str
-    schema: int  # version of documents after the step; 0 if the step changes no documents
-    tables: Sequence[sa.TableClause]  # tables whose documents the step changes
-    rewrite: Callable[[Mapping[str, Any]], dict[str, Any]]  # old values of a row → new values
-
-
-@cache
-def list_steps() -> list[Step]:
-    """Return all steps, the oldest first."""
-    scripts = ScriptDirectory.from_config(_make_config()).walk_revisions()
-    steps = [
-        Step(
-            layout=script.revision,
-            schema=getattr(script.module, "SCHEMA", 0),
-            tables=getattr(script.module, "TABLES", ()),
-            rewrite=getattr(script.module, "rewrite", dict),
-        )
-        for script in scripts
-    ]
-    return steps[::-1]
-
-
-def list_due_steps(layout: str) -> list[Step]:
-    """Return the steps from a layout to that of this program."""
-    return [step for step in list_steps() if number_of(step.layout) > number_of(layout)]
-
-
-def _make_config(connection: sa.Connection | None = None) -> Config:
-    """Return a configuration of Alembic without a file; `connection` is for `migrations/env.py`."""
-    config = Config(attributes={"connection": connection})
-    config.set_main_option("script_location", str(FOLDER).replace("%", "%%"))
-    return config
 
 
 def upgrade_by_expansion(url: str, notify: Callable[[str], object]) -> None:
@@ -201,7 +159,7 @@ def _change_tables(connection: sa.Connection, step: Step) -> None:
     Raises:
         StoreError: rows would refer to rows that do not exist.
     """
-    command.upgrade(_make_config(connection), step.layout)
+    command.upgrade(make_config(connection), step.layout)
     is_sqlite = connection.dialect.name == "sqlite"
     if is_sqlite and connection.exec_driver_sql("PRAGMA foreign_key_check").first() is not None:
         raise StoreError(

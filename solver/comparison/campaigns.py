@@ -17,8 +17,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from math import asin, atan2, exp, hypot, inf, isfinite, log, pi, sqrt, tan
-from typing import Final, NamedTuple
+from math import asin, atan2, exp, hypot, inf, isfinite, isinf, log, pi, sqrt, tan
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -32,11 +32,18 @@ from jointstiff.schemas.comparison import (
     OrderedJoint,
     OrderedResult,
 )
-from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.finding import Finding, Verdict
+from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.robot import Estimate
+from jointstiff.schemas.run import JointResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fit.estimate import compute_profile_ends, invert_compliance, predict
+from jointstiff.solver.fit.estimate import (
+    compute_profile_ends,
+    invert_compliance,
+    predict,
+    stiffness_interval,
+)
 from jointstiff.solver.fit.problem import Bounds, Constraints, Order
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import greatest_violations
@@ -64,6 +71,7 @@ _SAME_LOAD_POINT: Final = "same_load_point"
 _UNKNOWN: Final = (
     "the uncertainty of the joint is unknown in one of the sets: state `noise`, or add observations"
 )
+_SOFTER: Final = "the joint is softer in the second set, so that the difference is no spring"
 _NEGATIVE: Final = "the readings give a negative compliance in one of the sets"
 
 
@@ -101,6 +109,7 @@ class Comparison(NamedTuple):
     """Result of the comparison of two campaigns."""
 
     joints: list[JointRatio]  #: ratio of the stiffnesses of each of the n joints
+    differences: list[JointResult]  #: compliance of each joint in the first campaign less that in the second
     ordered: OrderedResult | None  #: fit of both campaigns in one problem; None if not requested
     avoided: AvoidedDeflection  #: share of the deflection that the second campaign avoids
     #: labels of both campaigns whose observations differ in posture or load, or share no target
@@ -194,6 +203,7 @@ def compare_sides(
     matches = match_observations(first.measurements, second.measurements)
     return Comparison(
         [_compare_joint(j, sides, covariance, confidence, positive=positive) for j in range(len(names))],
+        [_subtract_joint(j, sides, covariance, confidence) for j in range(len(names))],
         ordered_result,
         compute_avoided_deflection(sides, matches, compliances),
         matches.unlike,
@@ -308,6 +318,72 @@ def _compare_joint(
         ratio_excluded=None if interval is None else interval.excluded,
         p_value=float(2.0 * special.stdtr(freedom, -abs(first.value - second.value) / spread)),
         reason=None if are_positive else _NEGATIVE,
+    )
+
+
+def _subtract_joint(
+    j: int, sides: Sequence[Side], covariance: PairCovariance, confidence: float
+) -> JointResult:
+    """Return the compliance of joint j in the first campaign less that in the second, with its interval.
+
+    With motor encoders in the loop first, and secondary encoders then, the difference is the gearbox:
+    ``c_off − c_on ± t √(s₁² + s₂² − 2 s₁₂ + (u (c_off − c_on))²)``. An error u of the scale of all loads that
+    is assumed cancels in a ratio, but not in a difference (method.md §18).
+
+    Args:
+        j: index of the joint.
+        sides: both campaigns.
+        covariance: covariance of both estimates, without an assumed scale.
+        confidence: level of the interval.
+    """
+    first, second = (side.free for side in sides)
+    name, kind = sides[0].robot.joint_names[j], sides[0].robot.joint_kinds[j]
+    *variances, shared = covariance.select(j)
+    difference = float(first.compliance[j] - second.compliance[j])
+    if not isfinite(difference) or not all(variances):
+        return _make_difference(
+            name, kind, None, None, None, first.reasons[j] or second.reasons[j] or _UNKNOWN
+        )
+    common = [side.measurements.common_uncertainty for side in sides]
+    is_assumed = all("force_scale" in each.assumed for each in common)
+    scale = common[0].scale if is_assumed else 0.0
+    variance = sum(each for each in variances if each) - 2.0 * shared + (scale * difference) ** 2
+    uncertainty = sqrt(variance)
+    freedom = min(first.degrees_of_freedom, second.degrees_of_freedom)
+    t = student_quantile(0.5 * (1.0 + confidence), freedom if isfinite(freedom) else None)
+    low, high = difference - t * uncertainty, difference + t * uncertainty
+    if high <= 0.0:
+        return _make_difference(name, kind, None, uncertainty, None, _SOFTER)
+    return _make_difference(name, kind, max(difference, 0.0), uncertainty, (max(low, 0.0), high), None)
+
+
+def _make_difference(
+    name: str,
+    kind: JointKind,
+    compliance: float | None,
+    uncertainty: float | None,
+    interval: tuple[float, float] | None,
+    reason: str | None,
+) -> JointResult:
+    """Build the message of a difference; without a compliance, `reason` says why."""
+    is_certain = interval is not None and interval[0] > 0.0
+    status: Literal["identified", "uncertain", "at_bound", "not_observable"] = "not_observable"
+    if compliance is not None:
+        status = "identified" if is_certain else "uncertain" if compliance > 0.0 else "at_bound"
+    verdict: Verdict = "do_not_use"
+    if compliance is not None:
+        verdict = "use" if is_certain else "use_with_care"
+    return JointResult(
+        name=name,
+        kind=kind,
+        status=status,
+        verdict=verdict,
+        compliance=compliance,
+        stiffness=invert_compliance(compliance),
+        standard_uncertainty=uncertainty,
+        compliance_interval=interval,
+        stiffness_interval=stiffness_interval(interval),
+        reason=reason,
     )
 
 
@@ -720,6 +796,16 @@ class Change:
     def is_significant(self, tests: int) -> bool:
         """Return whether the change is significant at `CHANGED_LEVEL` divided by the number of tests."""
         return self.p_value < CHANGED_LEVEL / tests
+
+    def find_unchanged_ratios(self, tests: int) -> tuple[float, float]:
+        """Return the ends of the ratios of the stiffnesses that would not be significant among `tests`."""
+        probability = 0.5 * CHANGED_LEVEL / tests
+        is_normal = isinf(self.degrees_of_freedom)
+        quantile = (
+            special.ndtri(probability) if is_normal else special.stdtrit(self.degrees_of_freedom, probability)
+        )
+        ratio = exp(-float(quantile) * self.standard_uncertainty)
+        return 1.0 / ratio, ratio
 
 
 def log_stiffness(

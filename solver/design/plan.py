@@ -985,6 +985,7 @@ class _NextReading:
         self._shared = np.zeros(robot.n)
         if estimate.common is not None:
             self._shared = np.square(estimate.common.responses_to_unfitted_errors).sum(axis=1)
+            self._shared += np.diagonal(estimate.square_second_order())
         self._own, self._strength = own, float(np.linalg.norm(own))
         self._one_direction = one_direction
         # The advice predicts the uncertainties that method partial_pose gives. If the estimate has the same

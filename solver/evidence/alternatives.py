@@ -199,7 +199,8 @@ def _build_alternative_rows(
     offsets = np.array([np.zeros(robot.n), *(each.offset for each in alternatives)])
     joints = (given.joints @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(copies * count, -1)
     postures = Postures(robot, robot.joint_map.model_angles(joints))
-    stacked = given[np.tile(np.arange(count), copies)]
+    # Encoders see the joint that they are on, whatever the joint map is.
+    stacked = replace(given, encoders=None)[np.tile(np.arange(count), copies)]
     load_point, position = stacked.load_point.copy(), stacked.position.copy()
     # Places (N, T, 3) of the targets in the flange frame [m].
     places = np.where(given.in_flange[..., None], given.position, targets_in_flange(robot, given))

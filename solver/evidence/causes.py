@@ -113,7 +113,7 @@ class Screening:
 def screen_estimate(rows: Rows, estimate: Estimate, scattered: bool = False) -> Screening:
     """Test for causes, links and a base that explain what joints alone leave unexplained.
 
-    Only readings of targets are used, not encoders. If the load has no balance or there are no degrees of
+    If the load has no balance or there are no degrees of
     freedom, no test is significant. Causes that were fitted to these measurements before stay in every fit.
 
     Args:

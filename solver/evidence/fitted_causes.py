@@ -12,10 +12,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.evidence.refuted import leave_out
 from jointstiff.solver.evidence.scatter import (
-    LARGEST_REPEATABILITY,
-    SCATTER_LEVEL,
     RestrictedLikelihood,
-    compute_target_motion,
 )
 from jointstiff.solver.evidence.suspects import (
     MOST_TESTED_OBSERVATIONS,
@@ -84,7 +81,9 @@ def _subtract_named_causes(
         SolverError: a cause implies loads without a balance.
     """
     measurements = rows.measurements
-    tested = rows.of(leave_out(measurements, refuted)).select_evenly(MOST_TESTED_OBSERVATIONS)
+    # What bends behind the encoders is no cause, so that causes are fitted to the targets alone.
+    read = replace(leave_out(measurements, refuted), encoders=None)
+    tested = rows.of(read).select_evenly(MOST_TESTED_OBSERVATIONS)
     of_joints = tested.stack([JOINTS], np.zeros(rows.robot.n)).flat
     compliance, _ = solve_nonnegative(of_joints[:, :-1], of_joints[:, -1])
     # A turn includes a shift: if both begin at the same observation, only the turn is fitted.
@@ -231,8 +230,6 @@ def _find_scatter(rows: Rows, fitted: FittedCauses) -> Scatter:
         rows: N observations.
         fitted: the causes, fitted together with the joints.
     """
-    if rows.measurements.encoders is not None:
-        return rows.measurements.scatter
     at_fitted = rows.at(fitted.compliance)
     tested = at_fitted.of(subtract_errors(at_fitted, fitted.errors)).select_evenly(_MOST_WITH_SCATTER)
     terms = [JOINTS, *fitted.errors.terms]
@@ -241,11 +238,7 @@ def _find_scatter(rows: Rows, fitted: FittedCauses) -> Scatter:
     stack = tested.stack([*terms, *stated_terms], fitted.compliance)
     fitted_columns = np.concatenate([np.flatnonzero(fitted.visible), *list(stack.span.values())[1:]])
     likelihood = RestrictedLikelihood(tested.block, stack, fitted_columns)
-    scatter, p_value = likelihood.find_significant()
-    sigma = tested.measurements.sigma or likelihood.sigma(scatter)
-    motion = compute_target_motion(tested.block, scatter, sigma)
-    is_believable = p_value < SCATTER_LEVEL and motion <= LARGEST_REPEATABILITY
-    return scatter if is_believable else rows.measurements.scatter
+    return likelihood.find_believable(tested.block) or rows.measurements.scatter
 
 
 def subtract_errors(rows: Rows, errors: FittedErrors) -> Measurements:

@@ -8,10 +8,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 from jointstiff.schemas.finding import Finding
+from jointstiff.solver.errors import NotObservableError
 from jointstiff.solver.evidence.alternatives import BetterAlternative, find_better_alternative
 from jointstiff.solver.evidence.causes import Screening, screen_estimate
 from jointstiff.solver.evidence.refuted import leave_out, list_refuted
 from jointstiff.solver.evidence.scatter import find_scatter
+from jointstiff.solver.evidence.structure import Apart, take_apart
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify_with_fallback
 from jointstiff.solver.fit.method import Loss, Settings
@@ -34,7 +36,6 @@ class JointsAlone:
         robot: n joints.
         labels: labels of all observations, before any were left out.
         refuted: labels of single observations that the findings forbid to use, and that no fit uses.
-        given: rows of N observations without the refuted ones, with the scatter that was stated.
         stated: settings as the user gave them.
         noticed: findings of the integrity checks of the measurements.
     """
@@ -44,7 +45,7 @@ class JointsAlone:
         self.robot, self.stated = rows.robot, stated
         self.noticed, self.labels = tuple(noticed), rows.measurements.labels
         self.refuted = list_refuted(rows.measurements, noticed)
-        self.given = rows.of(leave_out(rows.measurements, self.refuted)) if self.refuted else rows
+        self._read = rows.of(leave_out(rows.measurements, self.refuted)) if self.refuted else rows
         self._whole = rows
         self._by_loss: dict[Loss, JointsAlone] = {stated.loss: self}
 
@@ -57,6 +58,42 @@ class JointsAlone:
             stated = replace(self.stated, loss=loss)
             self._by_loss[loss] = JointsAlone(self._whole, stated, self.noticed)
         return self._by_loss[loss]
+
+    @cached_property
+    def apart(self) -> Apart | None:
+        """Gearboxes and structure apart, of joints that encoders and targets show; None without any.
+
+        Raises:
+            JointstiffError: the identification fails.
+        """
+        if self._read.measurements.encoders is None:
+            return None
+        by_targets = self._without_encoders()
+        try:
+            _, of_targets = identify_with_fallback(by_targets, self.stated)
+        except NotObservableError:  # only the encoders show joints
+            return None
+        return take_apart(self._read, of_targets, self.stated.confidence)
+
+    @cached_property
+    def given(self) -> Rows:
+        """Rows of N observations without the refuted ones, with the scatter that was stated.
+
+        If something behind the encoders bends, encoders do not see the whole compliance of a joint, so that
+        their readings are left out.
+        """
+        if self.apart is None or not self.apart.shows_structure:
+            return self._read
+        return self._without_encoders()
+
+    @property
+    def measured(self) -> Measurements:
+        """The N observations as they were read, with the encoders."""
+        return self._read.measurements
+
+    def _without_encoders(self) -> Rows:
+        """Return the rows of the targets."""
+        return self._read.of(replace(self._read.measurements, encoders=None))
 
     @cached_property
     def identified(self) -> IdentifiedJoints:

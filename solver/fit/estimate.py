@@ -20,7 +20,7 @@ of Karush, Kuhn and Tucker for the cone program but one, that it lies on the sph
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from typing import Final, Literal
@@ -72,6 +72,12 @@ _NO_MOVEMENT = 1e-13
 movement counts as rounding error."""
 _VIOLATION = 1e-9
 """Tolerance of an inequality, in units of the ball's radius."""
+_OF_LEVERS = ("force_direction", "load_point")
+"""Errors whose effect depends on a joint's lever; the last one has the uncertainty beyond first order."""
+_SHORT_LEVER = (
+    "the load hangs too near this joint's axis for its uncertain place: hang the load farther away, or read "
+    "the hook with the tracker"
+)
 _NOT_CERTIFIED = "an end of a confidence interval could not be certified"
 
 
@@ -459,6 +465,9 @@ class Estimate:
     likelihood: Likelihood | None = None
     #: effect of errors that all observations share, part of `covariance`; None without them
     common: CommonErrors | None = None
+    #: (n,) standard uncertainties by errors of the load beyond first order, part of `covariance`, for joints
+    #: near the line of the load [rad/(N·m)]; None without such joints
+    second_order: FloatArray | None = None
     #: why stated errors were propagated after the fit, although they could have been fitted; None otherwise
     statements_dropped: str | None = None
 
@@ -466,6 +475,13 @@ class Estimate:
     def statements(self) -> FittedStatements:
         """Statements that were fitted with the joints, with the values that fit best."""
         return self.compressed.fit_statements(self.compliance)
+
+    def square_second_order(self, is_counted: bool = True) -> FloatArray:
+        """Return the covariance (n, n) by errors of the load beyond first order; zero if not counted."""
+        n = len(self.joints)
+        if self.second_order is None or not is_counted:
+            return np.zeros((n, n))
+        return np.diag(np.square(self.second_order))
 
     @property
     def regressor(self) -> FloatArray:
@@ -538,6 +554,29 @@ _NO_UNCERTAINTY = (
 
 
 @dataclass(frozen=True, eq=False)
+class LeverProfile:
+    """Profile of a joint near the line of the load, with the errors of the load free."""
+
+    #: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None without an upper
+    #: end
+    intervals: FloatArray | None = None
+    #: half the width of the two-sided profile without constraints over its quantile, and at least that to
+    #: first order [rad/(N·m)]; infinite without an upper end
+    standard_uncertainty: float = np.inf
+    #: whether the fit has the errors of the load as unknowns; the interval of any other fit, which uses the
+    #: readings in another way, contains that to first order, too
+    replaces_first_order: bool = False
+
+    def join(self, first_order: FloatArray) -> FloatArray | None:
+        """Return the intervals (2, 2) of the joint, whose intervals to first order are (2, 2)."""
+        if self.intervals is None or self.replaces_first_order:
+            return self.intervals
+        lower = np.minimum(self.intervals[:, 0], first_order[:, 0])
+        upper = np.maximum(self.intervals[:, 1], first_order[:, 1])
+        return np.column_stack([lower, upper])
+
+
+@dataclass(frozen=True, eq=False)
 class Evidence:
     """Data on which the verdicts on the joints are based."""
 
@@ -550,6 +589,8 @@ class Evidence:
     #: (n,) information of each joint's prior over that of the readings; NaN for a joint without a prior, inf
     #: where only the prior separates the joint from other joints
     prior_to_data: FloatArray
+    #: profiles of joints near the line of the load
+    profiles: Mapping[int, LeverProfile] = field(default_factory=dict)
 
     def derive_joint_results(self) -> tuple[JointCompliance, ...]:
         """Return the result for each joint: compliance, interval, status and reason.
@@ -562,18 +603,15 @@ class Evidence:
         intervals_of_joints: list[FloatArray | None] = [None] * len(determined_joints)
         sigma, likelihood = self.scale.sigma, self.fit.likelihood
         if sigma is not None and len(determined_joints):
-            tail = 1.0 - self.confidence
-            # Two-sided intervals leave half of the tail on each side, one-sided bounds the whole tail.
-            quantiles = [self.scale.quantile(1.0 - fraction * tail) for fraction in (0.5, 1.0)]
-            radii = sigma * np.array(quantiles)
+            radii = sigma * self.scale.list_quantiles(self.confidence)
             constraints = self.constraints.select(likelihood.joints)
             functions = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, determined_joints)]
             estimates = self.fit.compliance[determined_joints]
-            intervals_of_joints = [
-                *compute_interval_ends(likelihood, constraints, functions, radii, estimates).transpose(
-                    1, 0, 2
-                )
-            ]
+            ends = compute_interval_ends(likelihood, constraints, functions, radii, estimates)
+            intervals_of_joints = [*ends.transpose(1, 0, 2)]
+            for index, j in enumerate(determined_joints.tolist()):
+                if j in self.profiles:
+                    intervals_of_joints[index] = self.profiles[j].join(ends[:, index])
         joints = [
             JointCompliance(name, kind, "not_observable", reason=reason)
             for name, kind, reason in zip(self.names, self.observability.kinds, reasons, strict=True)
@@ -637,6 +675,15 @@ class Evidence:
     def uncertainty(self, j: int) -> float | None:
         """Return the standard uncertainty of joint j's compliance, without constraints [rad/(N·m)].
 
+        None if sigma is unknown; infinite where a load point that is elsewhere explains any compliance.
+        """
+        if j in self.profiles:
+            return self.profiles[j].standard_uncertainty
+        return self.compute_first_order_uncertainty(j)
+
+    def compute_first_order_uncertainty(self, j: int) -> float | None:
+        """Return joint j's standard uncertainty with errors of the load to first order [rad/(N·m)].
+
         None if sigma is unknown.
         """
         sigma = self.scale.sigma
@@ -696,10 +743,31 @@ class Evidence:
         for group in self.fit.undetermined:
             if j in group.joints:
                 return group.reason(self.names)
-        uncertainty = self.uncertainty(j)
-        if uncertainty is not None and uncertainty > float(observability.reference_compliance[j]):
+        uncertainty = self.compute_first_order_uncertainty(j)
+        most = float(observability.reference_compliance[j])
+        if uncertainty is not None and uncertainty > most:
             return explain_noise(j, self.names, observability, uncertainty)
+        if j in self.profiles and self.profiles[j].standard_uncertainty > most:
+            return _SHORT_LEVER
         return None
+
+    def compute_extra_uncertainties(self) -> FloatArray:
+        """Return by how much profiles enlarge the standard uncertainties (n,), as a further error would.
+
+        A profile without an upper end does not count, as its joint has no number.
+        """
+        extra = np.zeros(len(self.names))
+        for j, profile in self.profiles.items():
+            if profile.intervals is not None:
+                first_order = self.compute_first_order_uncertainty(j) or 0.0
+                extra[j] = np.sqrt(profile.standard_uncertainty**2 - first_order**2)
+        return extra
+
+    def list_open_joints(self) -> IndexArray:
+        """Return the joints whose compliance has no upper end, ascending."""
+        return np.array(
+            [j for j in sorted(self.profiles) if self.profiles[j].intervals is None], dtype=np.intp
+        )
 
 
 _LEAST_POSTURES: Final = 2
@@ -793,6 +861,7 @@ class UncertaintyBudget:
         readings_covariance = estimate.covariance
         if common_errors is not None:
             readings_covariance = readings_covariance - common_errors.responses @ common_errors.responses.T
+            readings_covariance = readings_covariance - estimate.square_second_order()
         degrees_of_freedom = None if sigma_given else estimate.degrees_of_freedom
         components = [
             BudgetComponent(
@@ -800,9 +869,10 @@ class UncertaintyBudget:
             )
         ]
         if common_errors is not None:
+            of_levers = [each for each in common_errors.by_source if each.endswith(_OF_LEVERS)]
             components += [
                 BudgetComponent(
-                    responses @ responses.T,
+                    responses @ responses.T + estimate.square_second_order(source in of_levers[-1:]),
                     source,
                     "A" if source == "fitted_causes" else "B",
                     True,

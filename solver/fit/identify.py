@@ -14,7 +14,14 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
-from jointstiff.solver.fit.estimate import CommonErrors, ComplementaryStiffness, Estimate, Evidence
+from jointstiff.solver.fit.estimate import (
+    CommonErrors,
+    ComplementaryStiffness,
+    Estimate,
+    Evidence,
+    LeverProfile,
+)
+from jointstiff.solver.fit.lever import FreeLoad
 from jointstiff.solver.fit.method import (
     Method,
     MethodRows,
@@ -31,6 +38,7 @@ from jointstiff.solver.fit.solution import solve, solve_step
 from jointstiff.solver.fit.stages import (
     Find,
     Fit,
+    Likelihood,
     RobustFit,
     Scale,
     TargetRows,
@@ -42,7 +50,7 @@ from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements, lis
 from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS, complementary_stiffness
-from jointstiff.solver.mechanics.terms import TERMS
+from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS
 
 MAX_ITERATIONS: Final = 60
 """Maximum number of fits: with K_c alone two or three suffice, with statements five to fifteen."""
@@ -511,9 +519,20 @@ def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
         settings.constraints,
         settings.confidence,
         prior_to_data,
+        _profile_short_levers(problem, last_fit, fit, scale, common_errors),
     )
+    joints = evidence.derive_joint_results()
+    likelihood: Likelihood | None = fit.likelihood
+    second_order = None
+    if evidence.profiles:
+        # Beyond first order, errors of the load add to the uncertainty of joints near the line of the load.
+        second_order = evidence.compute_extra_uncertainties()
+        covariance = None if covariance is None else covariance + np.diag(np.square(second_order))
+        widened = fit.add_common_errors(np.diag(second_order) / (scale.sigma or 1.0)).likelihood
+        known = widened.leave_out(evidence.list_open_joints())
+        likelihood = known if len(known.joints) else None
     return Estimate(
-        joints=evidence.derive_joint_results(),
+        joints=joints,
         compliance=fit.compliance,
         balanced=last_fit.rows.balanced,
         covariance=covariance,
@@ -525,8 +544,9 @@ def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
         certificates=certificates,
         compressed=last_fit.compressed,
         observability=observability,
-        likelihood=fit.likelihood,
+        likelihood=likelihood,
         common=common_errors,
+        second_order=second_order,
         robust=robust,
     )
 
@@ -574,6 +594,85 @@ def _propagate_common_errors(problem: _Problem, last_fit: _Pass, sigma: float) -
     return CommonErrors(by_source, in_fit)
 
 
+def _profile_short_levers(
+    problem: _Problem, last_fit: _Pass, fit: Fit, scale: Scale, common_errors: CommonErrors | None
+) -> dict[int, LeverProfile]:
+    """Return the profiles of joints near the line of the load, whatever the method.
+
+    Errors that the profiles do not know, such as that of the force's scale, widen them.
+
+    Args:
+        problem: observations, settings and statements.
+        last_fit: last fit, whose rows belong to its compliances.
+        fit: the fit, with the uncertainty of errors that all observations share.
+        scale: sigma.
+        common_errors: errors that all observations share; None without any.
+    """
+    settings, measurements = problem.settings, problem.rows.measurements
+    # Readings without noise determine the load point, too: to first order is exact enough.
+    if common_errors is None or not scale.sigma or scale.sigma < LEAST_STATED_SIGMA:
+        return {}
+    free = _free_load(problem, last_fit, scale.sigma)
+    if free is None:
+        return {}
+    compliance, common = last_fit.fit.compliance, measurements.common_uncertainty
+    quantiles = scale.list_quantiles(settings.confidence)
+    inflation = 1.0 if last_fit.robust is None else last_fit.robust.inflation
+    in_profiles = {common.source(term.name) for term in (*list_stated_terms(measurements), FORCE_SCALE)}
+    others = replace(common_errors, in_fit=frozenset(in_profiles)).responses_to_unfitted_errors
+    is_same_likelihood = bool(last_fit.compressed.statements.terms)
+    bounds, profiles = settings.constraints.bounds, {}
+    for index in np.flatnonzero(free.weak).tolist():
+        j = int(free.joints[index])
+        if any(j in group.joints for group in fit.undetermined):
+            continue
+        ends = free.profile(index).find_ends(scale.sigma * np.sqrt(inflation) * quantiles)
+        if not np.isfinite(np.concatenate(ends)).all():
+            profiles[j] = LeverProfile()
+            continue
+        value, other_error = float(compliance[j]), float(np.linalg.norm(others[j]))
+        first_order = scale.sigma * float(np.sqrt(fit.covariance[j, j]))
+        unconstrained, within = (
+            _widen_profile(each, value, quantiles[:, None] * np.hypot(other_error, common.scale * each))
+            for each in ends
+        )
+        lower = np.minimum(unconstrained[:, 0], within[:, 0])
+        upper = np.maximum(unconstrained[:, 1], within[:, 1])
+        half_width = float(np.ptp(unconstrained[0])) / 2.0
+        profiles[j] = LeverProfile(
+            np.clip(np.column_stack([lower, upper]), bounds.lower[j], bounds.upper[j]),
+            max(first_order, half_width / float(quantiles[0])),
+            replaces_first_order=is_same_likelihood,
+        )
+    return profiles
+
+
+def _free_load(problem: _Problem, last_fit: _Pass, sigma: float) -> FreeLoad | None:
+    """Return the last fit with the errors of the load free; None if no joint has a short lever."""
+    measurements = problem.rows.measurements
+    statements = Statements(
+        list_stated_terms(measurements),
+        measurements.common_uncertainty,
+        np.maximum(last_fit.fit.compliance, 0.0),
+        sigma,
+    )
+    joints = np.flatnonzero(~problem.observability.null)
+    return FreeLoad.of(last_fit.rows, problem.settings, statements, joints)
+
+
+def _widen_profile(intervals: FloatArray, value: float, beyond: FloatArray) -> FloatArray:
+    """Return intervals (q, 2) that contain an estimate, and errors that the profile does not know.
+
+    Args:
+        intervals: (q, 2) by the profile [rad/(N·m)].
+        value: estimate.
+        beyond: (q, 2) expanded uncertainties by other errors, at the ends.
+    """
+    sides = np.array([-1.0, 1.0])
+    distance = np.maximum(sides * (intervals - value), 0.0)
+    return np.asarray(value + sides * np.hypot(distance, beyond))
+
+
 def _compare_prior_to_data(fit_without_prior: Fit, prior: Prior, sigma: float) -> FloatArray:
     """Return for each joint the ratio (n,) of the prior's information to the readings' information.
 
@@ -600,6 +699,8 @@ def _find_largest_standardised_shift(shift: FloatArray | None, estimate: Estimat
     if estimate.common is not None:
         for source in ("assumed_load_point", "assumed_force_scale"):
             variance = variance - np.square(estimate.common.responses_to(source)).sum(axis=1)
+        is_assumed = "assumed_load_point" in estimate.common.by_source
+        variance = variance - np.diagonal(estimate.square_second_order(is_assumed))
     has_uncertainty = estimate.estimated & (variance > 0.0)
     return (
         float((np.abs(shift[has_uncertainty]) / np.sqrt(variance[has_uncertainty])).max())

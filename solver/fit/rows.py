@@ -101,13 +101,17 @@ class Rows:
             yield rows.whiten() if whitened else rows
 
     def stack(self, terms: Sequence[Term], compliance: FloatArray, *, whitened: bool = True) -> Stack:
-        """Stack the rows of the targets of all observations; rows of encoders are left out.
+        """Stack the rows of the targets and encoders of all observations.
 
-        Arguments and errors are those of `generate`.
+        Arguments and errors are those of `generate`. Rows of encoders that are not whitened are multiplied by
+        the lever at which a target determines the angle as precisely, so that all rows are in metres.
         """
         rows, read, widths = list[FloatArray](), list[IndexArray](), dict[str, int]()
         for of_block in self.generate(terms, compliance, whitened=whitened):
-            rows.append(of_block.targets.reshape(len(of_block.targets), -1, of_block.targets.shape[-1]))
-            read.append(of_block.block.measurements.coordinates.sum(axis=1))
+            if of_block.encoders is not None and not whitened:
+                lever = of_block.block.measurements.encoder_lever
+                of_block = of_block._replace(encoders=lever * of_block.encoders)
+            rows.append(of_block.flat)
+            read.append(of_block.read)
             widths = of_block.widths
         return Stack(np.concatenate(rows), np.concatenate(read), widths)

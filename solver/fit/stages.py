@@ -47,7 +47,13 @@ from jointstiff.solver.fit.solution import (
     solve,
     solve_step,
 )
-from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor
+from jointstiff.solver.fit.triangle import (
+    INDEPENDENT,
+    Triangle,
+    compute_triangular_factor,
+    orthonormal_basis,
+    unit_columns,
+)
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS
 
@@ -97,6 +103,21 @@ class Likelihood:
             U, singular_values, _ = np.linalg.svd(rows @ responses, full_matrices=False)
             rows = rows + U @ ((1.0 / np.hypot(1.0, singular_values) - 1.0)[:, None] * (U.T @ rows))
         return Likelihood(self.joints, self.centre, self.covariance + responses @ responses.T, rows)
+
+    def leave_out(self, joints: IndexArray) -> Likelihood:
+        """Return the likelihood of the other joints, where nothing is known of some joints (q,).
+
+        Args:
+            joints: (q,) indices among the n joints.
+        """
+        kept = ~np.isin(self.joints, joints)
+        if kept.all():
+            return self
+        rows = self.given_rows
+        if rows is not None:
+            basis = orthonormal_basis(unit_columns(rows[:, ~kept])[0], INDEPENDENT)
+            rows = (rows - basis @ (basis.T @ rows))[:, kept]
+        return Likelihood(self.joints[kept], self.centre[kept], self.covariance[np.ix_(kept, kept)], rows)
 
 
 def invert_to_root(covariance: FloatArray) -> FloatArray:
@@ -405,6 +426,14 @@ class Scale:
         The distribution is normal, or Student's where sigma was estimated from the residuals.
         """
         return student_quantile(probability, None if self.given else self.degrees_of_freedom)
+
+    def list_quantiles(self, confidence: float) -> FloatArray:
+        """Return the quantiles (2,) of two-sided intervals and of one-sided bounds.
+
+        Two-sided intervals leave half of the tail on each side, one-sided bounds the whole tail.
+        """
+        tail = 1.0 - confidence
+        return np.array([self.quantile(1.0 - fraction * tail) for fraction in (0.5, 1.0)])
 
 
 def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:

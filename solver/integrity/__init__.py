@@ -5,7 +5,7 @@ Each finding has a weight, a message with a figure, and a remedy. No mistake is 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -35,7 +35,12 @@ _NO_RESPONSE: Final[frozenset[FindingCode]] = frozenset(
 
 
 def inspect_measurements(
-    robot: Robot, measurements: Measurements, *, degrees: bool, others: Iterable[KnownRobot] = ()
+    robot: Robot,
+    measurements: Measurements,
+    *,
+    degrees: bool,
+    others: Iterable[KnownRobot] = (),
+    flange_fields: Sequence[str] = (),
 ) -> list[Finding]:
     """Return findings on the usual mistakes of a day of measurements.
 
@@ -49,11 +54,12 @@ def inspect_measurements(
         others: robots that may have been measured instead. Their models are built and tried only if, with the
             model of `robot`, targets are far from their usual places and no mistake in the readings explains
             the distance.
+        flange_fields: fields that a remedy names if lengths in the flange frame seem to have another unit.
 
     Returns:
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
     """
-    posted = View(robot, measurements, degrees)
+    posted = View(robot, measurements, degrees, flange_fields)
     findings = list(inspect_values(posted))
     mistakes_in_loaded = inspect_loaded(posted)
     if mistakes_in_loaded:

@@ -7,7 +7,7 @@ counts: quantiles are then those of the F distribution with the degrees of freed
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -73,6 +73,7 @@ class View:
     robot: Robot  #: model of the robot
     measurements: Measurements  #: measurements as they were posted
     degrees: bool = False  #: whether the angles were posted in degrees
+    flange_fields: Sequence[str] = ()  #: fields of lengths in the flange frame, to be named in remedies
 
     def build_finding(
         self,
@@ -329,14 +330,18 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
     farthest = float(np.linalg.norm(measurements.position[view.measured], axis=1).max(initial=0.0))
     # Plausible positions in R0 have the declared unit, so only the lengths in the flange frame are wrong.
     if _READ_LENGTHS[0] <= farthest <= _READ_LENGTHS[1]:
-        yield view.build_finding(
+        finding = view.build_finding(
             "length_unit_suspect",
             f"{effect}, while the targets were read up to {length_text(farthest)} from the origin of R0",
             f"state `load_point` and positions in the flange frame in `units.length`; {PAST_DO_NOT_USE}",
             "do_not_use",
         )
     else:
-        yield view.suspect_other_unit("mm" if largest > far else "m", effect)
+        finding = view.suspect_other_unit("mm" if largest > far else "m", effect)
+    if view.flange_fields:
+        names = " and ".join(f"`{name}`" for name in view.flange_fields)
+        finding = finding.model_copy(update={"remedy": f"check the unit of {names}"})
+    yield finding
 
 
 def inspect_deflections(view: View) -> Iterator[Finding]:

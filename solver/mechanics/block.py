@@ -397,6 +397,40 @@ class RegressorBlock:
             else np.sqrt(measurements.weight)[..., None, None] * whitened_rows
         )
 
+    def whiten_encoders(self, rows: FloatArray, targets: FloatArray) -> FloatArray:
+        """Whiten rows of the encoders: the noise of each has variance sigma², whatever that of the targets.
+
+        Tracker and encoders see the same turns of the joints. The errors s ~ N(0, I) that a posture's
+        readings share move targets by G s and encoders by H s. Given the targets, s has the covariance
+        ``M = (I + GᵀG)⁻¹`` and the mean M Gᵀ t; the encoders' rows e are whitened as ``e − H M Gᵀ t``, with
+        covariance ``I + H M Hᵀ``.
+
+        Args:
+            rows: (B, n, k) rows of the encoders [rad].
+            targets: (B, T, 3, k) rows of the targets [m].
+        """
+        measurements = self.measurements
+        scatter, lever = measurements.scatter, measurements.encoder_lever
+        if not scatter.encoders or measurements.encoders is None:
+            return np.asarray(lever / np.sqrt(2.0) * rows)
+        # Motion [sigma per rad] of each encoder's whitened row by a turn of its joint.
+        by_turn = lever / (np.sqrt(2.0) * np.array(scatter.encoders))
+        whitened_rows = np.asarray(by_turn[:, None] * rows)
+        if scatter.joints == 0.0:
+            return whitened_rows
+        by_joints, by_station = self.shared_motion
+        G = np.concatenate([scatter.joints * by_joints, scatter.station * by_station], axis=-1)
+        t = whitened(measurements.covariance, targets).reshape(*G.shape[:2], -1)
+        if measurements.weight is not None:
+            root_weight = np.repeat(np.sqrt(measurements.weight), 3, axis=1)[..., None]
+            G, t = root_weight * G, root_weight * t
+        M = np.linalg.inv(np.eye(G.shape[-1]) + G.mT @ G)
+        n = len(by_turn)
+        H = (scatter.joints * by_turn * measurements.encoders.present)[..., None] * np.eye(n, G.shape[-1])
+        variance, directions = np.linalg.eigh(np.eye(n) + H @ M @ H.mT)
+        remaining = whitened_rows - H @ M @ (G.mT @ t)
+        return np.asarray(directions @ ((directions.mT @ remaining) / np.sqrt(variance)[..., None]))
+
 
 def compute_scatter_roots(
     shared_motion: tuple[FloatArray, FloatArray], joints: float, station: float
@@ -582,8 +616,9 @@ class BlockRows(NamedTuple):
 
         The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2).
         """
-        lever = self.block.measurements.encoder_lever
-        encoders = None if self.encoders is None else lever / np.sqrt(2.0) * self.encoders
+        encoders = self.encoders
+        if encoders is not None:
+            encoders = self.block.whiten_encoders(encoders, self.targets)
         return self._replace(targets=self.block.whiten(self.targets), encoders=encoders)
 
     def scale(self, units: FloatArray) -> BlockRows:

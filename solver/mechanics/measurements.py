@@ -385,8 +385,12 @@ class Scatter:
 
     joints: float = 0.0  #: standard deviation of each joint's angle, by which the targets move [rad/m]
     station: float = 0.0  #: standard deviation of each coordinate of the whole set of targets, dimensionless
+    #: (n,) noise of the encoder of each joint, relative to its stated noise; encoders then also see the turns
+    #: of `joints`. Empty: noise as stated, and encoders see no turns.
+    encoders: tuple[float, ...] = ()
 
     def __bool__(self) -> bool:
+        """Return whether targets of a posture share errors."""
         return self.joints > 0.0 or self.station > 0.0
 
 

@@ -30,12 +30,19 @@ def _bend_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # no
     return Motion(block.A, block.torque[..., None] * np.eye(block.torque.shape[1]))
 
 
+def _bend_structure(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
+    """Return the motion per unit of compliances behind the encoders, which only the targets see."""
+    return Motion(block.A)
+
+
 def _turn_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # kinematics
     """Return the motion of the targets per unit turn of each joint: the Jacobian J, whatever the load."""
     return Motion(block.jacobian)
 
 
 JOINTS = Term("joints", "rad/(N·m)", _bend_joints)
+STRUCTURE = Term("structure", "rad/(N·m)", _bend_structure)
+"""What bends about the axis of a joint behind its encoder: bearings and housings."""
 TURNS = Term("turns", "rad", _turn_joints)
 """Turns of the joints [rad], independent of torques."""
 

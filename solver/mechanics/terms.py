@@ -389,6 +389,24 @@ SHIFT = Term(
 )
 DRIFT = Term("drift", "m", _drift_readings, partial(_read_uncertainties, ("drift",)))
 
+
+def _move_by_each_joint(term: Term, block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Return the motion due to a term at unit compliance of each joint: n times the term's columns."""
+    motions = [term.motion(block, unit) for unit in np.eye(block.robot.n)]
+    by_joint = [motion.joints for motion in motions if motion.joints is not None]
+    targets = np.concatenate([motion.targets for motion in motions], axis=-1)
+    return Motion(targets, np.concatenate(by_joint, axis=-1) if by_joint else None)
+
+
+BY_JOINT: Final[dict[str, Term]] = {
+    term.name: replace(
+        term, name=f"{term.name}_by_joint", motion=partial(_move_by_each_joint, term), suspected=False
+    )
+    for term in (LOAD_POINT, FORCE_DIRECTION)
+}
+"""Errors of the load with columns at unit compliance of each joint, by the name of the error: their motion is
+linear in the compliances."""
+
 TERMS: Final[dict[str, Term]] = {
     term.name: term
     for term in (

@@ -14,6 +14,7 @@ from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.evidence.causes import Screening
 from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.reliability import LeastMistake, find_least_mistakes
+from jointstiff.solver.evidence.structure import Apart
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL
 from jointstiff.solver.fit.effective import replace_by_effective
 from jointstiff.solver.fit.estimate import Estimate, Prediction, UncertaintyBudget, predict
@@ -44,6 +45,7 @@ class Found:
     unseen: tuple[LeastMistake, ...] = ()  #: mistakes that the tests hardly find; none with links
     links: LinksResult | None = None  #: result for links and base; None if only joints bend
     remarks: tuple[Finding, ...] = ()  #: findings on the choice of penalty and loss
+    apart: Apart | None = None  #: gearboxes and structure apart; None with links, or without encoders
 
 
 def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) -> Found:
@@ -95,6 +97,7 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
         screening=screening,
         budget=budget,
         unseen=least_mistakes,
+        apart=joints.apart,
     )
 
 

@@ -10,17 +10,20 @@ import numpy as np
 
 from jointstiff.schemas import run as runs
 from jointstiff.schemas.finding import Assessment as StatedAssessment
-from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.model import IdentifiedModel
 from jointstiff.schemas.run import RunResult
 from jointstiff.solver.evidence.reliability import LeastMistake
 from jointstiff.solver.evidence.scatter import Repeatability
+from jointstiff.solver.evidence.structure import Apart
 from jointstiff.solver.fit.estimate import (
     ComplementaryStiffness,
     Estimate,
     JointCompliance,
     Prediction,
     UncertaintyBudget,
+    invert_compliance,
+    stiffness_interval,
 )
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.messages import build_messages, finite_or_none, list_joint_kinds
@@ -125,6 +128,8 @@ def describe_found(
         "causes": list(_add_least_mistakes(found.screening.tests, found.unseen)),
         "contributions": contributions,
         "encoder_residuals": _build_encoder_residuals(prediction, measurements, names),
+        "gearboxes": _build_parts(found.apart, 0, names, assessment),
+        "structures": _build_parts(found.apart, 1, names, assessment),
         "budget": build_budget_message(found.budget, names, assessment.reasons),
     }
     warnings = (*_list_warnings(found, assessment, noticed), *assessment.remarks, *found.remarks)
@@ -252,6 +257,42 @@ def _build_residuals(prediction: Prediction, measurements: Measurements) -> list
         predicted=prediction.predicted[i, t],
         residual=prediction.residual[i, t],
     )
+
+
+def _build_parts(
+    apart: Apart | None, part: int, names: Sequence[str], assessment: Assessment
+) -> list[runs.JointResult]:
+    """Build one message for each joint that is taken apart.
+
+    Args:
+        apart: gearboxes and structure; None without any.
+        part: 0 for gearboxes, 1 for structure.
+        names: names of the n joints.
+        assessment: assessment of the run, whose reasons concern these numbers, too.
+    """
+    if apart is None:
+        return []
+    messages = []
+    for k, joint in enumerate(apart.joints.tolist()):
+        compliance = float(apart.compliance[part, k])
+        lower, upper = apart.interval[part, k].tolist()
+        is_certain = lower > 0.0
+        worst = assessment.verdict == "do_not_use" or assessment.joints[joint] == "do_not_use"
+        verdict: Verdict = "use" if is_certain and assessment.verdict == "use" else "use_with_care"
+        messages.append(
+            runs.JointResult(
+                name=names[joint],
+                status="identified" if is_certain else "uncertain" if compliance > 0.0 else "at_bound",
+                verdict="do_not_use" if worst else verdict,
+                compliance=compliance,
+                stiffness=invert_compliance(compliance),
+                standard_uncertainty=float(apart.uncertainty[part, k]),
+                compliance_interval=(lower, upper),
+                stiffness_interval=stiffness_interval((lower, upper)),
+                reason=None,
+            )
+        )
+    return messages
 
 
 def _build_encoder_residuals(

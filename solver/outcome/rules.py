@@ -83,6 +83,8 @@ campaigns."""
 WORTH_A_WARNING: Final = 0.1
 """Relative error of sigma up to which no warning is given: it changes no conclusion, though large sets show
 it."""
+_NOISY: Final = 1.5
+"""Noise of an encoder, relative to the stated noise, from which a note names it."""
 CARE_SHARE, UNUSABLE_SHARE = 0.7, 0.5
 """Compensation below which more than the joints deflects: with a warning, and with an unusable result; the
 joints of real robots explain 80 %."""
@@ -171,7 +173,7 @@ def assess(
     robot, measurements, settings = joints.robot, joints.measurements, joints.settings
     findings: Sequence[Finding] = joints.noticed
     unloading = compare_unloaded_positions(joints.rows, joints.estimate.compliance)
-    notes = tuple(_list_notes(measurements, estimate, unloading))
+    notes = tuple(_list_notes(measurements, estimate, unloading)) + tuple(_list_notes_on_encoders(joints))
     if joints.refuted:
         notes += (f"The stiffnesses are identified without the refuted {_name_postures(joints.refuted)}.",)
     root_mistakes = _group_by_code([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
@@ -226,6 +228,7 @@ def assess(
             cause_found=bool(causes),
         ),
         [report_remaining_deflection(unloading)] if unloading is not None and unloading.remains else (),
+        _report_encoders_against_targets(joints),
         find_fit_problems(
             measurements,
             estimate,
@@ -275,6 +278,51 @@ def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloa
         yield (
             "The set has deflections but no positions, so the joint angles and the geometry of robot, "
             "frames and targets cannot be checked."
+        )
+
+
+def _list_notes_on_encoders(joints: JointsAlone) -> Iterator[str]:
+    """Yield sentences on noise that the encoders do not state, and on structure that they do not see."""
+    apart, names = joints.apart, joints.robot.joint_names
+    if apart is None:
+        return
+    encoders = joints.measured.encoders
+    stated = 0.0 if encoders is None else encoders.sigma
+    noisy = [
+        f"{names[joint]} {1e6 * noise:.2g} µrad"
+        for joint, noise in zip(apart.joints.tolist(), apart.noise.tolist(), strict=True)
+        if noise > _NOISY * stated
+    ]
+    if noisy:
+        yield (
+            f"The encoders scatter more than the {1e6 * stated:.2g} µrad that are stated, such as by play in "
+            f"the gears: {', '.join(noisy)}. The intervals account for this."
+        )
+    if apart.shows_structure:
+        yield (
+            "The targets show other deflections than the encoders (chi-square test, "
+            f"p = {apart.p_value:.1g}): structure behind the encoders bends, too. The joints are identified "
+            "from the targets alone; `gearboxes` and `structures` are the two parts of their compliances."
+        )
+
+
+def _report_encoders_against_targets(joints: JointsAlone) -> Iterator[Finding]:
+    """Yield a finding for each joint whose encoder shows more deflection than the targets."""
+    apart = joints.apart
+    if apart is None:
+        return
+    for joint in apart.against.tolist():
+        position = apart.joints.tolist().index(joint)
+        gearbox, structure = apart.free_compliance[:, position].tolist()
+        name = joints.robot.joint_names[joint]
+        yield Finding(
+            code="encoder_deflection_implausibly_large",
+            weight="use_with_care",
+            message=f"the encoder of {name} shows {-100.0 * structure / gearbox:.2g} % more deflection "
+            "than the targets, which nothing behind the encoder explains",
+            remedy="check that the encoder's angles are those of the model's joint, in `units.angle`, and "
+            "the unit of the targets' lengths",
+            where=name,
         )
 
 

@@ -5,9 +5,11 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from importlib.metadata import distribution, distributions
+from itertools import permutations
 from pathlib import Path
 
 import grimp
@@ -194,17 +196,70 @@ def test_only_terms_know_the_columns_of_a_term():
     assert not users
 
 
-def test_no_modules_of_the_solver_import_each_other_in_a_circle():
-    """Imports for types alone count: who reads one of them would have to read all."""
-    graph = grimp.build_graph("jointstiff", exclude_type_checking_imports=False)
-    modules = sorted(name for name in graph.modules if name.startswith("jointstiff.solver."))
-    imports = np.array(
-        [[graph.direct_import_exists(importer=a, imported=b) for b in modules] for a in modules]
-    )
-    _, circle = connected_components(imports, connection="strong")
-    shared = [name for name, c in zip(modules, circle, strict=True) if (circle == c).sum() > 1]
-    assert len(modules) > 50
-    assert not shared
+@pytest.fixture(scope="module")
+def graph() -> grimp.ImportGraph:
+    """The imports of all modules. Imports for types alone count: their reader has to read both modules."""
+    return grimp.build_graph("jointstiff", exclude_type_checking_imports=False)
+
+
+def circles(names: list[str], imports: set[tuple[str, str]]) -> list[list[str]]:
+    """The groups of names that import each other, directly or by way of others."""
+    if not names:
+        return []
+    matrix = np.array([[(a, b) in imports for b in names] for a in names])
+    count, group = connected_components(matrix, connection="strong")
+    groups = [[name for name, g in zip(names, group, strict=True) if g == i] for i in range(count)]
+    return [each for each in groups if len(each) > 1]
+
+
+def test_no_modules_import_each_other_in_a_circle(graph):
+    modules = sorted(graph.modules)
+    imports = {(a, b) for a in modules for b in graph.find_modules_directly_imported_by(a)}
+    assert len(modules) > 300
+    assert circles(modules, imports) == []
+
+
+def test_no_rooms_import_each_other_in_a_circle(graph):
+    """Of two modules or folders of one folder, one does not know the other: the kinds not the library."""
+    found = list[list[str]]()
+    for folder in graph.modules:
+        rooms = sorted(graph.find_children(folder))
+        room_of = {inner: room for room in rooms for inner in (room, *graph.find_descendants(room))}
+        imports = {
+            (room, room_of[imported])
+            for inner, room in room_of.items()
+            for imported in graph.find_modules_directly_imported_by(inner)
+            if imported in room_of
+        }
+        found += circles(rooms, imports)
+    assert found == []
+
+
+LAYERED = ("jointstiff", "jointstiff.service", "jointstiff.solver", "jointstiff.solver.fit")
+"""Packages whose layers `pyproject.toml` names, the first of them at the top."""
+
+
+@pytest.mark.parametrize("package", LAYERED)
+def test_no_import_goes_up(graph, package):
+    """import-linter checks the same, but for imports for types alone."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    contracts = [each for each in settings["contracts"] if each["type"] == "layers"]
+    (layers,) = (each["layers"] for each in contracts if each.get("containers", ["jointstiff"]) == [package])
+    rank = {
+        f"{package}.{name.strip().removeprefix('jointstiff.')}": number
+        for number, layer in enumerate(layers)
+        for name in re.split("[|:]", layer)
+    }
+    assert len(rank) > 3
+    up = [
+        f"{importer} → {imported}"
+        for upper, lower in permutations(rank, 2)
+        if rank[upper] < rank[lower]
+        for importer in (lower, *graph.find_descendants(lower))
+        for imported in graph.find_modules_directly_imported_by(importer)
+        if imported == upper or imported.startswith(f"{upper}.")
+    ]
+    assert up == []
 
 
 PUBLIC_PACKAGES = {ROOT / "solver" / "__init__.py"}

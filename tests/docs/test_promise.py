@@ -21,7 +21,7 @@ TEXT = (DOCS / "promise.md").read_text(encoding="utf-8")
 @pytest.mark.parametrize("package", [jointstiff, jointstiff.solver])
 def test_the_page_lists_the_public_names_of_a_package(package):
     section = TEXT.partition(f"## Names of `{package.__name__}`\n")[2].partition("\n## ")[0]
-    assert re.findall(r"^\* `(\w+)`: \S", section, re.MULTILINE) == sorted(package.__all__)
+    assert re.findall(r"`(\w+)`", section) == sorted(package.__all__)
 
 
 @pytest.mark.parametrize("package", [jointstiff, jointstiff.solver])

@@ -1,16 +1,21 @@
 """The documentation site: its reference covers the API, and its pages hold no inline code."""
 
 import importlib
+import re
 import sys
+from collections import Counter
 from pathlib import Path
+from typing import get_args
 
 import pytest
+
+from jointstiff.schemas.finding import FindingCode
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs" / "extensions"))
 
 from external_code import externalise, inline_code  # noqa: E402
-from generated_pages import python_pages  # noqa: E402
+from generated_pages import findings_page, headers_page, python_pages  # noqa: E402
 from http_reference import messages_page, operations_page  # noqa: E402
 from llms import llms_text  # noqa: E402
 
@@ -29,6 +34,17 @@ def test_the_reference_gives_units_defaults_and_bounds(openapi):
     fields = {line.split("`")[1]: line for line in run.splitlines() if line.startswith("| `")}
     assert "| number (0.001 – 1000) or null | m |" in fields["characteristic_length"]
     assert '| `"partial_pose"` |' in fields["method"]
+
+
+def test_the_reference_explains_every_finding_once():
+    explained = Counter(re.findall(r"^\* `(\w+)`: \S", findings_page(), re.MULTILINE))
+    assert explained == Counter(get_args(FindingCode))
+
+
+def test_the_reference_has_the_words_of_headers():
+    page = headers_page()
+    for word in ("`bezeichnung`", "`noload`", "`anhängemasse`", "`lbf.ft`", "`schwerpunkt x`"):
+        assert word in page
 
 
 def test_inline_code_of_a_page_becomes_files(tmp_path):

@@ -67,7 +67,7 @@ def fill(store: Store) -> dict[str, str]:
     with client_of(store) as client:
         filling = Filling(client)
         named = jobs_of_every_kind(filling) | live_campaigns(filling) | hidden(filling)
-    add_runs_of_a_key(store, named["set"])
+    add_runs_of_a_key(store, named["small_set"], named["set"])
     return named
 
 
@@ -88,16 +88,12 @@ def jobs_of_every_kind(filling: Filling) -> dict[str, str]:
     filling.add("comparisons", {"run_ids": [run, other], "ordered": True})
     filling.add("plans", {"measurement_set_id": first, "readings": 2})
     filling.add("maps", box | area)
-    filling.add("fleets", {"measurement_set_ids": [first, second], "name": "two sets"})
+    filling.add("fleets", {"measurement_set_ids": [second], "name": "one set"})
     filling.program("programs", run, 4)
     filling.program("processes", run, 4)
     filling.add("geometries", sweeps | {"name": "sweeps"})
-    filling.identify(campaign("weight_1"))
+    filling.identify(shortened(campaign("weight_1"), 12))
     filling.identify(campaign("beam_small"), **LINKS)
-    failed = filling.client.post(
-        "/v1/runs?wait=60", json={"measurement_set_id": filling.measure(campaign("one_reading"))}
-    )
-    assert failed.status_code == 201, failed.text
     return {"robot": robot, "set": first, "run": run, "other": other}
 
 
@@ -109,15 +105,24 @@ def live_campaigns(filling: Filling) -> dict[str, str]:
 
 
 def hidden(filling: Filling) -> dict[str, str]:
-    """A deleted robot, and a deleted run."""
+    """A deleted robot, a run that failed, and a deleted one."""
     robot = filling.add("robots", robot_document(live.ARM) | {"name": "given away"})
     assert filling.client.patch(f"/v1/robots/{robot}", json=DELETE).status_code == 200
-    run = filling.identify(campaign("few"))
+    body = {"measurement_set_id": filling.measure(campaign("one_reading"))}
+    failed = [filling.client.post("/v1/runs?wait=60", json=body) for _ in range(2)]
+    assert [answer.status_code for answer in failed] == [201, 201], failed[0].text
+    run = failed[1].json()["id"]
     assert filling.client.patch(job_at(run), json=DELETE).status_code == 200
-    return {"deleted_robot": robot, "deleted_run": run}
+    return {"deleted_robot": robot, "deleted_run": run, "small_set": body["measurement_set_id"]}
 
 
-def add_runs_of_a_key(store: Store, set_id: str) -> None:
+def shortened(document: dict[str, Any], count: int) -> dict[str, Any]:
+    """Return a campaign with its first observations only, so that the dumps are small."""
+    measured = document["measurement_set"]
+    return document | {"measurement_set": measured | {"observations": measured["observations"][:count]}}
+
+
+def add_runs_of_a_key(store: Store, small_set_id: str, set_id: str) -> None:
     """Add two keys, one of them revoked, an entry of the audit, and two runs that a key posted.
 
     The second run waits for a worker, and has no part in the queue.
@@ -129,9 +134,10 @@ def add_runs_of_a_key(store: Store, set_id: str) -> None:
     store.keys.revoke(keys[1].id, now)
     by = keys[0]
     store.audit.add(AuditEntry(now, by.id, by.name, "127.0.0.1", "POST", "createRun", "/v1/runs", 201))
-    request = RunRequest.model_validate({"measurement_set_id": set_id, "elasticity": "joints"})
+    request = RunRequest.model_validate({"measurement_set_id": small_set_id, "elasticity": "joints"})
+    resampling = {"size": 4, "repetitions": 300, "seed": 4}
     long = request.model_validate(
-        request.model_dump() | {"resampling": {"size": 4, "repetitions": 300, "seed": 4}}
+        request.model_dump() | {"measurement_set_id": set_id, "resampling": resampling}
     )
     Parts(store).jobs["run"].create(request, None, by)
     Parts(store, lambda *_: None).jobs["run"].create(long, None, by)

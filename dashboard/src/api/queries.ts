@@ -1,7 +1,6 @@
 /** Queries of the service: their keys, how long their answers are fresh, and which of them stay on this device. */
-import { client, onDevice, type QueryOptions } from "../state/query";
+import { client, onDevice, type PagesOptions, type QueryOptions } from "../state/query";
 import { api, type JobQuery, type JobTable, type RobotQuery, type SetQuery } from "./calls";
-import { ROBOTS } from "../state/choices";
 import { goesOn } from "./follow";
 import type * as of from "./types";
 
@@ -13,20 +12,6 @@ const query = <Value>(options: QueryOptions<Value>) => options;
 const freshJob = ({ state }: { state: { data: { state: of.RunState } | undefined } }): number =>
   state.data && !goesOn(state.data.state) ? Number.POSITIVE_INFINITY : 0;
 
-/** As many pages of robots as a wall can have. */
-const PAGES = 10;
-
-/** All robots: the first page is the one that forms choose from. */
-async function everyRobot(signal: AbortSignal): Promise<of.RobotSummary[]> {
-  let page = await client.fetchQuery(queries.robots(ROBOTS));
-  const found = [...page.items];
-  for (let number = 1; number < PAGES && page.next !== null; number++) {
-    page = await api.robots.list({ ...ROBOTS, cursor: page.next }, signal);
-    found.push(...page.items);
-  }
-  return found;
-}
-
 export const queries = {
   session: query({ queryKey: ["session"], queryFn: () => api.session(), ...FIXED }),
   health: query({ queryKey: ["health"], queryFn: ({ signal }) => api.health(signal), staleTime: 0 }),
@@ -35,10 +20,15 @@ export const queries = {
 
   robots: (filters: RobotQuery) =>
     query({ queryKey: ["robots", filters], queryFn: ({ signal }) => api.robots.list(filters, signal) }),
-  everyRobot: query<of.RobotSummary[]>({
-    queryKey: ["robots", "every"],
-    queryFn: ({ signal }) => everyRobot(signal),
-  }),
+  /** The robots with the worst arms. */
+  worstRobots: (limit: number) => queries.robots({ sort: "worst", limit }),
+  /** All robots page by page, the worst first. */
+  everyRobot: {
+    queryKey: ["robots", "worst"],
+    queryFn: ({ pageParam: cursor, signal }) => api.robots.list({ sort: "worst", limit: 100, cursor }, signal),
+    initialPageParam: null,
+    getNextPageParam: ({ next }) => next,
+  } satisfies PagesOptions<of.Page<of.RobotSummary>> as PagesOptions<of.Page<of.RobotSummary>>,
   robot: (id: string) => query({ queryKey: ["robot", id], queryFn: ({ signal }) => api.robots.one(id, signal) }),
   trend: (robot: string, filters: Record<string, string | null | undefined>) =>
     query({

@@ -55,6 +55,11 @@ export class Orbit {
     else if (!this.#touched && (!within || small)) this.#refit();
   }
 
+  /** Look anew at what is framed next. */
+  forget(): void {
+    this.#points = [];
+  }
+
   /** Look from the corner from which the arm is seen most from its side. */
   reset(): void {
     const level = ({ x, y }: Vector3) => Math.hypot(x, y);

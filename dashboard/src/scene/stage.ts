@@ -63,12 +63,20 @@ export class Stage {
   #forceDrawn: HeldForce | null = null;
   #gone = false;
 
+  /** Has no box of its own: what is in it is placed in the view. */
+  readonly #element = document.createElement("div");
+  readonly canvas = document.createElement("canvas");
+  #hears: Hears = SILENT;
+
   /** Throws where the device has no WebGL. */
-  constructor(
-    readonly canvas: HTMLCanvasElement,
-    readonly dragged: (box: Box) => void,
-    readonly pulled: (force: Vector) => void,
-  ) {
+  constructor(view: HTMLElement) {
+    this.#element.className = "held";
+    this.#element.append(this.canvas);
+    view.append(this.#element);
+    const { canvas } = this;
+    canvas.tabIndex = 0;
+    canvas.setAttribute("role", "img");
+    canvas.dataset["ready"] = "false";
     this.#renderer = new WebGLRenderer({
       canvas,
       antialias: true,
@@ -92,6 +100,31 @@ export class Stage {
     this.#paint();
   }
 
+  /** Go into a view; from a view of something else, the first look is new, and nothing is seen before it. */
+  enter(view: HTMLElement, isNew: boolean): void {
+    view.append(this.#element);
+    if (isNew) {
+      this.#orbit.forget();
+      this.#show = null;
+      this.canvas.dataset["ready"] = "false";
+      this.#element.hidden = true;
+    }
+    this.#paint();
+  }
+
+  /** Leave a view, with the last picture. */
+  leave(): void {
+    this.#hears = SILENT;
+    this.#bendStart = null;
+    this.#element.remove();
+  }
+
+  /** Say what the hand does to `hears`; `label` is for those who do not see the picture. */
+  listen(label: string, hears: Hears): void {
+    this.canvas.setAttribute("aria-label", label);
+    this.#hears = hears;
+  }
+
   /** Hold these points in view; `reach` is the size of the arm [m]. */
   room(points: Vector[], near = false): void {
     const reach = Math.max(0.2, ...points.map(norm));
@@ -107,6 +140,8 @@ export class Stage {
 
   show(show: Show): void {
     this.#show = show;
+    this.#element.hidden = false;
+    this.canvas.dataset["ready"] = "true";
     this.request();
   }
 
@@ -140,6 +175,7 @@ export class Stage {
     this.#grid?.dispose();
     this.#renderer.dispose();
     this.#renderer.forceContextLoss(); // browsers keep few contexts, and drop them late
+    this.#element.remove();
   }
 
   readonly #draw = (): void => {
@@ -247,12 +283,12 @@ export class Stage {
 
   readonly #pulledTo = (force: Vector): void => {
     this.request();
-    this.pulled(force);
+    this.#hears.pulled(force);
   };
 
   readonly #moved = (box: Box): void => {
     this.request();
-    this.dragged(box);
+    this.#hears.dragged(box);
   };
 
   /** A colour of the style sheet as the browser resolves it for the theme. */
@@ -266,6 +302,7 @@ export class Stage {
   }
 
   readonly #paint = (): void => {
+    if (!this.#element.isConnected) return; // without the style sheet there are no colours
     const color = (name: string) => this.#color(name);
     this.#scene.background = color("--stage");
     this.#arm.linkMaterial.color = color("--arm");
@@ -305,8 +342,20 @@ export class Stage {
     this.#labels.resized(width, height);
     this.#camera.aspect = width / height;
     this.#orbit.resized();
+    cancelAnimationFrame(this.#waiting);
+    this.#draw(); // at once: another size empties the picture
   }
 }
+
+/** What a hand does to the picture. */
+export interface Hears {
+  /** The box was dragged. */
+  dragged: (box: Box) => void;
+  /** The force was pulled [N]. */
+  pulled: (force: Vector) => void;
+}
+
+const SILENT: Hears = { dragged: () => undefined, pulled: () => undefined };
 
 type Ramp = [Color, Color, Color];
 

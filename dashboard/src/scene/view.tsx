@@ -4,10 +4,11 @@ import type { Box } from "../lib/box";
 import type { Vector } from "../lib/vector";
 import type { Show } from "./show";
 import { text } from "../words";
-import { useEffect, useRef, useState, useMemo } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState, useMemo } from "preact/hooks";
 import { Busy, Button, ProblemNote } from "../components/basics";
 import { Handle } from "../components/fields";
 import { PostureSketch } from "../components/posture";
+import { leave, subject, take } from "./lasting";
 import type { Stage } from "./stage";
 import { fixed } from "../lib/format";
 import { position, positionIn, positionUnit } from "../lib/stiffness";
@@ -30,7 +31,8 @@ const ARM_ALONE = {
 } satisfies Omit<Show, "posture">;
 
 interface ArmViewProps extends Partial<Omit<Show, "posture">> {
-  posture: Posture;
+  /** None while it is not there yet: the picture of the view before stays. */
+  posture: Posture | null | undefined;
   /** What the view must hold, all the time. */
   room: Vector[];
   /** The room alone is looked at, without the foot of the arm. */
@@ -46,56 +48,75 @@ interface ArmViewProps extends Partial<Omit<Show, "posture">> {
   pulled?: (force: Vector) => void;
 }
 
-/** The arm in a posture, once that is there, with what is drawn beside it. */
-export const ArmView = ({
+/** The arm in a posture, with what is drawn beside it, in the drawing that all views share. */
+export function ArmView({
   posture,
-  ...rest
-}: Omit<ArmViewProps, "posture"> & { posture: Posture | null | undefined }) =>
-  posture ? (
-    <Drawing posture={posture} {...rest} />
-  ) : (
-    <div class="stage">
-      <Busy label={sceneWords.loading} />
-    </div>
-  );
-
-function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, pulled, ...drawn }: ArmViewProps) {
+  room,
+  near = false,
+  label,
+  resets = 0,
+  bends = 0,
+  dragged,
+  pulled,
+  ...drawn
+}: ArmViewProps) {
   const hears = useRef({ dragged, pulled });
   hears.current = { dragged, pulled };
-  const show: Show = { ...ARM_ALONE, ...drawn };
-  const canvas = useRef<HTMLCanvasElement>(null);
+  const show: Show | null = posture ? { ...ARM_ALONE, ...drawn, posture } : null;
+  const view = useRef<HTMLDivElement>(null);
   const [stage, setStage] = useState<Stage | "none" | null>(null);
-  useEffect(() => {
-    let made: Stage | null = null;
+  /** Whether there is a picture, if only that of the view before. */
+  const [pictured, setPictured] = useState(false);
+  useLayoutEffect(() => {
+    const of = subject();
+    let own: Stage | null = null;
     let gone = false;
-    void import("./stage").then(({ Stage: Make }) => {
-      if (gone || !canvas.current) return;
-      try {
-        made = new Make(
-          canvas.current,
-          (box) => hears.current.dragged?.(box),
-          (force) => hears.current.pulled?.(force),
-        );
-        setStage(made);
-      } catch {
-        setStage("none");
-      }
-    });
+    const enter = (entered: Stage) => {
+      own = entered;
+      setStage(entered);
+    };
+    const left = take();
+    if (left && view.current) {
+      left.stage.enter(view.current, left.of !== of);
+      setPictured(left.of === of);
+      enter(left.stage);
+    } else
+      void import("./stage").then(({ Stage: Make }) => {
+        if (gone || !view.current) return;
+        try {
+          enter(new Make(view.current));
+        } catch {
+          setStage("none");
+        }
+      });
     return () => {
       gone = true;
-      made?.dispose();
+      if (own) leave(own, of);
     };
   }, []);
   const drawing = stage === "none" ? null : stage;
-  useEffect(() => drawing?.room(room, near), [drawing, near, JSON.stringify(room)]);
-  useEffect(() => drawing?.show(show), [drawing, JSON.stringify(show)]);
+  useEffect(() => {
+    drawing?.listen(label, {
+      dragged: (box) => hears.current.dragged?.(box),
+      pulled: (force) => hears.current.pulled?.(force),
+    });
+  }, [drawing, label]);
+  const shown = JSON.stringify(show);
+  useEffect(() => {
+    if (show) drawing?.room(room, near);
+  }, [drawing, near, JSON.stringify(room), show === null]);
+  useEffect(() => {
+    if (!drawing || !show) return;
+    drawing.show(show);
+    setPictured(true);
+  }, [drawing, shown]);
   useEffect(() => {
     if (resets > 0) drawing?.reset();
   }, [resets]);
   useEffect(() => {
     if (bends > 0) drawing?.bend();
   }, [bends]);
-  if (stage === "none")
+  if (stage === "none" && show)
     return (
       <div class="stage sketched">
         <p class="soft">{sceneWords.noWebgl}</p>
@@ -103,9 +124,8 @@ function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, pu
       </div>
     );
   return (
-    <div class="stage">
-      {stage === null && <Busy label={sceneWords.loading} />}
-      <canvas ref={canvas} tabIndex={0} role="img" aria-label={label} data-ready={stage !== null} />
+    <div class="stage" ref={view}>
+      {!pictured && <Busy label={sceneWords.loading} />}
     </div>
   );
 }

@@ -8,7 +8,9 @@ import { drawn, settled } from "./drawn";
 vi.stubGlobal("fetch", async () => new Response(JSON.stringify({ components: { schemas: {} } })));
 
 it("a form says beside its button what it needs", async () => {
-  const root = await drawn(<ProgramForm context={{ run: { id: "r" } } as RunContext} />);
+  const root = await drawn(
+    <ProgramForm context={{ run: { id: "r" }, robot: { id: "a", joints: [] } } as unknown as RunContext} />,
+  );
   await settled(() => {});
   const button = [...root.querySelectorAll("button")].find(({ textContent }) => textContent === "Compensate");
   expect(button?.disabled).toBe(true);

@@ -24,7 +24,13 @@ from jointstiff.schemas.robot import Estimate
 from jointstiff.schemas.run import JointResult, ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.kinds.run.kind import compute_mean_and_deviation
-from jointstiff.service.tables.estimate import ShownEstimate, percent_text, show_cell, show_estimate
+from jointstiff.service.tables.estimate import (
+    ShownEstimate,
+    estimate_columns,
+    percent_text,
+    show_cell,
+    show_estimate,
+)
 from jointstiff.service.tables.report import METHOD_NAMES, Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import (
@@ -103,6 +109,8 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
         ),
         *joint_reason_lines((joint.name, joint.reason) for joint in joints),
     ]
+    if result.differences:
+        parts += [Line(""), _differences_table(result, unit)]
     if result.ordered is not None:
         parts.append(_ordered_table(result.ordered, unit))
     avoided = result.avoided
@@ -119,6 +127,20 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
             )
         )
     return parts
+
+
+def _differences_table(result: ComparisonResult, unit: StiffnessUnit) -> Table:
+    """Return the table of what the second side removes: gearboxes, if its encoders are behind them."""
+    shown = [unit.show_joint(joint) for joint in result.differences]
+    return Table(
+        [
+            Column("joint", [joint.name for joint in result.differences], text=True),
+            *estimate_columns(f"removed {unit.quantity}", shown, result.confidence),
+        ],
+        title="Difference of the compliances, first less second",
+        caption=f"{unit.quantity} of what bends on the first side alone, such as gearboxes, in "
+        f"{unit.label_of(result.differences)}",
+    )
 
 
 def _show_ratio(joint: JointRatio) -> ShownEstimate:

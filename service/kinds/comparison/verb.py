@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.comparison import CampaignComparison
 from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.comparison.kind import COMPARISON
-from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import (
+    Backend,
+    JobMonitor,
+    Request,
+    carry_out_verb,
+    describe_verb,
+    merge_options,
+)
 from jointstiff.service.resources.documents import parse_document
 
 if TYPE_CHECKING:
@@ -18,10 +25,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.options import Resampling, RunOptions
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledComparison(PresentedJob, Comparison):
-        """A comparison, with its tables, plots and files."""
 
 
 class CompareFields(TypedDict, total=False):
@@ -48,36 +51,18 @@ def compare(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[CompareFields],
-) -> TabledComparison:
+) -> Comparison:
     """Compare methods on a campaign, or two campaigns of one robot.
 
     Args:
-        backend: `Here` or a `Client`, which has this function as a method and does the work.
         first: campaign or run, such as with the motors' encoders in the position loop, or before a repair.
         second: campaign or run to compare with the first, such as with secondary encoders in the position
             loop, or after a repair; without a second, methods are compared on the first.
-        options: a `CampaignComparison`; keyword arguments replace options of the same name.
-        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
-            notebook, if it takes more than 2 s.
-        cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
-            `cancelled`.
-        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
-            executor.
-        fields: fields of `CampaignComparison`.
-
-    Returns:
-        The Comparison, with its result in SI units. If the computation fails, its state is `failed`.
-
-    Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
-        RefusedError: the service refuses the request.
-        OSError: a file cannot be read.
     """
     from jointstiff.service.kinds.comparison.work import ComparedSet, request_comparison
 
-    with JobMonitor(on_progress, cancel, executor) as monitor:
-        backend = backend.start_call(monitor)
+    def make_request(backend: Backend) -> Request:
+        """Identify what is compared, and return its runs with the options."""
         chosen = parse_document(merge_options(CampaignComparison, options, fields), CampaignComparison)
         sources = [first] if second is None else [first, second]
         sets: list[ComparedSet] = []
@@ -91,12 +76,10 @@ def compare(
         request = request_comparison(
             sets, chosen, lambda run, dispensable: backend.run(run, monitor, dispensable)
         )
-        return cast(
-            "TabledComparison",
-            backend.carry_out_request(
-                COMPARISON, request.model_dump(mode="json", exclude_unset=True), {}, monitor
-            ),
-        )
+        return Request(request.model_dump(mode="json", exclude_unset=True))
+
+    monitor = JobMonitor(on_progress, cancel, executor)
+    return carry_out_verb(backend, COMPARISON, monitor, make_request)
 
 
-describe_fields(compare, CampaignComparison)
+describe_verb(compare, COMPARISON)

@@ -18,9 +18,9 @@ from jointstiff.schemas.comparison import (
     ComparisonResult,
 )
 from jointstiff.schemas.comparison import Side as SideName
-from jointstiff.schemas.finding import Assessment, Finding, combine_assessments
+from jointstiff.schemas.finding import Assessment, Finding, Verdict, combine_assessments
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import Run, RunRequest
+from jointstiff.schemas.run import JointResult, Run, RunRequest
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
@@ -272,15 +272,24 @@ def _add_comparison_of_sides(
         for name, each in run_assessments.items()
     ]
     reasons = _list_comparison_reasons(side_comparison)
+    assessment = assess_with_run("comparison", reasons, combine_assessments(assessments))
     return result.model_copy(
         update={
-            "assessment": assess_with_run("comparison", reasons, combine_assessments(assessments)),
+            "assessment": assessment,
             "joints": side_comparison.joints,
+            "differences": [_limit_verdict(each, assessment.verdict) for each in side_comparison.differences],
             "avoided": side_comparison.avoided,
             "ordered": side_comparison.ordered,
             "warnings": warnings,
         }
     )
+
+
+def _limit_verdict(joint: JointResult, verdict: Verdict) -> JointResult:
+    """Return a result whose verdict is not better than that of the whole comparison."""
+    order: list[Verdict] = ["use", "use_with_care", "do_not_use"]
+    worst = max(joint.verdict, verdict, key=order.index)
+    return joint.model_copy(update={"verdict": worst})
 
 
 def _add_side_to_place(finding: Finding, side: SideName) -> Finding:

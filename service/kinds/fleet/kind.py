@@ -31,15 +31,10 @@ _OUTCOMES: Final[dict[FleetOutcome, tuple[str, Style]]] = {
 """Words and style of each outcome, from the outcome that most needs attention to the best."""
 
 
-def outcome_of_row(row: FleetRow) -> FleetOutcome:
-    """Return the verdict on the row's measurement set, or `failed` if the set was not identified."""
-    return row.verdict or "failed"
-
-
 def _make_report(_job: Fleet, result: FleetResult, view: View) -> Report:
     """Return a headline, the number of sets by outcome, and the table of sets, worst first."""
     order = list(_OUTCOMES)
-    rows = sorted(result.rows, key=lambda row: order.index(outcome_of_row(row)))
+    rows = sorted(result.rows, key=lambda row: order.index(row.outcome))
     counts = Table(
         [
             Column("outcome", [_OUTCOMES[outcome][0] for outcome in order], text=True),
@@ -75,7 +70,7 @@ def _sets_table(rows: list[FleetRow], unit: StiffnessUnit) -> Table:
     columns = [
         Column("robot", [row.robot_name for row in rows], text=True),
         Column("measurement set", [row.measurement_set_name for row in rows], text=True),
-        Column("verdict", rows, lambda row: Line(*_OUTCOMES[outcome_of_row(row)]), text=True),
+        Column("verdict", rows, lambda row: Line(*_OUTCOMES[row.outcome]), text=True),
         *(Column(name, [_stiffness_cell(row, name, unit) for row in rows], as_line) for name in joints),
     ]
     if any(row.error for row in rows):

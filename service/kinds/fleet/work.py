@@ -15,7 +15,6 @@ from jointstiff.schemas.fleet import MAX_SETS, FleetOutcome, FleetRequest, Fleet
 from jointstiff.schemas.run import RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_texts
-from jointstiff.service.kinds.fleet.kind import outcome_of_row
 from jointstiff.service.kinds.run.work import prepare_identification
 from jointstiff.service.kinds.work import (
     Arrays,
@@ -96,7 +95,7 @@ class FleetWork(Work):
         row_ends = np.cumsum(table["sizes"])
         texts = np.split(table["rows"], row_ends[:-1])
         rows = [FleetRow.model_validate_json(text.tobytes()) for text in texts]
-        counts = Counter(map(outcome_of_row, rows))
+        counts = Counter(row.outcome for row in rows)
         return FleetResult(counts={name: counts[name] for name in get_args(FleetOutcome)}, rows=rows)
 
     def detach_for_step(self, span: Span) -> FleetWork:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.service.kinds.geometry.kind import GEOMETRY
-from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_readings
+from jointstiff.service.kinds.verb import (
+    Backend,
+    JobMonitor,
+    Request,
+    carry_out_verb,
+    describe_verb,
+    merge_readings,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,10 +30,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import JointMap, RobotDocument
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Vector
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledGeometry(PresentedJob, Geometry):
-        """A geometry, with its tables, plots and files."""
 
 
 class GeometryFields(TypedDict, total=False):
@@ -60,34 +63,18 @@ def geometry(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[GeometryFields],
-) -> TabledGeometry:
+) -> Geometry:
     """Identify the geometry of a robot from sweeps or poses.
 
     Args:
-        backend: `Here` or a `Client`, which has this function as a method and does the work.
         readings: a file, a document, or the message of the request.
-        options: a `GeometryRequest`; keyword arguments replace options of the same name.
-        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
-            notebook, if it takes more than 2 s.
-        cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
-            `cancelled`.
-        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
-            executor.
-        fields: fields of `GeometryRequest`.
-
-    Returns:
-        The Geometry, with its result in SI units. If the computation fails, its state is `failed`.
-
-    Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
-        RefusedError: the service refuses the request.
-        OSError: a file cannot be read.
     """
-    with JobMonitor(on_progress, cancel, executor) as monitor:
-        backend = backend.start_call(monitor)
-        request = merge_readings(GeometryRequest, readings, options, fields)
-        return cast("TabledGeometry", backend.carry_out_request(GEOMETRY, request, {}, monitor))
+
+    def make_request(_: Backend) -> Request:
+        """Return the readings with the options."""
+        return Request(merge_readings(GeometryRequest, readings, options, fields))
+
+    return carry_out_verb(backend, GEOMETRY, JobMonitor(on_progress, cancel, executor), make_request)
 
 
-describe_fields(geometry, GeometryRequest)
+describe_verb(geometry, GEOMETRY)

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.plan import PlanOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.plan.kind import PLAN
-from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import (
+    Backend,
+    JobMonitor,
+    Request,
+    carry_out_verb,
+    describe_verb,
+    merge_options,
+)
 from jointstiff.service.resources.documents import read_plan_source
 
 if TYPE_CHECKING:
@@ -30,10 +37,6 @@ if TYPE_CHECKING:
     )
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, Matrix, OnProgress, Source, Vector
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledPlan(PresentedJob, Plan):
-        """A plan, with its tables, plots and files."""
 
 
 class PlanFields(TypedDict, total=False):
@@ -77,50 +80,32 @@ def plan(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[PlanFields],
-) -> TabledPlan:
+) -> Plan:
     """Plan which postures and loads to measure.
 
     Args:
-        backend: `Here` or a `Client`, which has this function as a method and does the work.
         source: the campaign to continue; or, to begin a campaign, a robot: a document, the name of a file, or
             the name of an arm of the catalogue.
-        options: a `PlanOptions`; keyword arguments replace options of the same name.
-        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
-            notebook, if it takes more than 2 s.
-        cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
-            `cancelled`.
-        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
-            executor.
-        fields: fields of `PlanOptions`.
-
-    Returns:
-        The Plan, with its result in SI units. If the computation fails, its state is `failed`.
-
-    Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
-        RefusedError: the service refuses the request.
-        OSError: a file cannot be read.
     """
-    with JobMonitor(on_progress, cancel, executor) as monitor:
-        backend = backend.start_call(monitor)
+
+    def make_request(backend: Backend) -> Request:
+        """Return the robot or the set to measure, with the options.
+
+        Causes and left-out readings of the campaign's run apply, unless options replace them.
+        """
         planned = read_plan_source(source)
         if isinstance(planned, RobotDocument):
             request: dict[str, Any] = {"robot_id": backend.prepare_robot(planned)}
         else:
             set_id, run_options = backend.prepare_set(planned)
-            # Causes and left-out readings of the campaign's run apply, unless options replace them.
-            inherited = (
-                {}
-                if run_options is None
-                else run_options.model_dump(mode="json", include={"causes", "leave_out"})
-            )
-            request = {
-                "measurement_set_id": set_id,
-                **{name: value for name, value in inherited.items() if value},
-            }
+            request = {"measurement_set_id": set_id}
+            if run_options is not None:
+                inherited = run_options.model_dump(mode="json", include={"causes", "leave_out"})
+                request |= {name: value for name, value in inherited.items() if value}
         request |= merge_options(PlanOptions, options, fields, lambda: backend.joint_kinds(planned))
-        return cast("TabledPlan", backend.carry_out_request(PLAN, request, {}, monitor))
+        return Request(request)
+
+    return carry_out_verb(backend, PLAN, JobMonitor(on_progress, cancel, executor), make_request)
 
 
-describe_fields(plan, PlanOptions)
+describe_verb(plan, PLAN)

@@ -14,6 +14,7 @@ from jointstiff.schemas.process import (
     ProcessResult,
 )
 from jointstiff.service.kinds.kind import Kind, list_table_files
+from jointstiff.service.kinds.process.columns import OF_AREA, OF_GRID
 from jointstiff.service.kinds.program.kind import CONTENT, make_points_sheet
 from jointstiff.service.problems import naming_missing_extra
 from jointstiff.service.tables.estimate import (
@@ -269,18 +270,13 @@ def make_charts(result: ProcessResult) -> list[Chart]:
     return [Chart("Deflection at fixed turns", names, series, 1e6, "µm", "turns", quantity="deflection")]
 
 
-OF_GRID: Final = "of grid"
-"""Column of the table of places: whether the place is one of the grid."""
-_AREA: Final = ("x [m]", "y [m]", "deflection [m]")
-
-
 def make_area_map(sheet: Sheet) -> Area | None:
     """Return a map of the deflection over x and y, the least over heights and turns of the workpiece.
 
     None is returned if no places were searched.
     """
     least: dict[tuple[float, float], float] = {}
-    columns = [sheet.columns[name] for name in _AREA]
+    columns = [sheet.columns[name] for name in OF_AREA]
     of_grid = sheet.columns.get(OF_GRID, [True] * len(columns[0]))
     for x, y, value, is_of_grid in zip(*columns, of_grid, strict=True):
         if not is_of_grid:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.service.kinds.process.kind import OF_GRID
+from jointstiff.service.kinds.process.columns import OF_GRID
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
 

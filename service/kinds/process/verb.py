@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from jointstiff.schemas.process import ProcessOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.process.kind import PROCESS
 from jointstiff.service.kinds.program.verb import CompensateFields, gather_files
-from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import (
+    Backend,
+    JobMonitor,
+    Request,
+    carry_out_verb,
+    describe_verb,
+    merge_options,
+)
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import read_plan_source
 
@@ -21,10 +28,6 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.process import Process
     from jointstiff.service.kinds.verb import Cancel, File, Matrix, OnProgress, Source, Vector
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledProcess(PresentedJob, Process):
-        """A process, with its tables, plots and files."""
 
 
 class ProcessFields(CompensateFields, total=False):
@@ -55,11 +58,10 @@ def process(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[ProcessFields],
-) -> TabledProcess:
+) -> Process:
     """Turn the tool and place the workpiece for the least deflection along a path.
 
     Args:
-        backend: `Here` or a `Client`, which has this function as a method and does the work.
         source: what `identify` returned, or a campaign, which is identified now; or an arm that was not
             measured: a robot document, or the name of an arm of the catalogue.
         path: the program, a .src with its .dat, or a CSV table of poses; or an array of poses of the tool
@@ -68,29 +70,16 @@ def process(
         forces: one force (3,); forces (N, 3) of the points of an array; a table (K, 4) of lengths along the
             path and forces, interpolated at the points; a milling cut (fields of `Cut`); or the CSV file of
             a load for each point or length. Forces are along `axes`.
-        options: a `ProcessOptions`; keyword arguments replace options of the same name.
-        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
-            notebook, if it takes more than 2 s.
-        cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
-            `cancelled`.
-        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
-            executor.
         fields: fields of `ProcessOptions`, and `force`, short for `load`.
 
-    Returns:
-        The Process, with its result in SI units. If the computation fails, its state is `failed`.
-
     Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
-        RefusedError: the service refuses the request.
-        OSError: a file cannot be read.
         ValueError: there are several arrays of poses, or an array of forces has another shape.
     """
     from jointstiff.service.conversion.arguments import complete_units
 
-    with JobMonitor(on_progress, cancel, executor) as monitor:
-        backend, named_options = backend.start_call(monitor), dict[str, Any](fields)
+    def make_request(backend: Backend) -> Request:
+        """Return the arm and the path, with forces and options."""
+        named_options = dict[str, Any](fields)
         # A run is used as it is; a robot, or the name of an arm, has no run.
         described = source if isinstance(source, RobotDocument) else read_plan_source(source)
         request: dict[str, Any] = (
@@ -113,9 +102,9 @@ def process(
             named_options |= _state_forces(forces, contents, units)
         files_sent, named_options = gather_files([Path(each) for each in files], named_options)
         request |= merge_options(ProcessOptions, options, named_options)
-        return cast(
-            "TabledProcess", backend.carry_out_request(PROCESS, request, contents | files_sent, monitor)
-        )
+        return Request(request, contents | files_sent)
+
+    return carry_out_verb(backend, PROCESS, JobMonitor(on_progress, cancel, executor), make_request)
 
 
 def _write_poses(arrays: list[Any], units: Mapping[str, str]) -> tuple[dict[str, bytes], dict[str, Any]]:
@@ -186,4 +175,4 @@ def _state_forces(
     return {"loads": "forces.csv"}
 
 
-describe_fields(process, ProcessOptions)
+describe_verb(process, PROCESS)

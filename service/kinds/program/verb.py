@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.kinds.program.kind import PROGRAM
-from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import (
+    Backend,
+    JobMonitor,
+    Request,
+    carry_out_verb,
+    describe_verb,
+    merge_options,
+)
+from jointstiff.service.problems import naming_missing_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,10 +25,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.program import Cut, ProcessLoad, Program, ProgramFrame
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Source, Vector
-    from jointstiff.service.library.results import PresentedJob
-
-    class TabledProgram(PresentedJob, Program):
-        """A compensated program, with its tables, plots and files."""
 
 
 class CompensateFields(TypedDict, total=False):
@@ -67,39 +71,25 @@ def compensate(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[CompensateFields],
-) -> TabledProgram:
+) -> Program:
     """Compensate a program for the deflection under load.
 
     Args:
-        backend: `Here` or a `Client`, which has this function as a method and does the work.
         run: what `identify` returned, or a campaign, which is identified now.
         files: the program, a .src with its .dat; and the table of loads, if `loads` names one.
-        options: a `ProgramOptions`; keyword arguments replace options of the same name.
-        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
-            notebook, if it takes more than 2 s.
-        cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
-            `cancelled`.
-        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
-            executor.
         fields: fields of `ProgramOptions`, and `force`, short for `load`.
-
-    Returns:
-        The Program, with its result in SI units. If the computation fails, its state is `failed`.
-
-    Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
-        RefusedError: the service refuses the request.
-        OSError: a file cannot be read.
     """
-    with JobMonitor(on_progress, cancel, executor) as monitor:
-        backend = backend.start_call(monitor)
+
+    def make_request(backend: Backend) -> Request:
+        """Return the run and the files, with the options."""
         request: dict[str, Any] = {"run_id": backend.prepare_run(run, executor)}
         contents, named_options = gather_files(list(map(Path, files)), fields)
-        request |= merge_options(ProgramOptions, options, named_options)
-        return cast("TabledProgram", backend.carry_out_request(PROGRAM, request, contents, monitor))
+        return Request(request | merge_options(ProgramOptions, options, named_options), contents)
+
+    return carry_out_verb(backend, PROGRAM, JobMonitor(on_progress, cancel, executor), make_request)
 
 
+@naming_missing_file()
 def gather_files(paths: Sequence[Path], fields: Mapping[str, Any]) -> tuple[dict[str, bytes], dict[str, Any]]:
     """Read the files of a program and its table of loads; return contents by name, and fields of a request.
 
@@ -119,4 +109,4 @@ def gather_files(paths: Sequence[Path], fields: Mapping[str, Any]) -> tuple[dict
     return {path.name: path.read_bytes() for path in read}, options
 
 
-describe_fields(compensate, ProgramOptions)
+describe_verb(compensate, PROGRAM)

@@ -78,6 +78,8 @@ def _make_report(run: Run, result: RunResult, view: View) -> Report:
         return Report([joints_table])
     reasons = joint_reason_lines((joint.name, joint.reason) for joint in result.joints)
     parts: list[Part] = [joints_table, *reasons]
+    if result.gearboxes:
+        parts += [Line(""), _parts_table(run, result, view.unit)]
     further: list[Part] = [_fit_summary(result)]
     if result.weight is not None:
         further += _weight_lines(result.weight)
@@ -137,6 +139,23 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
         ],
         title=f"Joint {unit.quantity}, {method}, {constraint}",
         caption=f"{unit.quantity} and its interval in {unit.label_of(joints)}",
+    )
+
+
+def _parts_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
+    """Return the table of gearboxes and of structure behind their encoders, whose compliances add up."""
+    confidence = run.request.confidence
+    gearboxes = [unit.show_joint(joint) for joint in result.gearboxes]
+    structures = [unit.show_joint(joint) for joint in result.structures]
+    return Table(
+        [
+            Column("joint", [joint.name for joint in result.gearboxes], text=True),
+            *estimate_columns("gearbox", gearboxes, confidence),
+            *estimate_columns("structure", structures, confidence),
+        ],
+        title=f"Gearbox and structure apart, {unit.quantity}",
+        caption=f"in {unit.label_of(result.gearboxes)}; in front of the encoder and behind it: compliances "
+        "add up",
     )
 
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.options import RunOptions
 from jointstiff.service.kinds.run.kind import RUN
-from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import (
+    Backend,
+    JobMonitor,
+    Request,
+    carry_out_verb,
+    describe_verb,
+    merge_options,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -14,9 +21,9 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.finding import NamedCause
     from jointstiff.schemas.options import CrossValidation, OwnWeight, Resampling, StiffnessPrior
+    from jointstiff.schemas.run import Run
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
-    from jointstiff.service.library.results import TabledRun
 
 
 class IdentifyFields(TypedDict, total=False):
@@ -62,43 +69,27 @@ def identify(
     cancel: Cancel | None = None,
     executor: Executor | None = None,
     **fields: Unpack[IdentifyFields],
-) -> TabledRun:
+) -> Run:
     """Identify the joint stiffnesses of a campaign.
 
     Args:
-        backend: `Here` or a `Client`, which has this function as a method and does the work.
         campaign: a file, a document that was read from JSON, a `Campaign`, or a run.
-        options: a `RunOptions`; keyword arguments replace options of the same name.
-        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
-            notebook, if it takes more than 2 s.
-        cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
-            `cancelled`.
-        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
-            executor.
-        fields: fields of `RunOptions`.
-
-    Returns:
-        The Run, with its result in SI units. If the computation fails, its state is `failed`.
-
-    Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
-        RefusedError: the service refuses the request.
-        OSError: a file cannot be read.
     """
-    with JobMonitor(on_progress, cancel, executor) as monitor:
-        backend = backend.start_call(monitor)
+
+    def make_request(backend: Backend) -> Request:
+        """Return the set to identify, with the options.
+
+        The campaign's own options apply, unless the caller gives `options`; but observations that the
+        campaign leaves out are left out in any case.
+        """
         set_id, campaign_options = backend.prepare_set(campaign)
         request: dict[str, Any] = {"measurement_set_id": set_id}
         if campaign_options is not None:
-            # The campaign's own options apply, unless the caller gives `options`; but observations that the
-            # campaign leaves out are left out in any case.
             defaults = campaign_options.model_dump(mode="json", exclude_unset=True) if options is None else {}
             request = defaults | request | {"leave_out": campaign_options.leave_out}
-        return cast(
-            "TabledRun",
-            backend.carry_out_request(RUN, request | merge_options(RunOptions, options, fields), {}, monitor),
-        )
+        return Request(request | merge_options(RunOptions, options, fields))
+
+    return carry_out_verb(backend, RUN, JobMonitor(on_progress, cancel, executor), make_request)
 
 
-describe_fields(identify, RunOptions)
+describe_verb(identify, RUN)

@@ -245,7 +245,7 @@ def test_what_is_no_id_of_a_key_revokes_nothing(client, store):
     answer = client.request("DELETE", "/v1/keys/nobody", headers=bearer("admin"))
     assert outcome_of(answer) == (
         "422 invalid-request | path.key_id | must match the pattern '^[0-9a-f]{10}$' | "
-        "see the description of this address in /openapi.json"
+        "correct the parameter as the reason says"
     )
     missing = client.request("DELETE", "/v1/keys/0000000000", headers=bearer("admin"))
     assert missing.status_code == 404

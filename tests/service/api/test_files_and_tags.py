@@ -33,8 +33,6 @@ def addresses_of(local, run):
 @pytest.mark.parametrize(
     ("name", "reason", "remedy"),
     [
-        ("", "Not Found", "see /openapi.json for the existing addresses"),
-        ("../x", "Not Found", "see /openapi.json for the existing addresses"),
         *(
             (name, "a run has no such file", f"use one of {FILES}")
             for name in ("nothing", "model.step", "report.docx", "%00")
@@ -43,6 +41,20 @@ def addresses_of(local, run):
 )
 def test_a_file_that_there_is_not_is_answered_with_those_that_there_are(local, run, name, reason, remedy):
     assert told(local.get(file_at(run, name))) == f"404 | {reason} | {remedy}"
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("", "use one of the addresses /v1/archive, "),
+        ("../x", "use one of the addresses /v1/archive, "),
+        ("../model.csv", "use the address /v1/jobs/{}/files/model.csv"),
+    ],
+)
+def test_an_address_without_a_file_is_answered_with_those_that_there_are(local, run, name, remedy):
+    answer = told(local.get(file_at(run, name)))
+    assert answer.startswith(f"404 | there is no address /v1/jobs/{run['id']}/")
+    assert f"| {remedy.format(run['id'])}" in answer
 
 
 @pytest.mark.parametrize(

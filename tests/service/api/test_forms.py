@@ -41,7 +41,12 @@ def run(local):
             "send valid JSON with finite numbers and at most 200 levels",
         ),
         ([SOURCE], None, "422 invalid-request | options | required field is missing | add this field"),
-        ([], {}, f"415 unsupported-media-type | - | {NOT_A_FORM} | -"),
+        (
+            [],
+            {},
+            "415 unsupported-media-type | - | "
+            f"the body has the Content-Type 'application/x-www-form-urlencoded' | {NOT_A_FORM}",
+        ),
         ([SOURCE, SOURCE], {}, f"422 invalid-request | files | two files have the same name | {ONCE}"),
         (
             [SOURCE],
@@ -216,7 +221,11 @@ def test_a_form_that_means_harm_is_refused_in_few_bytes(name, local):
         ("multipart/form-data; boundary=" + "x" * 257, BROKEN),
         ("multipart/form-data", f"422 invalid-request | body | Missing boundary in multipart. | {WRITTEN}"),
         ("multipart/form-data; boundary=", BROKEN),
-        ("application/json", f"415 unsupported-media-type | - | {NOT_A_FORM} | -"),
+        (
+            "application/json",
+            "415 unsupported-media-type | - | the body has the Content-Type 'application/json' | "
+            f"{NOT_A_FORM}",
+        ),
     ],
 )
 def test_a_form_says_its_boundary(kind, wanted, local):

@@ -38,7 +38,10 @@ DEEP = invalid("recursion limit exceeded at line 1 column 202")
 DEEPER = invalid("recursion limit exceeded at line 1 column 1006")
 PRINTABLE = "must be printable text without leading or trailing blanks | correct the field as the reason says"
 BODIES = {
-    "empty": (b"", [invalid("EOF while parsing a value at line 1 column 0")] * 3),
+    "empty": (
+        b"",
+        ["422 invalid-request | body | the body is empty | send a JSON document as the body"] * 3,
+    ),
     "not json": (b"{'a': 1}", [invalid("key must be a string at line 1 column 2")] * 3),
     "null": (b"null", [NO_OBJECT] * 3),
     "number": (b"1", [NO_OBJECT] * 3),
@@ -49,7 +52,8 @@ BODIES = {
     "long exponent": (b"1e" + b"9" * 1_000, [NO_OBJECT] * 3),
     "invalid utf-8": (
         b'{"name": "\xff\xfe"}',
-        [invalid("invalid unicode code point at line 1 column 11")] * 3,
+        ["422 invalid-request | body | the body is not a text in UTF-8 | send the JSON document in UTF-8"]
+        * 3,
     ),
     "lone surrogate": (
         b'{"name": "\\ud800"}',
@@ -129,8 +133,10 @@ def test_a_body_has_few_parts(filler, most, local):
 
 @pytest.mark.parametrize("kind", ["text/plain", "application/xml", "multipart/form-data", ""])
 def test_a_body_of_another_type_is_refused(kind, local):
+    found = f"the Content-Type '{kind}'" if kind else "no Content-Type"
     assert sent(local, "/v1/runs", b"{}", kind) == (
-        "415 unsupported-media-type | - | send JSON, with the header Content-Type: application/json | -"
+        f"415 unsupported-media-type | - | the body has {found} | "
+        "send JSON, with the header Content-Type: application/json"
     )
 
 

@@ -357,3 +357,106 @@ def test_campaigns_of_one_day_are_labelled_by_their_times():
     ]
     assert shown_trend(measured[:2])._campaign_dates() == ["2026-01-01 00:00", "2026-01-01 01:00"]
     assert shown_trend(measured)._campaign_dates()[2] == "2026-01-01 01:00 (3)"
+
+
+def arms_of(client):
+    (listed,) = client.get("/v1/robots").json()["items"]
+    return listed["arms"]
+
+
+def test_each_arm_has_its_date_and_the_joints_that_its_trends_test(client):
+    """An arm that was measured once has no tested joint: its joints are not unchanged."""
+    robot = robot_of(client)
+    for month, softness in enumerate([1.0, 0.8], start=1):
+        identify(client, measure(client, robot, month, softness, serial_number="A"))
+    identify(client, measure(client, robot, 3, serial_number="B"))
+    worn, fresh = arms_of(client)
+    assert (worn["serial_number"], worn["at"]) == ("A", "2026-02-10T08:00:00Z")
+    assert worn["tested"] == [f"joint_{number}" for number in range(1, 7)]
+    assert worn["rank"] > 1e6, "a softer joint"
+    assert (fresh["serial_number"], fresh["at"]) == ("B", "2026-03-10T08:00:00Z")
+    assert (fresh["tested"], fresh["rank"]) == ([], 0.0)
+    assert client.get(f"/v1/robots/{robot}").json()["arms"] == [worn, fresh]
+
+
+def test_robots_are_listed_worst_first_over_all_pages(client):
+    """A robot that was never measured comes last."""
+    never, same, worn, stiffer = (robot_of(client) for _ in range(4))
+    for robot, last in [(same, 1.0), (worn, 0.8), (stiffer, 1.25)]:
+        for month, softness in enumerate([1.0, last], start=1):
+            identify(client, measure(client, robot, month, softness))
+    assert client.get("/v1/robots").status_code == 200, "the summaries are made"
+    found, cursor = [], {}
+    for _ in range(4):
+        page = client.get("/v1/robots", params={"sort": "worst", "limit": 1} | cursor).json()
+        found += [item["id"] for item in page["items"]]
+        cursor = {"cursor": page["next"]}
+    assert page["next"] is None
+    assert found == [worn, stiffer, same, never]
+
+
+def change_robot(client, robot, **changes):
+    return client.request("PATCH", f"/v1/robots/{robot}", json=changes)
+
+
+def test_changes_are_counted_from_the_campaign_that_the_user_chose(client):
+    """After a repair the joint is as it was: only the campaign before tells otherwise."""
+    robot = robot_of(client)
+    sets = [measure(client, robot, month, softness) for month, softness in [(1, 1.0), (2, 0.8), (3, 0.8)]]
+    for each in sets:
+        identify(client, each)
+    assert changed_in(trend(client, robot)) == ["joint_3"]
+    assert trend(client, robot)["reference_set_id"] is None
+    changed = change_robot(client, robot, reference_set_ids=[sets[1]])
+    assert changed.json()["reference_set_ids"] == [sets[1]]
+    found = trend(client, robot)
+    assert (changed_in(found), found["reference_set_id"]) == ([], sets[1])
+    assert len(found["campaigns"]) == 3, "the campaigns before are shown"
+    assert row_of(client, robot)["changed"] == []
+    change_robot(client, robot, reference_set_ids=[sets[2]])
+    alone = trend(client, robot)
+    assert {joint["change"] for joint in alone["joints"]} == {None}
+    assert "only one campaign" in alone["note"]
+    assert arms_of(client)[0]["tested"] == []
+    change_robot(client, robot, reference_set_ids=[])
+    assert changed_in(trend(client, robot)) == ["joint_3"]
+
+
+def test_a_reference_is_a_set_of_the_robot(client):
+    robot, other = robot_of(client), robot_of(client)
+    foreign = measure(client, other, 1)
+    refused = change_robot(client, robot, reference_set_ids=[foreign])
+    assert refused.status_code == 422
+    assert f"the robot has no measurement set '{foreign}'" in refused.text
+    assert client.get(f"/v1/robots/{robot}").json()["reference_set_ids"] == []
+
+
+def test_marks_of_a_robot_are_kept_in_the_order_of_their_times(client):
+    robot = robot_of(client)
+    crash = {"at": "2026-03-01T10:00:00+01:00", "note": "crash into the press", "serial_number": "W-1"}
+    repair = {"at": "2026-02-01T09:00:00Z", "note": "gearbox of joint 3"}
+    stored = change_robot(client, robot, marks=[crash, repair]).json()["marks"]
+    assert stored == [
+        repair | {"serial_number": None},
+        crash | {"at": "2026-03-01T09:00:00Z"},
+    ]
+    assert change_robot(client, robot, name="arm 4").json()["marks"] == stored
+    assert client.get(f"/v1/robots/{robot}").json()["marks"] == stored
+    assert change_robot(client, robot, marks=[{"at": "2026-03-01", "note": "x"}]).status_code == 422
+    assert change_robot(client, robot, marks=[]).json()["marks"] == []
+
+
+@pytest.mark.parametrize("freedom", [(6, 9), None])
+def test_the_band_of_no_change_ends_where_a_change_is_reported(freedom):
+    """A latest stiffness at an end of the band has the p-value of the level."""
+    first, last = list(campaigns([None, None], freedom=freedom))
+    trend = compare_campaigns(["joint_1"], [first, last])
+    (joint,) = trend["joints"]
+    low, high = joint.unchanged
+    assert low * high == pytest.approx(1.0)
+    ratio = first.joints["joint_1"].compliance / last.joints["joint_1"].compliance
+    assert joint.changed == (not low < ratio < high)
+    uncertainty = joint.change.standard_uncertainty / ratio
+    deviation = np.log(high) / uncertainty
+    beyond = stats.norm.sf(deviation) if freedom is None else stats.t.sf(deviation, 6)
+    assert 2.0 * beyond == pytest.approx(trend["level"])

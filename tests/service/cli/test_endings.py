@@ -31,6 +31,8 @@ def campaign(tmp_path_factory):
         ("identify", [], ".pdf", "`jointstiff export` writes tables, `jointstiff report` writes reports"),
         ("identify", ["--apply", "use_huber"], ".pdf", "must end in .json"),
         ("import", [], ".csv", "must end in .json"),
+        ("identify", [], ".json", "x.json` writes the whole result"),
+        ("compare", [], ".json", "`--save x.json` writes the whole result"),
     ],
 )
 def test_the_answer_names_endings_that_work(campaign, tmp_path, command, others, ending, said):

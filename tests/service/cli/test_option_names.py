@@ -12,7 +12,7 @@ import jointstiff
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.cli.app import app
-from jointstiff.service.cli.kinds import field_options, name_options_in_text
+from jointstiff.service.cli.fields import field_options, name_options_in_text
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 
 PACKAGE = Path(jointstiff.__file__).parent

@@ -6,8 +6,8 @@ from typer.testing import CliRunner
 import jointstiff as js
 from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli.app import app
+from jointstiff.service.cli.fields import _make_word_parser
 from jointstiff.service.cli.imports import _split_header, _split_typed_header
-from jointstiff.service.cli.kinds import _make_word_parser
 from jointstiff.service.cli.options import _parse_unit
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.simulator import default_arm, simulate_campaign

@@ -16,7 +16,7 @@ import jointstiff as js
 from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.live import MeasurementSetPost
 from jointstiff.schemas.measurement import StoredMeasurementSet
-from jointstiff.schemas.robot import LastCampaign, Robot
+from jointstiff.schemas.robot import LastCampaign, Robot, StoredRobot
 from jointstiff.service.archive.form import RESTORED
 from jointstiff.service.archive.reading import read_archive
 from jointstiff.service.archive.writing import write_archive
@@ -151,7 +151,7 @@ def test_documents_of_another_shape_are_another_version() -> None:
     Databases, archives, saved files and answers of the version before are then raised by the step.
     """
     documents = [
-        Robot,
+        StoredRobot,
         StoredMeasurementSet,
         ReadRun,
         LastCampaign,

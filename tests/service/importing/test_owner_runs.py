@@ -297,12 +297,11 @@ def write_bag(folder):
             writer.write(topic, number, store.serialize_cdr(message, kind.__msgtype__))
 
 
-def test_a_bag_of_ros_becomes_a_run_by_the_lines_of_the_guide(tmp_path, monkeypatch):
+def test_a_bag_of_ros_becomes_a_run_by_the_example(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_bag(tmp_path / "day1_bag")
-    guide = (ROOT / "docs" / "import.md").read_text(encoding="utf-8")
-    lines = re.search(r"^import csv\n.*?(?=^```)", guide, re.M | re.S)
-    exec(compile(lines[0], "import.md", "exec"), {})  # noqa: S102 - the guide's own lines
+    lines = (ROOT / "examples" / "clients" / "ros_bag.py").read_text(encoding="utf-8")
+    exec(compile(lines, "ros_bag.py", "exec"), {})  # noqa: S102 - the example's own lines
     labels = {each["label"]: f"c{number:02}" for number, each in enumerate(SET["observations"], 1)}
     rows = [[labels.get(row[0], row[0]), *row[1:]] for row in cells(joints=False)]
     (points,) = write(tmp_path, {"points.csv": text(rows)})

@@ -24,7 +24,7 @@ def test_every_campaign_can_be_identified(name):
 def test_the_simulated_stiffnesses_are_in_their_intervals():
     run = js.identify(js.datasets.load("pull"))
     planted = default_arm().stiffnesses
-    inside = [low < each < high for each, (low, high) in zip(planted, run.conf_int(), strict=True)]
+    inside = [low < each < high for each, (low, high) in zip(planted, run.conf_int("stiffness"), strict=True)]
     assert sum(inside) >= 5, "95 % intervals of six joints"
 
 

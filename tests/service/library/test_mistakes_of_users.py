@@ -145,8 +145,8 @@ MISTAKES = {
         "its joints are joint_1, joint_2",
     ),
     "level of an interval": (
-        *of_run(lambda run: run.conf_int(0.05), lambda run: run.conf_int("compliance")),
-        "give `stiffness` or `compliance`",
+        *of_run(lambda run: run.conf_int(0.05), lambda run: run.conf_int("stiffness")),
+        "give `compliance` or `stiffness`",
     ),
     "no table": (
         *of_run(lambda run: run.to_frame("resid"), lambda run: run.to_frame("residuals")),
@@ -254,3 +254,55 @@ def test_an_ending_that_no_file_has_is_answered_with_those_that_work(run, tmp_pa
     for ending in endings[:-1]:  # a certificate needs a laboratory, and says so
         run.save(tmp_path / f"run{ending}")
         assert (tmp_path / f"run{ending}").stat().st_size > 0
+
+
+MISSING = {
+    "campaign": js.identify,
+    "result": js.load,
+    "robot": lambda path: js.robot(path.with_suffix(".urdf")),
+    "readings": js.import_files,
+    "table": lambda path: js.predict(simulate_campaign(default_arm(), configurations=8), path),
+}
+
+
+@pytest.mark.parametrize("name", MISSING)
+def test_a_missing_file_is_answered_with_its_folder(name, tmp_path):
+    with pytest.raises(
+        js.CampaignError, match=r"there is no file '.*missing\.\w+', in the folder"
+    ) as refused:
+        MISSING[name](tmp_path / "missing.json")
+    assert isinstance(refused.value, FileNotFoundError)
+    assert refused.value.problem.remedy == "give the name of a file that exists"
+
+
+def test_a_misspelt_file_is_answered_with_the_name_that_works(document, tmp_path):
+    js.Campaign.model_validate(document).save(tmp_path / "campaign.json")
+    with pytest.raises(js.CampaignError) as refused:
+        js.identify(tmp_path / "campaing.json")
+    right = refused.value.problem.remedy.removeprefix("give ")
+    assert js.identify(right).state == "succeeded"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "remedy", "right"),
+    [
+        ({"length_unit": "m"}, r"state all units in `units`", {"units": "m, rad"}),
+        ({"angle_unit": "rad"}, r"state all units in `units`", {"units": "m, rad"}),
+        ({"conventions": "standard"}, r"give `convention` in its place", {"convention": "standard"}),
+    ],
+)
+def test_an_unknown_argument_of_robot_is_answered_with_that_which_is_meant(wrong, remedy, right):
+    rows = [{"a": 0.3, "alpha": 0.0, "d": 0.0, "theta": 0.0}] * 6
+    stated = {"convention": "standard", "units": "m, rad"}
+    with pytest.raises(
+        TypeError, match=f"robot\\(\\) has no argument '{next(iter(wrong))}'; remedy: {remedy}"
+    ):
+        js.robot(rows, **(stated | wrong))
+    assert js.robot(rows, **(stated | right)).model is not None
+
+
+def test_an_option_is_named_only_where_it_exists(document):
+    """`resampling` is an option of `identify`: a plan has none."""
+    with pytest.raises(js.CampaignError, match="bootstrap: unknown field") as refused:
+        js.plan(document, bootstrap=100)
+    assert "resampling" not in str(refused.value)

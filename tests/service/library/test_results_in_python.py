@@ -182,7 +182,8 @@ def test_every_job_has_details_and_its_options(results, name):
 def test_a_run_has_the_names_of_statsmodels(run, document):
     assert run.params == pytest.approx(1.0 / run.stiffness)
     assert run.bse == pytest.approx(np.sqrt(np.diag(run.cov_params())))
-    assert run.conf_int("compliance").mean(axis=1) == pytest.approx(run.params, rel=0.05)
+    assert run.conf_int().mean(axis=1) == pytest.approx(run.params, rel=0.05)
+    assert 1.0 / run.conf_int()[:, ::-1] == pytest.approx(run.conf_int("stiffness"))
     readings = [each for one in document["measurement_set"]["observations"] for each in one["readings"]]
     assert run.nobs == len(run.resid) == len(readings)
     measured = np.array([[each["loaded"], each["unloaded"]] for each in readings])

@@ -291,8 +291,8 @@ def test_stiffnesses_compliances_and_intervals_are_arrays(in_process):
     joints = list(run.joints.values())
     assert run.stiffness.tolist() == [joint.stiffness for joint in joints]
     assert run.compliance.tolist() == [joint.compliance for joint in joints]
-    assert run.conf_int().tolist() == [list(joint.stiffness_interval) for joint in joints]
-    assert run.conf_int("compliance").tolist() == [list(joint.compliance_interval) for joint in joints]
+    assert run.conf_int().tolist() == [list(joint.compliance_interval) for joint in joints]
+    assert run.conf_int("stiffness").tolist() == [list(joint.stiffness_interval) for joint in joints]
     assert np.sqrt(np.diag(run.covariance)) == pytest.approx([joint.standard_uncertainty for joint in joints])
 
 
@@ -302,7 +302,7 @@ def test_a_joint_without_a_number_is_nan_and_without_an_upper_end_infinite():
     assert unseen
     numbers = dict(zip(run.joints, run.stiffness, strict=True))
     assert [name for name, number in numbers.items() if np.isnan(number)] == unseen
-    ends = dict(zip(run.joints, run.conf_int(), strict=True))
+    ends = dict(zip(run.joints, run.conf_int("stiffness"), strict=True))
     assert np.isnan(ends[unseen[0]]).all() or np.isinf(ends[unseen[0]][1])
 
 

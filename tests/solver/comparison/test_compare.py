@@ -197,6 +197,27 @@ def test_ratios_are_those_of_the_truth(method):
     assert p_values[2] > 0.01
 
 
+def test_the_difference_of_compliances_is_that_of_the_gearboxes(simulated):
+    """Joints 1 to 3 have gearboxes inside the loop; an assumed scale widens a difference, and no ratio."""
+    exact = pair_of(*simulated)
+    removed = MOTOR.compliances - SECONDARY.compliances
+    for joint, c in list(zip(exact.differences, removed, strict=True))[:3]:
+        lower, upper = joint.compliance_interval
+        assert lower <= c <= upper
+        assert joint.status == "identified"
+        assert joint.stiffness == pytest.approx(1.0 / joint.compliance)
+        assert joint.stiffness_interval == pytest.approx((1.0 / upper, 1.0 / lower))
+    assumed = CommonUncertainty(scale=0.05, assumed=frozenset({"force_scale"}))
+    scaled = [
+        replace(each, measurements=replace(each.measurements, common_uncertainty=assumed))
+        for each in simulated
+    ]
+    with_scale = pair_of(*scaled)
+    for plain, wide in zip(exact.differences[:3], with_scale.differences[:3], strict=True):
+        expected = hypot(plain.standard_uncertainty, 0.05 * plain.compliance)
+        assert wide.standard_uncertainty == pytest.approx(expected, rel=1e-9)
+
+
 def test_share_of_deflection_avoided_is_the_simulated_one():
     experiment = experiment_of(simulate_campaign(MOTOR, load="pull", seed=5))
     lengths = []

@@ -1,10 +1,9 @@
 /** Comparisons: where they start, methods on one set or two sets with the ratios of their stiffnesses, and runs side by side. */
 import { api } from "../../api/calls";
-import { goesOn } from "../../api/follow";
 import { ApiError } from "../../api/problem";
 import { queries } from "../../api/queries";
 import type { ComparedRun, Comparison, MeasurementSetSummary, Run, RunSummary } from "../../api/types";
-import { contentKey, freshKey } from "../../lib/json";
+import { freshKey } from "../../lib/json";
 import type { ComponentProps } from "preact";
 import { useState } from "preact/hooks";
 import { BarFigure, Figure } from "../../charts/figure";
@@ -36,6 +35,7 @@ import { useTypedValue } from "../../state/session";
 import { text } from "../../words";
 import { howOf } from "../../lib/ways";
 import { MOST_RUNS, JobList } from "../runs/view";
+import { identified, type RunOptions } from "../run/identified";
 import { type RunColumn, RunsTable } from "../run/stiffness";
 import { NoSets } from "../robots/view";
 import { compareWords, pairWords } from "./words";
@@ -49,24 +49,10 @@ const METHODS = [
 ] as const;
 const PARTIAL = METHODS[2];
 const UNCONSTRAINED = { positive: false, stiffness_bounds: {}, stiffness_order: [] };
-const LOOK_AGAIN = 300;
 
 type Resampling = { size: number; repetitions: number; seed: number };
-type Options = Partial<Run["request"]> & { measurement_set_id: string };
 
-/** A run once it has ended; the same options give the same run. */
-export async function identified(options: Options): Promise<Run> {
-  const known = await api.runs.add(options, contentKey("run", options));
-  // one that was deleted meanwhile is made again
-  let run = await api.runs.one(known.id).catch(() => api.runs.add(options, freshKey("run")));
-  while (goesOn(run.state)) {
-    await new Promise((ready) => setTimeout(ready, LOOK_AGAIN));
-    run = await api.runs.one(run.id);
-  }
-  return run;
-}
-
-const optionsOf = (set: string, method: (typeof METHODS)[number], positive: boolean): Options => ({
+const optionsOf = (set: string, method: (typeof METHODS)[number], positive: boolean): RunOptions => ({
   measurement_set_id: set,
   elasticity: "joints",
   positive,

@@ -1,22 +1,27 @@
 /** The wall of robots: an arm a row, with the joints that changed since its first campaign. */
 import type { Estimate, RobotSummary } from "../../api/types";
-import { robotsToldApart } from "../../state/choices";
+import { dayText } from "../../lib/format";
+import { text } from "../../words";
 
 export interface WallCell {
   joint: string;
-  /** Null: no change is known, of a joint that was tested or not. */
+  /** Null: no change beyond chance, of a joint that was tested. */
   change: Estimate | null;
+  /** Whether two campaigns of the arm could be compared. */
+  tested: boolean;
 }
 
-/** One arm: a robot, or another serial number of it that changed. */
+/** One arm: a robot, or one of the serial numbers of its sets. */
 export interface WallRow {
   robot: string;
   name: string;
-  /** What tells it from robots of its name; its serial number. */
+  /** Its serial number, and what tells it from arms of its name and number. */
   note: string;
   serial: string | null;
-  /** Time of the last campaign. */
+  /** Time of its last campaign. */
   at: string;
+  /** The worst arm has the greatest. */
+  rank: number;
   cells: WallCell[];
 }
 
@@ -24,37 +29,36 @@ export interface WallRow {
 export const significanceOf = ({ value, standard_uncertainty: u }: Estimate): number =>
   u ? Math.abs(value) / u : Number.POSITIVE_INFINITY;
 
-/** The most significant change of a row; softer joints are worse than stiffer ones. */
-function badness({ cells }: WallRow): number {
-  const changes = cells.flatMap(({ change }) => (change ? [change] : []));
-  const softer = changes.filter(({ value }) => value < 0).map(significanceOf);
-  if (softer.length > 0) return 1e6 + Math.min(1e6, Math.max(...softer));
-  return Math.max(0, ...changes.map((change) => Math.min(1e5, significanceOf(change))));
-}
-
-function rowsOf(robot: RobotSummary, apart: string): WallRow[] {
-  const { last_campaign: last } = robot;
-  if (!last) return [];
-  const others = last.changed.map(({ serial_number: serial }) => serial);
-  const serials = new Set([last.serial_number, ...others]);
-  return [...serials].map((serial) => {
-    const changed = last.changed.filter(({ serial_number: own }) => own === serial);
+function rowsOf(robot: RobotSummary): WallRow[] {
+  return robot.arms.map(({ serial_number: serial, at, tested, rank }) => {
+    const changed = robot.last_campaign?.changed.filter(({ serial_number: own }) => own === serial) ?? [];
     const cells = robot.joints.map(({ name: joint }) => ({
       joint,
       change: changed.find((one) => one.joint === joint)?.change ?? null,
+      tested: tested.includes(joint),
     }));
-    const note = [...new Set([serial, apart].filter(Boolean))].join(", ");
-    return { robot: robot.id, name: robot.name, note, serial, at: last.at, cells };
+    return { robot: robot.id, name: robot.name, note: serial ?? "", serial, at, rank, cells };
   });
 }
 
-/** Between a name and what tells it apart. */
-const SEPARATOR = " · ";
+/** Characters of an id, as many as a person compares. */
+const SHORT_ID = 6;
+
+/** Add a hint to the notes of rows that have one name and one note. */
+function tellApart(rows: WallRow[], hint: (robot: string) => string): WallRow[] {
+  const keyOf = ({ name, note }: WallRow) => `${name}\n${note}`;
+  const count = new Map<string, number>();
+  for (const key of rows.map(keyOf)) count.set(key, (count.get(key) ?? 0) + 1);
+  const isAlone = (row: WallRow) => count.get(keyOf(row)) === 1;
+  return rows.map((row) =>
+    isAlone(row) ? row : { ...row, note: [row.note, hint(row.robot)].filter(Boolean).join(", ") },
+  );
+}
 
 /** All arms that were measured, worst first, then those that were measured last. */
 export function wallOf(robots: RobotSummary[]): WallRow[] {
-  const names = robotsToldApart(robots);
-  const apart = ({ id, name }: RobotSummary) => (names.get(id) ?? "").slice(name.length + SEPARATOR.length);
-  const rows = robots.flatMap((robot) => rowsOf(robot, apart(robot)));
-  return rows.sort((a, b) => badness(b) - badness(a) || b.at.localeCompare(a.at));
+  const added = new Map(robots.map(({ id, created_at: at }) => [id, text.lists.addedOn(dayText(at))]));
+  const byDay = tellApart(robots.flatMap(rowsOf), (robot) => added.get(robot) ?? "");
+  const rows = tellApart(byDay, (robot) => robot.slice(0, SHORT_ID));
+  return rows.sort((a, b) => b.rank - a.rank || b.at.localeCompare(a.at));
 }

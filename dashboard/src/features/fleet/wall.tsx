@@ -1,48 +1,59 @@
 /** The wall: robots by joints, coloured by how significant their change is, worst first; a tap leads to the trend. */
 import { queries } from "../../api/queries";
-import { Empty, LinkButton, MeasureLink, Name, Show } from "../../components/basics";
+import { Busy, Button, Empty, LinkButton, MeasureLink, Name, ProblemNote } from "../../components/basics";
 import { EstimateValue } from "../../components/estimate";
 import { shownChange } from "../../lib/estimate";
 import { dayText } from "../../lib/format";
 import { link } from "../../state/action";
-import { useQuery } from "../../state/query";
+import { usePages, useQuery } from "../../state/query";
 import { text } from "../../words";
 import { changeText } from "../trend/trend";
 import { significanceOf, type WallCell, type WallRow, wallOf } from "./rows";
 import { fleetWords as words } from "./words";
 
+/** Marks of cells without a change. */
+const [SAME, UNTESTED] = ["=", "?"];
+
 /** From so many standard uncertainties on, the colour is full. */
 const FULL = 10;
 
-/** The wall, or its first rows with a link to all. */
-export function Wall({ most }: { most?: number }) {
-  const robots = useQuery(queries.everyRobot);
+const NoArms = () => (
+  <Empty title={words.none} hint={words.noneHint}>
+    <MeasureLink />
+  </Empty>
+);
+
+/** The worst arms, with a link to all of them; nothing before a robot was measured. */
+export function WorstArms({ most, title }: { most: number; title: string }) {
+  const { data: page } = useQuery(queries.worstRobots(most));
+  const rows = wallOf(page?.items ?? []);
+  if (rows.length === 0) return null;
   return (
-    <Show
-      of={robots}
-      instead={(all) =>
-        wallOf(all).length === 0 && (
-          <Empty title={words.none} hint={words.noneHint}>
-            <MeasureLink />
-          </Empty>
-        )
-      }
-    >
-      {(all) => {
-        const rows = wallOf(all);
-        const shown = rows.slice(0, most);
-        return (
-          <>
-            <WallTable rows={shown} />
-            {shown.length < rows.length && (
-              <LinkButton look="quiet" href="#/fleets">
-                {words.all(rows.length)}
-              </LinkButton>
-            )}
-          </>
-        );
-      }}
-    </Show>
+    <>
+      <h3>{title}</h3>
+      <WallTable rows={rows.slice(0, most)} />
+      {(rows.length > most || page?.next) && (
+        <LinkButton look="quiet" href="#/fleets">
+          {words.all}
+        </LinkButton>
+      )}
+    </>
+  );
+}
+
+/** The wall of all arms: a page of robots, and more where one asks for them. */
+export function Wall() {
+  const found = usePages(queries.everyRobot);
+  if (found.problem) return <ProblemNote problem={found.problem} retry={found.refetch} />;
+  if (!found.data) return <Busy />;
+  const rows = wallOf(found.data.flatMap(({ items }) => items));
+  if (rows.length === 0) return <NoArms />;
+  const last = found.data.at(-1)?.items.at(-1); // robots without an arm come last
+  return (
+    <>
+      <WallTable rows={rows} />
+      {found.more && last && last.arms.length > 0 && <Button onClick={found.more}>{text.app.more}</Button>}
+    </>
   );
 }
 
@@ -85,17 +96,27 @@ export function WallTable({ rows }: { rows: WallRow[] }) {
           ))}
         </tbody>
       </table>
+      <p class="soft key">
+        <span>
+          <b>{SAME}</b> {words.sameShort}
+        </span>
+        <span>
+          <b>{UNTESTED}</b> {words.untestedShort}
+        </span>
+        <span>{words.colours}</span>
+      </p>
     </div>
   );
 }
 
 function Cell({ cell, row }: { cell: WallCell | undefined; row: WallRow }) {
   if (!cell) return <td />;
-  const { joint, change } = cell;
+  const { joint, change, tested } = cell;
   if (!change)
     return (
-      <td class="same" title={words.same(joint)}>
-        ·
+      <td class={tested ? "same" : "untested"} title={tested ? words.same(joint) : words.untested(joint)}>
+        {tested ? SAME : UNTESTED}
+        <span class="hidden">{tested ? words.sameShort : words.untestedShort}</span>
       </td>
     );
   const strength = Math.min(1, significanceOf(change) / FULL);

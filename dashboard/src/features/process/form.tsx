@@ -16,7 +16,7 @@ import { text } from "../../words";
 import { processWords as words } from "./words";
 import { firstStand, type RunContext } from "../../state/run_context";
 import { JobList } from "../runs/view";
-import { FrameField, LAST_FORCE, LastForce, lackOf, ProgramFiles, useFiles } from "../use/forms";
+import { FrameField, LAST_FORCE, LastForce, lackOf, ProgramFiles, Standing, useFiles } from "../use/forms";
 import { settingWords } from "../readings/words";
 import { programWords } from "../use/words";
 
@@ -116,87 +116,101 @@ function AskProcess({ of, robot, joints }: AskProcessProps) {
     cut: asked["cut"],
     table: tables.files.length > 0,
   }[source];
+  const known = useDescribed();
+  const drawn = source === "load" && (asked["axes"] ?? "robot") === "robot" ? force : null;
   return (
-    <RequestFields action={make} look="card form" known={useDescribed()}>
-      <h2>{words.form}</h2>
-      <p>{words.formNote}</p>
-      <ProgramFiles of={files} title={words.drop} hint={words.dropHint} />
-      {fields(["accuracy_option", "start"])}
-      <div class="fields">
-        <FrameField of={asked} name="tools" change={change} />
-        <FrameField of={asked} name="bases" change={change} />
-      </div>
-      <h3>{words.forces}</h3>
-      <Choice
-        label={words.source}
-        value={source}
-        change={(to: Source) => change({ source: to })}
-        options={words.sources}
-      />
-      {source === "load" && (
-        <>
-          <SchemaFields
-            of="ProcessLoad"
-            show={["force"]}
-            value={(asked["load"] as Fields | undefined) ?? {}}
-            change={(load) => change({ load })}
-            terms={OF_LOAD}
-          />
-          <LastForce force={force} use={(last) => change({ load: { force: last } })} />
-        </>
-      )}
-      {source === "cut" && (
-        <SchemaFields
-          of="Cut"
-          show={["material", "diameter", "teeth", "speed", "feed", "depth", "width", "direction"]}
-          value={(asked["cut"] as Fields | undefined) ?? {}}
-          change={(cut) => change({ cut })}
-          terms={OF_CUT}
-        />
-      )}
-      {source === "table" && <ProgramFiles of={tables} title={words.dropTable} hint={words.dropTableHint} />}
-      {fields(source === "cut" ? ["spindle"] : ["axes", "spindle", "feed"])}
-      <h3>{words.turnTitle}</h3>
-      <Choice label={words.turn} value={turning} change={(to: Turn) => change({ turning: to })} options={words.turns} />
-      {turning === "range" && (
-        <TextField
-          label={words.range}
-          unit={deg}
-          path="turn"
-          value={asked.range ?? ""}
-          placeholder="-30, 30"
-          change={(range) => change({ range })}
-        />
-      )}
-      <Toggle label={words.placing} checked={placing} change={(on) => change({ placing: on })} />
-      {placing && (
-        <BoxView
-          robot={robot.id}
-          joints={joints}
-          value={asked["place"]}
-          unit={1e-3}
-          change={(place) => change({ place })}
-        >
-          {fields(["place", "grid", "place_turns"])}
-        </BoxView>
-      )}
-      <details>
-        <summary>{settingWords.title}</summary>
-        <div class="card form">
-          {fields(["branches", "rate", "clearance", "objective", "turns", "force_uncertainty", "correct"])}
+    <div class="flow">
+      <RequestFields action={make} look="card form" known={known}>
+        <h2>{words.form}</h2>
+        <p>{words.formNote}</p>
+        <ProgramFiles of={files} title={words.drop} hint={words.dropHint} />
+        {fields(["accuracy_option", "start"])}
+        <div class="fields">
+          <FrameField of={asked} name="tools" change={change} />
+          <FrameField of={asked} name="bases" change={change} />
         </div>
-      </details>
-      <ActionButton
-        look="primary"
-        action={make}
-        lacking={lackOf(asked, {
-          program: files.files.length > 0,
-          accuracy_option: asked["accuracy_option"],
-          force: given,
-        })}
-      >
-        {words.make}
-      </ActionButton>
-    </RequestFields>
+        <h3>{words.forces}</h3>
+        <Choice
+          label={words.source}
+          value={source}
+          change={(to: Source) => change({ source: to })}
+          options={words.sources}
+        />
+        {source === "load" && (
+          <>
+            <SchemaFields
+              of="ProcessLoad"
+              show={["force"]}
+              value={(asked["load"] as Fields | undefined) ?? {}}
+              change={(load) => change({ load })}
+              terms={OF_LOAD}
+            />
+            <LastForce force={force} use={(last) => change({ load: { force: last } })} />
+          </>
+        )}
+        {source === "cut" && (
+          <SchemaFields
+            of="Cut"
+            show={["material", "diameter", "teeth", "speed", "feed", "depth", "width", "direction"]}
+            value={(asked["cut"] as Fields | undefined) ?? {}}
+            change={(cut) => change({ cut })}
+            terms={OF_CUT}
+          />
+        )}
+        {source === "table" && <ProgramFiles of={tables} title={words.dropTable} hint={words.dropTableHint} />}
+        {fields(source === "cut" ? ["spindle"] : ["axes", "spindle", "feed"])}
+        <h3>{words.turnTitle}</h3>
+        <Choice
+          label={words.turn}
+          value={turning}
+          change={(to: Turn) => change({ turning: to })}
+          options={words.turns}
+        />
+        {turning === "range" && (
+          <TextField
+            label={words.range}
+            unit={deg}
+            path="turn"
+            value={asked.range ?? ""}
+            placeholder="-30, 30"
+            change={(range) => change({ range })}
+          />
+        )}
+        <Toggle label={words.placing} checked={placing} change={(on) => change({ placing: on })} />
+        {placing && (
+          <BoxView
+            robot={robot.id}
+            joints={joints}
+            value={asked["place"]}
+            unit={1e-3}
+            change={(place) => change({ place })}
+          >
+            {fields(["place", "grid", "place_turns"])}
+          </BoxView>
+        )}
+        <details>
+          <summary>{settingWords.title}</summary>
+          <div class="card form">
+            {fields(["branches", "rate", "clearance", "objective", "turns", "force_uncertainty", "correct"])}
+          </div>
+        </details>
+        <ActionButton
+          look="primary"
+          action={make}
+          lacking={lackOf(asked, {
+            program: files.files.length > 0,
+            accuracy_option: asked["accuracy_option"],
+            force: given,
+          })}
+        >
+          {words.make}
+        </ActionButton>
+      </RequestFields>
+      {!placing && (
+        <section class="card sticky">
+          <Standing robot={robot.id} joints={joints} force={drawn} />
+        </section>
+      )}
+    </div>
   );
 }

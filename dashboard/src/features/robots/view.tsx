@@ -44,6 +44,7 @@ import { type RunColumn, RunsTable } from "../run/stiffness";
 import { keepPreviousData } from "@tanstack/query-core";
 import type { ComponentChildren } from "preact";
 import { ChangedJoints } from "../trend/changed";
+import { LastProgram, MeasuredNow, OverTime } from "./over_time";
 import { Today } from "./today";
 import { FilterBar, type Row, Rows, useFilter, StoredActions, wanted } from "../../components/list";
 import { TextField } from "../../components/fields";
@@ -372,6 +373,11 @@ const changedElsewhere = ({ last_campaign: last }: Robot): boolean =>
 
 function RobotPage({ robot }: { robot: Robot }) {
   const { data: sets } = useQuery(queries.sets({ robot_id: robot.id, limit: 1 }));
+  const last = robot.last_campaign;
+  const trend = useQuery({
+    ...queries.trend(robot.id, { serial_number: last?.serial_number ?? null }),
+    enabled: last !== null,
+  });
   return (
     <>
       <Head
@@ -403,7 +409,10 @@ function RobotPage({ robot }: { robot: Robot }) {
           <ChangedJoints of={robot.last_campaign} />
         </p>
       )}
-      {robot.last_campaign && <Today robot={robot} last={robot.last_campaign} />}
+      {last && <Today robot={robot} last={last} trend={trend.data} known={isKnown(trend)} />}
+      <MeasuredNow robot={robot} />
+      {trend.data && <OverTime robot={robot} trend={trend.data} />}
+      <LastProgram robot={robot} />
       <div class="flow">
         <section class="card">
           <Arm source={{ robot_id: robot.id }} start={null} />

@@ -45,6 +45,19 @@ export const robotWords = {
   change: "Change",
   since: (day: string) => `since ${day}`,
   untested: "not tested",
+  /** Lengths with their range, the greatest force, and what is left after a correction. */
+  moved: (moved: string, force: string | null, left: string | null) =>
+    `Its measured points gave way by ${moved}${force ? ` at up to ${force}` : ""}${left ? `; a correction by the joints leaves ${left}` : ""}.`,
+  changedBy: (softer: boolean, change: string, day: string) =>
+    `became ${softer ? "softer" : "stiffer"}: ${change} since ${day}.`,
+  further: (count: number) => `${plural(count, "more joint", "more joints")} changed.`,
+  unchanged: (tested: number) => `No change beyond chance of ${plural(tested, "tested joint", "tested joints")}.`,
+  noneTested: "No joint could be compared between two campaigns.",
+  oneCampaign: "A second campaign is needed to see a change.",
+  overTime: "Over time",
+  allOfTrend: "Trend with all options",
+  measuredNow: "Being measured now",
+  lastProgram: "Last corrected program",
   listOf: "Measurement sets and runs of this robot",
   ways: "Begin with",
   catalogue: "Catalogue",

@@ -31,7 +31,7 @@ import { Fragment } from "preact";
 import { useState } from "preact/hooks";
 import { useSettings } from "../../state/session";
 import { type RunContext, isElastic } from "../../state/run_context";
-import { nextWords } from "./words";
+import { nextWords, partWords } from "./words";
 
 /** A value with its interval. */
 export interface IntervalMark {
@@ -343,7 +343,8 @@ export function JointTable(shown: TableProps) {
 
 const markIn = ({ run }: RunContext): string => (run.request.positive ? "positive" : "free");
 
-function Rows({ context, result: { joints, contributions, identifiability, assessment }, bare }: TableProps) {
+function Rows({ context, result, bare }: TableProps) {
+  const { joints, contributions, identifiability, assessment, gearboxes, structures } = result;
   const { run, robot } = context;
   const { unit } = useSettings();
   const [head, width] = useWidth<HTMLDivElement>();
@@ -467,7 +468,25 @@ function Rows({ context, result: { joints, contributions, identifiability, asses
         );
       })}
       <Reasons of={reasons} />
+      {!bare && <Parts {...{ gearboxes, structures, unit }} />}
     </div>
+  );
+}
+
+/** Gearboxes and structure of joints with encoders between the two: a line for each joint. */
+function Parts({ gearboxes, structures, unit }: Pick<RunResult, "gearboxes" | "structures"> & { unit: StiffnessUnit }) {
+  return (
+    <>
+      {gearboxes.map((gearbox, i) => (
+        <div class="reason soft" role="row" key={gearbox.name}>
+          <span role="cell">
+            <Name>{gearbox.name}</Name>: {partWords.gearbox} <Estimate of={shownStiffness(gearbox, unit)} />,{" "}
+            {partWords.structure} <Estimate of={shownStiffness(structures[i] as JointResult, unit)} />{" "}
+            {unitOf(unit).label}
+          </span>
+        </div>
+      ))}
+    </>
   );
 }
 

@@ -29,6 +29,7 @@ import { queries } from "../../api/queries";
 import { useQuery } from "../../state/query";
 import { isUnseen, onPage, unsaid } from "../../lib/said";
 import { link, useAction } from "../../state/action";
+import { identified } from "./identified";
 import { JointTable, Stiffness } from "./joint_table";
 import { Further } from "../../components/findings";
 import { evidenceWords } from "./words";
@@ -262,7 +263,6 @@ function Caveat({ title, notes, children }: { title: string; notes: string[]; ch
 /** The same readings, with constraints or without, next to these. */
 export function BesideButton({ run, result }: { run: Run; result: RunResult }) {
   const beside = useAction(async () => {
-    const { identified } = await import("../compare/view");
     const { variant_of: _, ...options } = run.request;
     const other = await identified({ ...options, positive: !options.positive, resampling: null });
     return link(["compare", "runs"], { ids: `${run.id},${other.id}` });

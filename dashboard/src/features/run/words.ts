@@ -45,6 +45,11 @@ export const evidenceWords = {
   request: "Request",
 };
 
+export const partWords = {
+  gearbox: "gearbox",
+  structure: "structure behind the encoder",
+};
+
 export const nextWords = {
   title: (joint: string) => `Next for ${joint}:`,
   posture: (observation: string) => `posture of ${observation}`,

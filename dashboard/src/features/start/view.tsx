@@ -18,7 +18,7 @@ import { text } from "../../words";
 import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "../readings/flow";
 import { withNoise } from "../run/assumed";
 import { Rows } from "../../components/list";
-import { Wall } from "../fleet/wall";
+import { WorstArms } from "../fleet/wall";
 import { OpenCampaigns, TrySimulated } from "../measure/open_campaigns";
 import { latestRows } from "../runs/view";
 import { measureWords } from "../measure/words";
@@ -216,7 +216,7 @@ function GoOn() {
     <section class="go-on" aria-labelledby="go-on">
       <h2 id="go-on">{startWords.goOn}</h2>
       <OpenCampaigns as="h3" />
-      <Robots />
+      <WorstArms most={ON_START} title={text.app.robots} />
       <Recent />
     </section>
   );
@@ -224,20 +224,8 @@ function GoOn() {
 
 const SHOWN = 5;
 
-/** Robots on the start; all are one tap away. */
+/** Arms on the start, the worst: which robot changed, by how much; all are one tap away. */
 const ON_START = 12;
-
-/** Which robot got worse, by how much: the wall's first rows; nothing before a robot was measured. */
-function Robots() {
-  const { data: robots } = useQuery(queries.everyRobot);
-  if (!robots?.some(({ last_campaign: last }) => last)) return null;
-  return (
-    <>
-      <h3>{text.app.robots}</h3>
-      <Wall most={ON_START} />
-    </>
-  );
-}
 
 function Recent() {
   const recent = useQuery(queries.runs({ limit: 50 }));

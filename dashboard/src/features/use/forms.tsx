@@ -30,6 +30,7 @@ import { text } from "../../words";
 import { firstStand, type PartProps, type RunContext, usePostures } from "../../state/run_context";
 import { VerdictCard } from "../../components/job_page";
 import { boxAround } from "../../lib/map";
+import { useKinematics } from "../../state/kinematics";
 import { recalled, remember } from "../../state/kept";
 import { sure } from "../../state/question";
 import { useDraft, useTypedValue } from "../../state/session";
@@ -153,14 +154,56 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
           {text.run.views.predict}
         </ActionButton>
       </section>
-      {found && isShown && (
+      {found && isShown ? (
         <section class="card" aria-live="polite" aria-busy={!isSame(found.force)}>
           <Bent found={found} result={result} pulled={pulled} pull={pull} />
           {follow.problem && <ProblemNote problem={follow.problem} />}
           <Answer answer={found.answer} run={run} />
         </section>
+      ) : (
+        <section class="card">
+          <Standing
+            robot={robot.id}
+            joints={numbersIn(asked["joints"], kinds.length)?.map((shown, j) => positionIn(shown, kinds[j])) ?? null}
+            force={asked["force"]}
+            place={asked["load_point"]}
+          />
+        </section>
       )}
     </div>
+  );
+}
+
+/** So many numbers of a field; null while one is missing or is not understood. */
+const numbersIn = (value: unknown, count: number): readonly number[] | null =>
+  Array.isArray(value) && value.length === count && value.every(Number.isFinite) ? value : null;
+
+interface StandingProps {
+  robot: string;
+  /** Where the arm stands [rad, m]; null keeps the last picture. */
+  joints: number[] | null;
+  /** Force as a form has it, along R0 [N]. */
+  force?: unknown;
+  /** Where it acts, in the frame of the flange [mm]. */
+  place?: unknown;
+}
+
+/** The arm as a form has it so far, with the force that was typed. */
+export function Standing({ robot, joints, force, place }: StandingProps) {
+  const posture = useKinematics(joints && { robot_id: robot }, joints ? [joints] : []).kinematics?.[0];
+  const along = numbersIn(force, 3) as Vector | null;
+  const pulls = along !== null && norm(along) > 0;
+  const inFlange = times((numbersIn(place, 3) as Vector | null) ?? [0, 0, 0], 1e-3);
+  const from = posture && fromFlange(posture.flange_origin, posture.flange_axes, inFlange);
+  const tip = from && pulls ? [add(from, times(along, (0.3 * reachOf(posture)) / norm(along)))] : [];
+  return (
+    <ArmView
+      posture={posture}
+      axes={false}
+      load={from && pulls ? { from, along } : null}
+      room={[...(posture ? roomOf([posture]) : []), ...tip]}
+      label={words.view}
+    />
   );
 }
 
@@ -433,7 +476,8 @@ export const FrameField = ({ of, name, change }: FrameFieldProps) => (
 );
 
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
-export function ProgramForm({ context: { run } }: { context: RunContext }) {
+export function ProgramForm({ context }: { context: RunContext }) {
+  const { run } = context;
   const [asked, change] = useDraft<Fields>(`programs/${run.id}`, {});
   const [leave, setLeave] = useState(false);
   const [trust, setTrust] = useState<string[]>([]); // routines that the user trusts, as the question named them
@@ -452,55 +496,65 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
     return link(["programs", made.id]);
   });
   const routines = trust.length ? trust : unknownRoutines(make.problem);
+  const known = useDescribed();
   return (
-    <RequestFields action={make} look="card form" known={useDescribed()}>
-      <h2>{programWords.form}</h2>
-      <p>{programWords.formNote}</p>
-      <ProgramFiles of={sent} title={programWords.drop} hint={programWords.dropHint} />
-      <SchemaFields
-        of="ProgramRequest"
-        show={["accuracy_option", "axes", "start"]}
-        value={asked}
-        change={change}
-        terms={OF_PROGRAM}
-      />
-      <div class="fields">
+    <div class="flow">
+      <RequestFields action={make} look="card form" known={known}>
+        <h2>{programWords.form}</h2>
+        <p>{programWords.formNote}</p>
+        <ProgramFiles of={sent} title={programWords.drop} hint={programWords.dropHint} />
         <SchemaFields
-          of="ProcessLoad"
-          show={["force"]}
-          value={(asked["load"] as Fields | undefined) ?? {}}
-          change={(load) => change({ load })}
-          terms={OF_LOAD}
+          of="ProgramRequest"
+          show={["accuracy_option", "axes", "start"]}
+          value={asked}
+          change={change}
+          terms={OF_PROGRAM}
         />
-        <FrameField of={asked} name="tools" change={change} />
-        <FrameField of={asked} name="bases" change={change} />
-      </div>
-      <LastForce force={force} use={(last) => change({ load: { force: last } })} />
-      {(asked["external_axes"] || asksForAxes(make.problem)) && (
-        <Toggle
-          label={programWords.carryNothing}
-          checked={asked["external_axes"] === "carry_nothing"}
-          change={(on) => change({ external_axes: on ? "carry_nothing" : null })}
+        <div class="fields">
+          <SchemaFields
+            of="ProcessLoad"
+            show={["force"]}
+            value={(asked["load"] as Fields | undefined) ?? {}}
+            change={(load) => change({ load })}
+            terms={OF_LOAD}
+          />
+          <FrameField of={asked} name="tools" change={change} />
+          <FrameField of={asked} name="bases" change={change} />
+        </div>
+        <LastForce force={force} use={(last) => change({ load: { force: last } })} />
+        {(asked["external_axes"] || asksForAxes(make.problem)) && (
+          <Toggle
+            label={programWords.carryNothing}
+            checked={asked["external_axes"] === "carry_nothing"}
+            change={(on) => change({ external_axes: on ? "carry_nothing" : null })}
+          />
+        )}
+        {routines.length > 0 && (
+          <Toggle
+            label={programWords.trust(routines)}
+            checked={trust.length > 0}
+            change={(on) => setTrust(on ? routines : [])}
+          />
+        )}
+        {(leave || make.problem?.type === NOT_UNDERSTOOD) && (
+          <Toggle label={programWords.leave} checked={leave} change={setLeave} />
+        )}
+        <ActionButton
+          look="primary"
+          action={make}
+          lacking={lackOf(asked, { program: files.length > 0, accuracy_option: asked["accuracy_option"], force })}
+        >
+          {programWords.make}
+        </ActionButton>
+      </RequestFields>
+      <section class="card sticky">
+        <Standing
+          robot={context.robot.id}
+          joints={firstStand(context)}
+          force={(asked["axes"] ?? "robot") === "robot" ? force : null}
         />
-      )}
-      {routines.length > 0 && (
-        <Toggle
-          label={programWords.trust(routines)}
-          checked={trust.length > 0}
-          change={(on) => setTrust(on ? routines : [])}
-        />
-      )}
-      {(leave || make.problem?.type === NOT_UNDERSTOOD) && (
-        <Toggle label={programWords.leave} checked={leave} change={setLeave} />
-      )}
-      <ActionButton
-        look="primary"
-        action={make}
-        lacking={lackOf(asked, { program: files.length > 0, accuracy_option: asked["accuracy_option"], force })}
-      >
-        {programWords.make}
-      </ActionButton>
-    </RequestFields>
+      </section>
+    </div>
   );
 }
 

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypedDict, Unpack
 
-from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import (
+    Backend,
+    JobMonitor,
+    Request,
+    carry_out_verb,
+    describe_verb,
+    merge_options,
+)
 
 from .kind import SMALL, Small, SmallOptions
 
@@ -34,12 +41,13 @@ def count(
     **fields: Unpack[CountFields],
 ) -> Small:
     """Count the readings of a set."""
-    with JobMonitor(on_progress, cancel, executor) as monitor:
-        backend = backend.start_call(monitor)
+
+    def make_request(backend: Backend) -> Request:
+        """Return the set to count, with the options."""
         request = {"measurement_set_id": backend.prepare_set(campaign)[0]}
-        return backend.carry_out_request(
-            SMALL, request | merge_options(SmallOptions, options, fields), {}, monitor
-        )
+        return Request(request | merge_options(SmallOptions, options, fields))
+
+    return carry_out_verb(backend, SMALL, JobMonitor(on_progress, cancel, executor), make_request)
 
 
-describe_fields(count, SmallOptions)
+describe_verb(count, SMALL)

@@ -1,0 +1,69 @@
+/** A robot over time: its trend with marks, what is measured now, and the program that was corrected last. */
+import { api } from "../../api/calls";
+import { queries } from "../../api/queries";
+import type { Robot, Trend } from "../../api/types";
+import { Rows } from "../../components/list";
+import { link } from "../../state/action";
+import { useQuery } from "../../state/query";
+import { text } from "../../words";
+import { OPEN } from "../measure/open_campaigns";
+import { measureWords } from "../measure/words";
+import { Marks, ReferenceChoice } from "../trend/history";
+import { Timeline } from "../trend/timeline";
+import { robotWords as words } from "./words";
+
+/** The trend of the arm that was measured last, the campaign to compare with, and marks. */
+export function OverTime({ robot, trend }: { robot: Robot; trend: Trend }) {
+  const serial = trend.selection?.serial_number ?? null;
+  return (
+    <section class="card over-time" aria-label={words.overTime}>
+      {trend.campaigns.length > 1 && (
+        <>
+          <Timeline trend={trend} marks={robot.marks} />
+          <ReferenceChoice trend={trend} robot={robot} />
+        </>
+      )}
+      <Marks robot={robot} serial={serial} />
+      <p>
+        <a href={link(["compare", "trend", robot.id], serial === null ? {} : { serial })}>{words.allOfTrend}</a>
+      </p>
+    </section>
+  );
+}
+
+/** Campaigns of the robot that are still measured. */
+export function MeasuredNow({ robot }: { robot: Robot }) {
+  const { data: open } = useQuery(queries.sets({ ...OPEN, robot_id: robot.id }));
+  if (!open || open.items.length === 0) return null;
+  return (
+    <section>
+      <h2>{words.measuredNow}</h2>
+      <Rows
+        rows={open.items.map(({ id, name, observation_count: count }) => ({
+          id,
+          name,
+          href: link(["measure", id]),
+          how: measureWords.opened(count),
+        }))}
+      />
+    </section>
+  );
+}
+
+/** The program of the robot that was corrected last. */
+export function LastProgram({ robot }: { robot: Robot }) {
+  const filters = { robot_id: robot.id, state: "succeeded", limit: 1 } as const;
+  const { data: programs } = useQuery({
+    queryKey: ["programs", filters],
+    queryFn: ({ signal }) => api.programs.list(filters, signal),
+  });
+  const [program] = programs?.items ?? [];
+  if (!program) return null;
+  const name = program.name ?? text.earlier.programs;
+  return (
+    <section>
+      <h2>{words.lastProgram}</h2>
+      <Rows rows={[{ id: program.id, name, href: link(["programs", program.id]), at: program.created_at }]} />
+    </section>
+  );
+}

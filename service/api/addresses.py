@@ -1,0 +1,88 @@
+"""Remedies for requests to an address, by a method or with a parameter that does not exist."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
+from typing import Final
+
+from fastapi.routing import iter_route_contexts
+from starlette.requests import Request
+from starlette.routing import BaseRoute, Match, Mount, Route
+from starlette.types import Scope
+
+from jointstiff.service.kinds.registry import KINDS
+
+METHODS: Final = ("DELETE", "GET", "PATCH", "POST", "PUT")
+"""Methods that routes may have; HEAD and OPTIONS are answered for all of them."""
+_ALIKE: Final = 0.75  # of a part of an address
+_PARAMETER: Final = re.compile(r"\{\w+(?::\w+)?\}")
+_IDENTIFIER: Final = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+
+
+def list_methods(routes: Iterable[BaseRoute], scope: Scope) -> list[str]:
+    """Return the methods that are answered at the address of a request; none at an unknown address."""
+    return [method for method in METHODS if scope["path"] == "*" or _is_answered(routes, scope, method)]
+
+
+def _is_answered(routes: Iterable[BaseRoute], scope: Scope, method: str) -> bool:
+    """Return whether a route answers a method at the address of a request."""
+    return any(
+        route.matches({**scope, "method": method})[0] is Match.FULL
+        for route in routes
+        if method == "GET" or not isinstance(route, Mount)  # mounts are static files, for GET only
+    )
+
+
+def advise_method(request: Request) -> str:
+    """Return what to send in place of a request whose method does not exist at its address."""
+    methods = list_methods(request.app.routes, request.scope)
+    if request.method == "DELETE" and "PATCH" in methods:
+        return 'send PATCH with {"deleted": true}'
+    if request.method == "PUT" and "PATCH" in methods:
+        return "send PATCH with the fields to change"
+    collection = request.url.path.rpartition("/")[2]
+    kind = next((kind for kind in KINDS if kind.collection == collection), None)
+    if request.method == "GET" and kind is not None:
+        return f"send GET to /v1/jobs?kind={kind.name}"
+    return f"send {' or '.join(methods)}"
+
+
+def advise_address(request: Request) -> str:
+    """Return the existing address that an unknown address resembles; the collections if there is none."""
+    parts = [part for part in request.url.path.split("/") if part]
+    if parts[:1] != ["v1"]:
+        parts.insert(0, "v1")
+    if len(parts) > 2 and parts[1] in {kind.collection for kind in KINDS}:
+        parts[1] = "jobs"  # jobs of all kinds have their addresses there
+    contexts = iter_route_contexts(list(request.app.routes))
+    paths = [context.path for context in contexts if isinstance(context.original_route, Route)]
+    templates = [path.strip("/").split("/") for path in paths if path is not None]
+    # The files of a job have addresses of one more part.
+    in_files = [*parts[:3], "files", *parts[3:]] if "." in parts[-1] else parts
+    for likely in (parts, in_files):
+        for template in templates:
+            if (meant := _fill_in(template, likely)) is not None:
+                return f"use the address {meant}"
+    collections = sorted({f"/v1/{parts[1]}" for parts in templates if len(parts) == 2 and parts[0] == "v1"})
+    return f"use one of the addresses {', '.join(collections)}"
+
+
+def _fill_in(template: list[str], parts: list[str]) -> str | None:
+    """Return an address of a route that resembles the parts of an unknown address; None if it does not."""
+    if len(template) != len(parts):
+        return None
+    filled = list(_fill_in_parts(template, parts))
+    return f"/{'/'.join(filled)}" if len(filled) == len(parts) else None
+
+
+def _fill_in_parts(template: list[str], parts: list[str]) -> Iterator[str]:
+    """Yield the parts of an address of a route, up to the first part that the unknown address has not."""
+    for known, part in zip(template, parts, strict=True):
+        if _PARAMETER.fullmatch(known) and _IDENTIFIER.fullmatch(part):
+            yield part
+        elif get_close_matches(part.replace("_", "-"), [known], cutoff=_ALIKE):
+            yield known
+        else:
+            return

@@ -1,0 +1,324 @@
+"""Mistakes of programs at the HTTP door: the answer names the cause, and its remedy, carried out, works."""
+
+import gzip
+import json
+import re
+from typing import Any
+
+import pytest
+from support.api import posted
+from support.in_process import Client
+from support.kinds import MAP
+
+from jointstiff.service.store.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+
+CAMPAIGN = simulate_campaign(default_arm(), load="pull", configurations=6, seed=1)
+TEXT = json.dumps(CAMPAIGN)
+JSON = {"Content-Type": "application/json"}
+RUN = {"measurement_set_id": "{set}"}
+TABLE = ("readings.csv", b"J1 [deg],J2 [deg]\n1,2\n")
+
+
+def request(method: str, path: str, **options: Any) -> dict[str, Any]:
+    return {"method": method, "path": path, **options}
+
+
+def get(path: str) -> dict[str, Any]:
+    return request("GET", path)
+
+
+def post_campaign(**options: Any) -> dict[str, Any]:
+    return request("POST", "/v1/campaigns", **({"content": TEXT, "headers": JSON} | options))
+
+
+def post_set(**changes: Any) -> dict[str, Any]:
+    """A post of the campaign whose measurement set has changes, of which None takes a field away."""
+    measured = CAMPAIGN["measurement_set"] | changes
+    measured = {name: value for name, value in measured.items() if value is not None}
+    return request("POST", "/v1/campaigns", json=CAMPAIGN | {"measurement_set": measured})
+
+
+def post_first(**changes: Any) -> dict[str, Any]:
+    """A post of the campaign whose first observation has changes."""
+    first, *others = CAMPAIGN["measurement_set"]["observations"]
+    return post_set(observations=[first | changes, *others])
+
+
+def post_run(**fields: Any) -> dict[str, Any]:
+    return request("POST", "/v1/runs", json=RUN | fields)
+
+
+def imported(**options: Any) -> dict[str, Any]:
+    return request("POST", "/v1/imports", **options)
+
+
+WELL = post_campaign()
+MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
+    # Addresses
+    "singular": (
+        get("/v1/robot"),
+        404,
+        "no address /v1/robot.*use the address /v1/robots$",
+        get("/v1/robots"),
+    ),
+    "underscore": (
+        get("/v1/measurement_sets"),
+        404,
+        "use the address /v1/measurement-sets$",
+        get("/v1/measurement-sets"),
+    ),
+    "no version": (get("/robots"), 404, "use the address /v1/robots$", get("/v1/robots")),
+    "run among runs": (get("/v1/runs/{run}"), 404, "use the address /v1/jobs/{run}$", get("/v1/jobs/{run}")),
+    "report without files": (
+        get("/v1/jobs/{run}/report.html"),
+        404,
+        "use the address /v1/jobs/{run}/files/report.html$",
+        get("/v1/jobs/{run}/files/report.html"),
+    ),
+    "nothing alike": (get("/v1/welding"), 404, "use one of the addresses .*/v1/jobs", get("/v1/jobs")),
+    "name of a file": (
+        get("/v1/jobs/{run}/files/report.docx"),
+        404,
+        "a run has no such file.*report.html",
+        get("/v1/jobs/{run}/files/report.html"),
+    ),
+    # Ids
+    "id of nothing": (
+        get("/v1/jobs/123"),
+        404,
+        "no job '123'.*list the existing ids with GET /v1/jobs",
+        get("/v1/jobs"),
+    ),
+    "id of a run for a set": (
+        post_run(measurement_set_id="{run}"),
+        422,
+        "no measurement set '{run}'.*GET /v1/measurement-sets",
+        get("/v1/measurement-sets"),
+    ),
+    "id of a set for a run": (
+        request("POST", "/v1/maps", json=MAP | {"run_id": "{set}"}),
+        422,
+        "no run '{set}'.*list the existing ids with GET /v1/jobs",
+        get("/v1/jobs"),
+    ),
+    # Methods
+    "delete": (
+        request("DELETE", "/v1/jobs/{other}"),
+        405,
+        'no method DELETE.*send PATCH with {"deleted": true}',
+        request("PATCH", "/v1/jobs/{other}", json={"deleted": True}),
+    ),
+    "put": (
+        request("PUT", "/v1/robots/{robot}", json={"name": "R"}),
+        405,
+        "send PATCH with the fields to change",
+        request("PATCH", "/v1/robots/{robot}", json={"name": "R"}),
+    ),
+    "list of runs": (get("/v1/runs"), 405, r"send GET to /v1/jobs\?kind=run$", get("/v1/jobs?kind=run")),
+    "get where one posts": (get("/v1/campaigns"), 405, "send POST$", WELL),
+    "post where one gets": (request("POST", "/v1/jobs", json={}), 405, "send GET$", get("/v1/jobs")),
+    # Query parameters
+    "misspelt parameter": (
+        get("/v1/jobs?kidn=run"),
+        422,
+        "give `kind` in its place",
+        get("/v1/jobs?kind=run"),
+    ),
+    "page": (
+        get("/v1/jobs?page=2"),
+        422,
+        "leave out this parameter, or use one of limit, cursor",
+        get("/v1/jobs?limit=2"),
+    ),
+    "plural kind": (get("/v1/jobs?kind=runs"), 422, "must be 'run'", get("/v1/jobs?kind=run")),
+    "limit of zero": (
+        get("/v1/jobs?limit=0"),
+        422,
+        "must be greater than or equal to 1",
+        get("/v1/jobs?limit=1"),
+    ),
+    "limit as a word": (get("/v1/jobs?limit=all"), 422, "give a whole number", get("/v1/jobs?limit=50")),
+    "truth as a word": (
+        get("/v1/robots?deleted=maybe"),
+        422,
+        "give true or false",
+        get("/v1/robots?deleted=true"),
+    ),
+    "wait as a word": (
+        request("POST", "/v1/campaigns?wait=yes", content=TEXT, headers=JSON),
+        422,
+        "query.wait: must be a number",
+        request("POST", "/v1/campaigns?wait=1", content=TEXT, headers=JSON),
+    ),
+    "foreign cursor": (get("/v1/jobs?cursor=second"), 422, "or omit `cursor`", get("/v1/jobs")),
+    "order of times": (
+        get("/v1/measurement-sets?measured_from=2026-11-21T00:00:00Z&measured_to=2026-11-20T00:00:00Z"),
+        422,
+        "`measured_to` must be after `measured_from`",
+        get("/v1/measurement-sets?measured_from=2026-11-20T00:00:00Z&measured_to=2026-11-21T00:00:00Z"),
+    ),
+    # Types and encodings of bodies
+    "no type": (post_campaign(headers={}), 415, "no Content-Type.*Content-Type: application/json$", WELL),
+    "plain text": (
+        post_campaign(headers={"Content-Type": "text/plain"}),
+        415,
+        "'text/plain'.*application/json$",
+        WELL,
+    ),
+    "form in place of JSON": (
+        request("POST", "/v1/campaigns", data={"name": "x"}),
+        415,
+        "send JSON, with the header Content-Type: application/json$",
+        WELL,
+    ),
+    "JSON in place of a form": (
+        imported(json={}),
+        415,
+        "send a form, with the header Content-Type: multipart/form-data$",
+        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+    ),
+    "UTF-16": (post_campaign(content=TEXT.encode("utf-16")), 422, "send the JSON document in UTF-8$", WELL),
+    "Latin-1": (
+        post_campaign(content=TEXT.replace('"c01"', '"prüfung"').encode("latin-1")),
+        422,
+        "not a text in UTF-8",
+        post_campaign(content=TEXT.replace('"c01"', '"prüfung"').encode()),
+    ),
+    "compressed": (
+        post_campaign(content=gzip.compress(TEXT.encode()), headers=JSON | {"Content-Encoding": "gzip"}),
+        415,
+        "send the body without that header$",
+        WELL,
+    ),
+    "empty": (post_campaign(content=b""), 422, "the body is empty.*send a JSON document", WELL),
+    "cut off": (post_campaign(content=TEXT[:-9]), 422, "Invalid JSON: EOF.*send valid JSON", WELL),
+    "too large": (post_campaign(content=TEXT + " " * 2**23), 413, "the body exceeds 8192 KiB", WELL),
+    "list of campaigns": (request("POST", "/v1/campaigns", json=[CAMPAIGN]), 422, "must be an object", WELL),
+    "other field of a form": (
+        imported(files={"file": TABLE}),
+        422,
+        "send only the fields `files` and `options`",
+        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+    ),
+    "options that are no JSON": (
+        imported(files={"files": TABLE}, data={"options": "{'show_faults': True}"}),
+        422,
+        "options: Invalid JSON.*send valid JSON",
+        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+    ),
+    "empty key of retries": (
+        post_campaign(headers=JSON | {"Idempotency-Key": ""}),
+        422,
+        "must have at least 1 character.*write a longer text",
+        post_campaign(headers=JSON | {"Idempotency-Key": "first"}),
+    ),
+    # Fields, values and units
+    "plural field": (post_first(forces=[0, 0, -500]), 422, "give `force` in its place", WELL),
+    "unit": (
+        post_set(units={"length": "inch", "angle": "rad", "force": "N"}),
+        422,
+        "units.length: must be 'm' or 'mm'",
+        post_set(units={"length": "m", "angle": "rad", "force": "N"}),
+    ),
+    "no unit": (
+        post_set(units={"length": "m", "angle": "rad"}),
+        422,
+        "units.force: required field is missing.*add this field",
+        post_set(units={"length": "m", "angle": "rad", "force": "N"}),
+    ),
+    "number in quotes": (
+        post_first(force=["0", 0, -500]),
+        422,
+        "give a number, without quotes",
+        post_first(force=[0, 0, -500]),
+    ),
+    "no encoders": (post_set(encoders=None), 422, "encoders: required field is missing", WELL),
+    "time without a zone": (
+        post_set(measured_at="2026-11-20T10:00:00"),
+        422,
+        "add the time zone",
+        post_set(measured_at="2026-11-20T10:00:00+01:00"),
+    ),
+    "word of another package": (
+        post_run(alpha=0.05),
+        422,
+        "give `confidence` in its place",
+        post_run(confidence=0.95),
+    ),
+    "method": (
+        post_run(method="complete"),
+        422,
+        "must be .*'complete_pose'",
+        post_run(method="complete_pose"),
+    ),
+    "percent": (post_run(confidence=95), 422, "less than or equal to 0.9999", post_run(confidence=0.95)),
+    "missing id": (
+        request("POST", "/v1/runs", json={}),
+        422,
+        "measurement_set_id: required field is missing",
+        post_run(),
+    ),
+    "word of cancellation": (
+        request("PATCH", "/v1/jobs/{run}", json={"cancel": True}),
+        422,
+        "give `cancelled` in its place",
+        request("PATCH", "/v1/jobs/{run}", json={"cancelled": True}),
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def client():
+    with Store.open("sqlite://") as store:
+        yield Client(store)
+
+
+@pytest.fixture(scope="module")
+def ids(client):
+    """The ids of a run, of its set and of its robot, and of another run, by their names above."""
+    run = posted(client, CAMPAIGN)
+    of_set = run["request"]["measurement_set_id"]
+    robot = client.get(f"/v1/measurement-sets/{of_set}").json()["robot_id"]
+    other = posted(client, CAMPAIGN, positive=False)["id"]
+    return {"{run}": run["id"], "{set}": of_set, "{robot}": robot, "{other}": other}
+
+
+@pytest.fixture
+def send(client, ids):
+    """Send a request, with ids in place of their names."""
+
+    def send(described: dict[str, Any]) -> Any:
+        stated = dict(described)
+        body = stated.pop("json", None)
+        for name, identifier in ids.items():
+            stated["path"] = stated["path"].replace(name, identifier)
+            body = json.loads(json.dumps(body).replace(name, identifier))
+        if body is not None:
+            stated["json"] = body
+        return client.request(stated.pop("method"), stated.pop("path"), **stated)
+
+    return send
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_answered_with_a_remedy_that_works(send, ids, name):
+    mistake, status, answer, correction = MISTAKES[name]
+    refused = send(mistake)
+    problem = refused.json()
+    words = f"{problem['detail']} | {problem['remedy']}"
+    for placeholder, identifier in ids.items():
+        words = words.replace(identifier, placeholder)
+    assert (refused.status_code, bool(problem["remedy"])) == (status, True), words
+    assert re.search(re.sub(r"\{(\w+)\}", r"\\{\1\\}", answer), words), words
+    assert "openapi" not in words
+    assert send(correction).status_code in {200, 201, 202}
+
+
+def test_a_remedy_names_only_fields_that_exist_at_its_place(send):
+    """`resampling` is an option of runs: a plan has none."""
+    refused = send(request("POST", "/v1/plans", json={"robot_id": "{robot}", "bootstrap": 100})).json()
+    (item,) = [each for each in refused["errors"] if each["where"] == "bootstrap"]
+    assert "resampling" not in f"{item['reason']} {item['remedy']}"
+    refused = send(post_run(bootstrap=100)).json()
+    assert refused["remedy"] == "give `resampling` in its place, or remove this field"
