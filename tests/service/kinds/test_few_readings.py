@@ -56,7 +56,8 @@ def test_one_posture_without_noise_has_no_uncertainty(deflected):
     (freedom, unknown), (few, _) = reasons_of(result)
     assert (freedom, few) == ("no_residual_freedom", "few_postures")
     assert unknown.endswith("so the fit reproduces any readings exactly: the uncertainty is unknown")
-    assert {joint.status for joint in result.joints} == {"at_bound", "identified", "uncertain"}
+    statuses = {joint.status for joint in result.joints}
+    assert statuses == {"at_bound", "identified", "not_observable", "uncertain"}
     assert result.goodness.degrees_of_freedom == pytest.approx(3.0)
 
 
