@@ -57,7 +57,7 @@ export const robotWords = {
   overTime: "Over time",
   allOfTrend: "Trend with all options",
   measuredNow: "Being measured now",
-  lastProgram: "Last corrected program",
+  lastProgram: "Last compensated program",
   listOf: "Measurement sets and runs of this robot",
   ways: "Begin with",
   catalogue: "Catalogue",
