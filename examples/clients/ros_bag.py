@@ -10,7 +10,7 @@ joints = [f"joint_{i}" for i in range(1, 7)]  # names in the messages, from base
 types = get_typestore(Stores.ROS2_HUMBLE)
 with (
     AnyReader([Path("day1_bag")], default_typestore=types) as reader,
-    open("joints.csv", "w", newline="") as file,
+    Path("joints.csv").open("w", newline="") as file,
 ):
     table = csv.writer(file)
     table.writerow(["label", *(f"J{i} [rad]" for i in range(1, 7))])
