@@ -69,7 +69,10 @@ class CorrectionOptions(AcceptingOptions, PredictionOptions):
         default=None, description="Point where the force acts, flange frame; default: the tool's centre."
     )
     feed: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal("--feed", "NUMBER[mm/s]", float)] = (
-        Field(default=None, description="Speed of the tool, in units.length per s, for `joint_speed`.")
+        Field(
+            default=None,
+            description="Speed of the tool, in units.length per s: for `joint_speed` and corners.",
+        )
     )
     start: Annotated[
         Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,

@@ -104,7 +104,7 @@ class FileQuery(AcceptingOptions):
 class RobotQuery(ListQuery):
     """Filters of robots."""
 
-    sort: Literal["created_at", "-created_at", "name", "-name", "worst"] = Field(
+    sort: Literal["created_at", "-created_at", "name", "-name", "worst"] = Field(  # type: ignore[assignment]
         default="-created_at",
         description="Order by time, by name (`-`: descending), or by the change of the joints, worst first.",
     )

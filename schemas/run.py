@@ -554,11 +554,9 @@ class RunResult(Result):
     encoder_residuals: list[EncoderResidual] = Field(
         default_factory=list, description="Fit of encoders behind gearboxes."
     )
-    gearboxes: list[JointResult] = Field(
-        default_factory=list, description="Gearboxes of joints with encoders behind them."
-    )
+    gearboxes: list[JointResult] = Field(default_factory=list, description="Gearboxes in front of encoders.")
     structures: list[JointResult] = Field(
-        default_factory=list, description="Structure behind these encoders; compliances add up."
+        default_factory=list, description="Structure behind these encoders."
     )
     model: Annotated[IdentifiedModel | None, WithJsonSchema(_NO_PROMISE)] = Field(
         default=None,

@@ -19,7 +19,7 @@ from tests.support.springs import robot_of
 
 __all__ = ["run"]
 
-CAMPAIGNS: Final = 80
+CAMPAIGNS: Final = 50
 ERRORS: Final = {
     "none": Errors(),
     "play of 20 µrad": Errors(play=20e-6),
@@ -41,7 +41,7 @@ class _Outcome:
 
 def _identify(errors: Errors, seed: int, *, with_encoders: bool = True) -> _Outcome:
     """Identify a campaign; return the outcome."""
-    campaign = simulate(errors, seed, planned_design(default_arm(), seed=seed % 20))
+    campaign = simulate(planned_design(default_arm(), seed=seed % 20), errors, seed)
     measurements = campaign.measurements
     if not with_encoders:
         measurements = replace(measurements, encoders=None)

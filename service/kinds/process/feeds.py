@@ -9,8 +9,7 @@ import numpy as np
 
 from jointstiff.schemas.process import ProcessRequest
 from jointstiff.service.conversion.units import LENGTH
-from jointstiff.service.kinds.program.feeds import ROUNDING, read_feeds
-from jointstiff.service.kinds.program.path import Visits
+from jointstiff.service.kinds.program.path import SAME_FEED, Visits, read_feeds
 from jointstiff.solver.arrays import BoolArray
 from robotprograms import Program
 
@@ -35,7 +34,7 @@ def unload_approaches(program: Program, request: ProcessRequest, visits: Visits)
     known = stated[~of_joints & (stated > 0.0)]
     most = APPROACH * known.min() if len(known) else np.inf
     if request.feed is not None:
-        most = ROUNDING * LENGTH[request.units.length] * request.feed
+        most = SAME_FEED * LENGTH[request.units.length] * request.feed
     cuts = ~of_joints & ~(stated > most)
     if not cuts.any():
         return visits, none

@@ -24,9 +24,8 @@ from jointstiff.service.kinds.process.feeds import unload_approaches
 from jointstiff.service.kinds.process.path import ProgramToTurn, make_turn_task
 from jointstiff.service.kinds.process.tables import pack_choice
 from jointstiff.service.kinds.process.unseen import advise_load, assume_unseen
-from jointstiff.service.kinds.program.feeds import find_feeds
 from jointstiff.service.kinds.program.files import compress_file
-from jointstiff.service.kinds.program.path import ProgramPath, find_wanted_postures
+from jointstiff.service.kinds.program.path import ProgramPath, find_feeds, find_wanted_postures
 from jointstiff.service.kinds.program.text import FaultsError, read_program
 from jointstiff.service.kinds.program.work import ProgramWork, WrittenPoints, refuse_corrected_files
 from jointstiff.service.kinds.work import Arrays, Span, as_request_errors, begin_part, cut_into_spans

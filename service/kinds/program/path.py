@@ -39,6 +39,10 @@ from robotprograms import (
     quote_text,
 )
 
+SAME_FEED: Final = 1.01
+"""Ratio to a stated feed up to which the feed of a program is the same."""
+_M: Final = 1e-3
+"""Unit of the feeds of a program [m/s]."""
 _LEAST_SINE: Final = 1e-3
 """Sine of the angle between the tool's axis and `tool_x`, below which these count as parallel."""
 
@@ -822,3 +826,29 @@ def turn_loads_to_base(
     if is_along_feed(options):
         return apply_feed_frames(axes, loads[:, :3], where), apply_feed_frames(axes, loads[:, 3:], where)
     return np.einsum("bij,bj->bi", axes, loads[:, :3]), np.einsum("bij,bj->bi", axes, loads[:, 3:])
+
+
+def read_feeds(program: Program) -> FloatArray:
+    """Return the feed (v,) that the program states for each visit of a target [m/s]; NaN if none."""
+    return np.asarray(_M * program.moves.feed[program.moves.move_of_visit])
+
+
+def find_feeds(
+    program: Program, options: ProgramOptions, visits: Visits, wanted: float | None = None
+) -> FloatArray:
+    """Return the feed (v,) with which the tool comes to each visit of a target [m/s]; NaN if unknown.
+
+    The table of loads comes first, then the wanted feed [m/s] of a request, the program and the cut. Moves
+    that the program states faster than the wanted feed keep the program's feed.
+    """
+    stated = read_feeds(program)
+    feed = stated.copy()
+    if wanted is not None:
+        feed = np.where(stated > SAME_FEED * wanted, stated, wanted)
+    elif options.cut is not None:
+        feed = np.where(np.isnan(stated), options.cut.feed, stated)
+    of_table = visits.loads.feed
+    if of_table is not None:
+        of_visit = of_table[visits.loads.of_visit]
+        feed = np.where(np.isnan(of_visit), feed, of_visit)
+    return np.where(program.moves.is_visit_of_joint_move, np.nan, feed)

@@ -32,12 +32,12 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.robots import joint_kinds_by_name
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.kinds.program.feeds import find_feeds
 from jointstiff.service.kinds.program.files import compress_file, decompress_file
 from jointstiff.service.kinds.program.path import (
     ProgramPath,
     Visits,
     convert_start_joints,
+    find_feeds,
     find_path,
     measure_lengths,
 )

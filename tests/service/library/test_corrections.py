@@ -13,7 +13,9 @@ from support.programs import FORCE, TOOL, exact_run, loaded_poses, path, tool_po
 from support.terminal import terminal
 
 import jointstiff as js
+from jointstiff.service.library.robots import prepare_once
 from jointstiff.simulator import default_arm, robot_document, simulate_campaign
+from jointstiff.solver.mechanics.postures import flange_poses
 
 ARM = default_arm()
 CAMPAIGN = simulate_campaign(ARM, load="pull", configurations=12, seed=1)
@@ -413,3 +415,25 @@ def test_a_client_corrects_as_this_process_does(service):
         np.testing.assert_allclose(there.poses, here.poses, atol=1e-9)
         assert there.counts == here.counts
         assert json.dumps(there.first) == json.dumps(here.first)
+
+
+def test_a_correction_at_a_corner_says_over_which_length_it_changes():
+    """A pocket with points 1 mm apart, at a feed with which the joints cannot follow the force's turns."""
+    arm = js.robot("ABB IRB 6640-185/2.8")
+    prepared = prepare_once(arm).robot
+    start = np.array([10.0, 35.0, 10.0, 20.0, 60.0, 30.0])
+    angles = prepared.joint_map.model_angles(np.radians(start)[None])
+    corners = np.array([(0, 0), (40, 0), (40, 12), (0, 12), (0, 24), (40, 24)], dtype=np.float64)
+    lengths = np.append(0.0, np.cumsum(np.abs(np.diff(corners, axis=0)).sum(axis=1)))
+    at = np.arange(lengths[-1] + 1.0)
+    places = np.stack(
+        [np.interp(at, lengths, corners[:, 0]), np.interp(at, lengths, corners[:, 1]), 0.0 * at], 1
+    )
+    poses = np.tile(flange_poses(prepared, angles)[0], (len(places), 1, 1))
+    poses[:, :3, 3] = 1e3 * poses[:, :3, 3] + places @ poses[0, :3, :3].T
+    stated = {"forces": (-300, 700, -240), "axes": "feed", "start": start}
+    at_once, blended = arm.correct(poses, **stated), arm.correct(poses, feed=1000, **stated)
+    assert not [each for each in at_once.remarks if "the correction changes over" in each]
+    (remark,) = (each for each in blended.remarks if "the correction changes over" in each)
+    assert "mm of the deflection remain there" in remark
+    assert blended.residual.max() > 1e-6 > at_once.residual.max()

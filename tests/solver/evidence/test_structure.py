@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.encoder_campaigns import READ, STATED, Errors, simulate
-from support.springs import robot_of
+from support.encoder_campaigns import READ, STATED, EncoderCampaign, Errors
+from support.encoder_campaigns import simulate as simulate_on
+from support.springs import SpringCampaign, robot_of
 
 from jointstiff.schemas.options import RunOptions
+from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.fit.method import Settings
@@ -16,9 +18,14 @@ from jointstiff.solver.mechanics.measurements import Measurements, Scatter
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.run import run
 
-ARM = simulate(Errors(), 0).arm
+ARM = default_arm()
 ROBOT = robot_of(ARM)
 PLAY = Errors(play=20e-6)
+
+
+def simulate(errors: Errors, seed: int) -> EncoderCampaign:
+    """Return a campaign of random postures and pulls."""
+    return simulate_on(SpringCampaign.of(ARM, seed=seed), errors, seed)
 
 
 def joints_of(measurements: Measurements) -> JointsAlone:

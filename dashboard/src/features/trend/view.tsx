@@ -109,7 +109,7 @@ function Charts({ trend, robot }: { trend: Found; robot: Robot }) {
         {trend.campaigns.length > 1 && words.test(trend.level)}
         {words.axes}
       </p>
-      <details>
+      <details open={trend.joints.some(({ changed }) => changed)}>
         <summary>{words.tests}</summary>
         <TestsOfJoints trend={trend} />
       </details>

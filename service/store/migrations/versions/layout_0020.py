@@ -6,13 +6,15 @@ without this index. Such a program writes no arms, so what it derived is derived
 
 from __future__ import annotations
 
+from typing import Any
+
 import sqlalchemy as sa
 from alembic import op
 
 revision = "0020_expand_arms"
 down_revision = "0019_expand_readable"
 
-_COLUMNS = {
+_COLUMNS: dict[str, dict[str, sa.types.TypeEngine[Any]]] = {
     "last_campaigns": {
         "arms_derived": sa.Integer(),
         "arms": sa.JSON(none_as_null=True),
