@@ -985,7 +985,8 @@ class _NextReading:
         self._shared = np.zeros(robot.n)
         if estimate.common is not None:
             self._shared = np.square(estimate.common.responses_to_unfitted_errors).sum(axis=1)
-            self._shared += np.diagonal(estimate.square_second_order())
+        #: (n,) factors by which short levers widen the uncertainties; a further reading leaves them
+        self._widening = np.ones(robot.n)
         self._own, self._strength = own, float(np.linalg.norm(own))
         self._one_direction = one_direction
         # The advice predicts the uncertainties that method partial_pose gives. If the estimate has the same
@@ -996,7 +997,10 @@ class _NextReading:
             visible = ~estimate.observability.null
             inverse = Spectrum(self._regressor[:, visible]).inverse
             least = estimate.sigma * np.linalg.norm(inverse, axis=1)
-            own_variances = np.diagonal(estimate.covariance) - self._shared
+            second_order = np.diagonal(estimate.square_second_order())
+            own_variances = np.diagonal(estimate.covariance) - self._shared - second_order
+            present = np.divide(second_order, own_variances, out=np.zeros(robot.n), where=own_variances > 0.0)
+            self._widening = np.sqrt(1.0 + present)
             deviation = np.sqrt(np.maximum(own_variances[visible], 0.0))
             self._same_method = np.allclose(deviation, least, rtol=0.01, atol=0.0)
 
@@ -1086,9 +1090,9 @@ class _NextReading:
             load = f"apply {figure(size)} N along ({direction})"
         uncertainty, ratio = None, None if before is None else after / before
         if self._sigma is not None:
-            shared = float(np.sqrt(self._shared[joint]))
-            uncertainty = float(np.hypot(self._sigma * after, shared))
-            ratio = None if before is None else uncertainty / float(np.hypot(self._sigma * before, shared))
+            shared, sigma = float(np.sqrt(self._shared[joint])), self._sigma * float(self._widening[joint])
+            uncertainty = float(np.hypot(sigma * after, shared))
+            ratio = None if before is None else uncertainty / float(np.hypot(sigma * before, shared))
         quantity, changes = self._describe_uncertainty(joint, uncertainty)
         if ratio is not None:
             changes.append(f"{figure(ratio, '.2g')} times its present value")
