@@ -81,7 +81,7 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "gearboxes, fewer than 4 degrees of freedom.",
             "payload_not_stated": "The robot states no payload, so the unit of forces is unchecked.",
             "stiffness_against_payload": "The stiffnesses are implausible for the payload: the unit of "
-            "forces is wrong, or a weight in N stands for the mass.",
+            "forces is wrong, or a weight in N was given for a mass.",
             "load_at_target": "The stated load point coincides with a reflector.",
             "complementary_stiffness_matters": "The run neglects the complementary stiffness K_c, which "
             "biases the stiffnesses.",

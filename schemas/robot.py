@@ -260,7 +260,7 @@ class StoredRobot(RobotDocument, RobotEntry):
 class Robot(StoredRobot, RobotSummary):
     """A stored robot. A URDF is returned reduced to the chain from base to flange."""
 
-    marks: list[Mark] = Field(default_factory=list, description="Its history, oldest first.")
+    marks: list[Mark] = Field(default_factory=list, description="History of the robot, oldest first.")
     reference_set_ids: list[Identifier] = Field(
         default_factory=list,
         description="Sets with which later campaigns are compared; without one: the first.",

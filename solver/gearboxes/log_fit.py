@@ -11,6 +11,7 @@ import numpy as np
 from scipy import stats
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.fit.triangle import orthonormal_basis, unit_columns
 from jointstiff.solver.gearboxes.motion import MotionCampaign, MotionLog
 from jointstiff.solver.gearboxes.programs import Carried, TwistProgram
 
@@ -160,7 +161,7 @@ def _state_program(
 
 def _project_out(torque: FloatArray, others: FloatArray) -> FloatArray:
     """Return what is left of a torque (S,) after the columns (S, k) of what twists without a torque."""
-    basis = np.linalg.qr(others / np.linalg.norm(others, axis=0))[0]
+    basis = orthonormal_basis(unit_columns(others)[0])
     return np.asarray(torque - basis @ (basis.T @ torque))
 
 

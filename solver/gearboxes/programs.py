@@ -11,6 +11,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
+from jointstiff.solver.fit.triangle import compute_triangular_factor
 from jointstiff.solver.gearboxes.motion import CENTRE
 
 _LEAST_TOLERANCE: Final = 0.01
@@ -70,7 +71,7 @@ class TwistProgram:
         self._matrix = np.column_stack([unit * np.column_stack(columns), others / self._scale])
         self._rhs = _TWIST * twist
         self._unknowns = cp.hstack([*unknowns, self.b])
-        triangle = np.asarray(np.linalg.qr(np.column_stack([self._matrix, self._rhs]), mode="r"))
+        triangle = compute_triangular_factor(np.column_stack([self._matrix, self._rhs]))
         self._rest = triangle[:, :-1] @ self._unknowns - triangle[:, -1]
 
     def _state_factor(self, tolerance: float) -> cp.Expression:
