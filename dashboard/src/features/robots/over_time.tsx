@@ -2,6 +2,7 @@
 import { api } from "../../api/calls";
 import { queries } from "../../api/queries";
 import type { Robot, Trend } from "../../api/types";
+import { LinkButton } from "../../components/basics";
 import { Rows } from "../../components/list";
 import { link } from "../../state/action";
 import { useQuery } from "../../state/query";
@@ -24,9 +25,9 @@ export function OverTime({ robot, trend }: { robot: Robot; trend: Trend }) {
         </>
       )}
       <Marks robot={robot} serial={serial} />
-      <p>
-        <a href={link(["compare", "trend", robot.id], serial === null ? {} : { serial })}>{words.allOfTrend}</a>
-      </p>
+      <LinkButton look="quiet" href={link(["compare", "trend", robot.id], serial === null ? {} : { serial })}>
+        {words.allOfTrend}
+      </LinkButton>
     </section>
   );
 }

@@ -39,7 +39,6 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
           </>
         }
       />
-      <Toggle label={compareWords.sameLoadPoint} checked={sameLoadPoint} change={setSameLoadPoint} />
       <Show of={trend}>
         {(found) => (
           <>
@@ -82,6 +81,7 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
           </>
         )}
       </Show>
+      <Toggle label={compareWords.sameLoadPoint} checked={sameLoadPoint} change={setSameLoadPoint} />
     </>
   );
 }
