@@ -165,9 +165,12 @@ def _refuse_number(value: object) -> object:
 
 def _convert_to_utc(value: datetime) -> datetime:
     """Return a time in UTC; refuse a time of an implausible year."""
-    if not _FIRST_YEAR <= value.year <= _LAST_YEAR:
-        raise ValueError(f"must lie between {_FIRST_YEAR} and {_LAST_YEAR}")
-    return value.astimezone(UTC)
+    # Years next to the first and the last one of all dates have no time in UTC.
+    if _FIRST_YEAR - 1 <= value.year <= _LAST_YEAR + 1:
+        in_utc = value.astimezone(UTC)
+        if _FIRST_YEAR <= in_utc.year <= _LAST_YEAR:
+            return in_utc
+    raise ValueError(f"must lie between {_FIRST_YEAR} and {_LAST_YEAR}")
 
 
 Moment = Annotated[AwareDatetime, BeforeValidator(_refuse_number), AfterValidator(_convert_to_utc)]

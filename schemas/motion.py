@@ -22,10 +22,14 @@ from jointstiff.schemas.fields import (
 )
 from jointstiff.schemas.robot import MAX_JOINTS, Body
 
-MAX_LOGS = 20
+MAX_LOGS = 10
 MAX_SAMPLES = 100_000
 """Largest number of samples of one log."""
 LEAST_SAMPLES = 100
+LEAST_DURATION = 2.0
+"""Least duration of a log [s]: shorter ones say less than their smoothing takes away."""
+MAX_LINK_ENCODERS = 8
+MAX_BODIES = 16
 
 _Tolerance = Annotated[float, Field(strict=True, ge=0.0, lt=1.0)]
 _Samples = Annotated[list[Quantity], Field(min_length=LEAST_SAMPLES, max_length=MAX_SAMPLES), FailFast()]
@@ -104,18 +108,29 @@ class MotionLog(Message):
     )
     link: dict[Name, _Samples] = Field(
         min_length=1,
-        max_length=MAX_JOINTS,
+        max_length=MAX_LINK_ENCODERS,
         description="Joint → angles of the encoder behind its gearbox, in units.angle.",
     )
 
     @model_validator(mode="after")
     def _require_equal_lengths(self) -> MotionLog:
-        lengths = {name: len(samples) for group in (self.motor, self.link) for name, samples in group.items()}
-        if len(set(lengths.values())) > 1:
-            short = min(lengths, key=lengths.__getitem__)
+        encoders = {f"motor of {name}": samples for name, samples in self.motor.items()}
+        encoders |= {f"link of {name}": samples for name, samples in self.link.items()}
+        shortest = min(encoders, key=lambda name: len(encoders[name]))
+        longest = max(map(len, encoders.values()))
+        if len(encoders[shortest]) < longest:
             raise ValueError(
-                f"the angles of '{short}' have {lengths[short]} samples, others {max(lengths.values())}: "
+                f"the {shortest} has {len(encoders[shortest])} samples, others {longest}: "
                 "give each encoder one sample at each time"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _require_duration(self) -> MotionLog:
+        duration = self.period * len(next(iter(self.motor.values())))
+        if duration < LEAST_DURATION:
+            raise ValueError(
+                f"the log takes {duration:.3g} s: log at least {LEAST_DURATION:g} s, better 10 s"
             )
         return self
 
@@ -125,7 +140,7 @@ class Motion(Message):
 
     logs: Annotated[list[MotionLog], Field(min_length=1, max_length=MAX_LOGS), FailFast()]
     payload: CarriedLoad
-    bodies: Annotated[list[MovingBody], Field(min_length=1, max_length=2 * MAX_JOINTS)] | None = Field(
+    bodies: Annotated[list[MovingBody], Field(min_length=1, max_length=MAX_BODIES)] | None = Field(
         default=None,
         description="Bodies of the arm without the load; default: bodies of the robot, as point masses.",
     )
@@ -150,4 +165,10 @@ class Motion(Message):
         repeated = [label for label in labels if labels.count(label) > 1]
         if repeated:
             raise ValueError(f"the label '{repeated[0]}' is there twice: give each log a label of its own")
+        for number, log in enumerate(self.logs):
+            for other in self.logs[:number]:
+                if (log.motor, log.link) == (other.motor, other.link):
+                    raise ValueError(
+                        f"'{other.label}' and '{log.label}' are the same log: give each log once"
+                    )
         return self

@@ -30,7 +30,7 @@ from jointstiff.schemas.finding import Verdict
 from jointstiff.schemas.joints import JointKind, StatedKind
 
 MAX_JOINTS = 32
-MAX_MARKS = 200
+MAX_MARKS = 100
 MAX_URDF_CHARACTERS = 2 * 1024 * 1024
 
 

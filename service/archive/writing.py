@@ -22,7 +22,7 @@ from jointstiff.service.problems import DamagedError, StoreError
 from jointstiff.service.process import jointstiff_version
 from jointstiff.service.store.compression import decompress
 from jointstiff.service.store.documents import read_text
-from jointstiff.service.store.layouts import LAYOUT, can_archive, number_of
+from jointstiff.service.store.layouts import LAYOUT, SCHEMA, can_archive, number_of
 from jointstiff.service.store.snapshot import Snapshot, read_snapshot
 
 Keys = Literal["none", "names", "hashes"]
@@ -153,7 +153,7 @@ def _name_entry(name: str) -> zipfile.ZipInfo:
 
 def _make_lines(snapshot: Snapshot, table: str, keys: Keys, damaged: list[str]) -> Iterator[bytes]:
     """Yield a line for each row of a table."""
-    version = number_of(snapshot.layout)
+    version = min(number_of(snapshot.layout), SCHEMA)  # of documents: a later layout may have changed none
     secret = form.SECRETS.get(table)
     if keys == "hashes" and table == "access_keys":
         secret = None

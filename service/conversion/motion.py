@@ -17,6 +17,8 @@ from jointstiff.solver.mechanics.robot import Robot
 
 ASSUMED_PLACE: Final = 0.01
 """Radius of the ball that contains the load's centre where nothing is stated [m]."""
+_LEAST_LENGTH: Final = 1e-3
+"""Least length of a gas spring [m]."""
 PAYLOAD: Final = "payload"
 """Name of the load among the bodies."""
 
@@ -80,11 +82,12 @@ def _read_log(log: MotionLog, robot: Robot, units: FloatArray, start: FloatArray
         )
     for name in log.motor:
         robot.joint_index(name, f"{where}.motor")
-    shown = units * np.column_stack([log.motor[name] for name in robot.joint_names]) + start
+    motors = units * np.column_stack([log.motor[name] for name in robot.joint_names])
+    shown = np.where(robot.prismatic, motors, np.unwrap(motors, axis=0)) + start
     link = {}
     for name, samples in log.link.items():
         joint = find_joint(robot, name, f"{where}.link")
-        own = units[joint] * np.array(samples) + start[joint]
+        own = np.unwrap(units[joint] * np.array(samples)) + start[joint]
         # The map of a joint that is not coupled has one factor and one offset.
         link[joint] = robot.joint_map.matrix[joint, joint] * own + robot.joint_map.offset[joint]
     return si.MotionLog(log.label, log.period, robot.joint_map.model_angles(shown), link)
@@ -172,6 +175,13 @@ def _read_spring(spring: GasSpring, robot: Robot, angle: float) -> si.GasSpring:
         RequestError: the robot has no such joint, or the gas has no volume left at the greatest length.
     """
     joint = find_joint(robot, spring.joint, "motion.gas_springs.joint")
+    if abs(spring.radius_before - spring.radius_behind) < _LEAST_LENGTH:
+        raise RequestError(
+            f"the ends of the gas spring of {spring.joint} have the same distance from the axis, so that "
+            "they would meet",
+            where="motion.gas_springs.radius_behind",
+            remedy="check both radii [m]",
+        )
     stroke = 2.0 * min(spring.radius_before, spring.radius_behind)
     if spring.area * stroke >= spring.volume:
         raise RequestError(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from pydantic import ValidationError
 
 from jointstiff.schemas.motion import MotionLog
 from jointstiff.service.conversion.units import ANGLE, LENGTH
@@ -69,30 +70,38 @@ def _build_log(
     Raises:
         MeasurementError: a column is missing, its unit is not known, or the times are not equally spaced.
     """
-    per_unit = {"revolute": angle, "prismatic": length}
     encoders: dict[str, dict[str, list[float]]] = {"motor": {}, "link": {}}
-    times = None
     for header, values in columns.items():
         name, unit = _split_header(header)
         encoder, _, joint_text = name.partition("_")
-        if name in ("t", "time") and unit in _TIMES:
-            times = _TIMES[unit] * values
-        if encoder not in encoders:
+        joint = _find_name(joint_text, list(kinds), header) if encoder in encoders else None
+        if joint is None:
             continue
-        joint = _find_name(joint_text, list(kinds), header)
+        if joint in encoders[encoder]:
+            raise MeasurementError(
+                f"the log has two columns of the {encoder} of {joint}",
+                where=header,
+                remedy="keep one of both",
+            )
+        per_unit = angle if kinds[joint] == "revolute" else length
         size = _find_size(unit, kinds[joint] == "prismatic", header)
-        encoders[encoder][joint] = (values * size / per_unit[kinds[joint]]).tolist()
-    if times is None:
-        raise MeasurementError(
-            "the log has no column of times", where="t", remedy=f"use the headers {_EXAMPLE}"
-        )
+        encoders[encoder][joint] = (values * size / per_unit).tolist()
+    period = _find_period(columns)
     if not encoders["motor"] or not encoders["link"]:
         raise MeasurementError(
             "the log has no columns of motors and links",
             where="motor_1",
             remedy=f"use the headers {_EXAMPLE}",
         )
-    return MotionLog(label=label, period=_find_period(times), **encoders)
+    try:
+        return MotionLog(label=label, period=period, **encoders)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise MeasurementError(
+            f"the log cannot be used: {fault['msg']}",
+            where=".".join(map(str, fault["loc"])) or "log",
+            remedy="log all encoders at equal intervals of at most 20 ms, without gaps",
+        ) from error
 
 
 def _split_header(header: str) -> tuple[str, str]:
@@ -101,8 +110,8 @@ def _split_header(header: str) -> tuple[str, str]:
     return name.strip(), unit.rstrip("] ")
 
 
-def _find_name(text: str, joints: list[str], header: str) -> str:
-    """Return the joint of a name, or of a number from the base.
+def _find_name(text: str, joints: list[str], header: str) -> str | None:
+    """Return the joint of a name, or of a number from the base; None for another quantity of a motor.
 
     Raises:
         MeasurementError: the robot has no such joint.
@@ -111,6 +120,8 @@ def _find_name(text: str, joints: list[str], header: str) -> str:
         return text
     if text.isdecimal() and 1 <= int(text) <= len(joints):
         return joints[int(text) - 1]
+    if not text.isdecimal():
+        return None
     raise MeasurementError(
         f"the robot has no joint '{text}'",
         where=header,
@@ -134,18 +145,23 @@ def _find_size(unit: str, is_prismatic: bool, header: str) -> float:
     return sizes[unit]
 
 
-def _find_period(times: FloatArray) -> float:
-    """Return the interval of times (N,) [s].
+def _find_period(columns: Mapping[str, FloatArray]) -> float:
+    """Return the interval of the times [s] in a column `t` or `time`.
 
     Raises:
-        MeasurementError: the times are not equally spaced.
+        MeasurementError: there are no times, or they are not equally spaced.
     """
-    steps = np.diff(times)
-    period = float(np.mean(steps)) if len(steps) else 0.0
-    if period <= 0.0 or np.abs(steps - period).max() > _STEADY * period:
-        raise MeasurementError(
-            "the samples are not at equal intervals of time",
-            where="t",
-            remedy="log at the controller's cycle, or interpolate the log to equal intervals",
-        )
-    return round(period, 9)
+    for header, values in columns.items():
+        name, unit = _split_header(header)
+        if name not in ("t", "time") or unit not in _TIMES:
+            continue
+        steps = _TIMES[unit] * np.diff(values)
+        period = float(np.mean(steps)) if len(steps) else 0.0
+        if not period > 0.0 or np.abs(steps - period).max() > _STEADY * period:
+            raise MeasurementError(
+                "the samples are not at equal intervals of time",
+                where=header,
+                remedy="log at the controller's cycle, or interpolate the log to equal intervals",
+            )
+        return round(period, 9)
+    raise MeasurementError("the log has no column of times", where="t", remedy=f"use the headers {_EXAMPLE}")

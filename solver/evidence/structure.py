@@ -19,6 +19,7 @@ from typing import Final
 
 import numpy as np
 from scipy import special
+from scipy.optimize import nnls
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
@@ -59,7 +60,7 @@ class Apart:
     @property
     def shows_structure(self) -> bool:
         """True if encoders and targets do not see the same."""
-        return self.p_value < STRUCTURE_LEVEL
+        return self.p_value < STRUCTURE_LEVEL or bool(len(self.against))
 
     @cached_property
     def against(self) -> IndexArray:
@@ -162,9 +163,6 @@ class _Problem:
         inverse = np.linalg.inv(np.linalg.qr(scaled)[1])
         covariance = inverse @ inverse.T
         structure = self.of_structure
-        statistic = free[structure] @ np.linalg.solve(
-            covariance[np.ix_(structure, structure)], free[structure]
-        )
         likelihood = Likelihood(np.arange(len(free)), free, covariance)
         # A scale of all loads changes all compliances alike, which no reading shows.
         scale = FORCE_SCALE.prior(self.rows.measurements.common_uncertainty)
@@ -187,8 +185,28 @@ class _Problem:
             uncertainty=(unit[wanted] * deviation).reshape(shape),
             interval=(unit[wanted][:, None] * ends).reshape(*shape, 2),
             noise=noise * stated,
-            p_value=float(special.chdtrc(len(structure), statistic)),
+            p_value=_test_for_structure(free[structure], covariance[np.ix_(structure, structure)]),
         )
+
+
+def _test_for_structure(free: FloatArray, covariance: FloatArray) -> float:
+    """Return the p-value of the hypothesis that no structure bends, against compliances of at least zero.
+
+    The likelihood ratio statistic has the distribution ``Σ_k w_k χ²_k`` (Kudo, *Biometrika* 50, 1963); w_k is
+    the probability that k of m compliances are positive, here of independent ones.
+
+    Args:
+        free: (m,) compliances of structure without the constraint.
+        covariance: (m, m) of these compliances.
+    """
+    root = np.linalg.inv(np.linalg.cholesky(covariance))
+    _, distance = nnls(root, root @ free)
+    statistic = float(np.square(root @ free).sum()) - distance**2
+    if statistic <= 0.0:
+        return 1.0
+    number = np.arange(1, len(free) + 1)
+    weights = special.comb(len(free), number) / 2.0 ** len(free)
+    return float(weights @ special.chdtrc(number, statistic))
 
 
 def _fit_gearboxes(rows: Rows, whole: FloatArray, joints: IndexArray) -> FloatArray:

@@ -13,6 +13,7 @@ from scipy.constants import g
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.gearbox import GearboxResult, GearboxStiffness, LogEstimate
+from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fit.estimate import invert_compliance, stiffness_interval
 from jointstiff.solver.gearboxes.log_fit import LogFit, fit_logs
 from jointstiff.solver.gearboxes.motion import MotionCampaign
@@ -30,6 +31,8 @@ _GREATEST_DELAY: Final = 0.02
 """Delay between two encoders [s] beyond which the log is misread."""
 _GREATEST_TWIST: Final = 20e-3
 """Twist [rad] that no gearbox survives."""
+_LEAST_MOTION: Final = 0.02
+"""Range of a joint's angle [rad] below which it rests."""
 _AGAINST: Final = 3.0
 """Standard uncertainties by which a twist is against the torque if a sign is wrong."""
 _LEAST_JOINTS: Final = 3
@@ -84,17 +87,29 @@ class _Joint:
         )
 
 
-def identify_from_logs(campaign: MotionCampaign) -> GearboxResult:
-    """Identify the gearboxes of a motion; each number is a check within a factor of 1.5.
+@dataclass(frozen=True, eq=False)
+class _Unfitted:
+    """Joint without a fit."""
 
-    Raises:
-        SolverError: Clarabel finds no optimum.
-    """
-    joints = [_fit_joint(campaign, joint) for joint in campaign.joints]
-    gearboxes = [_describe_gearbox(joint) for joint in joints]
+    name: str
+    reason: str
+    range_of_twist: float  # [rad]
+
+
+def identify_from_logs(campaign: MotionCampaign) -> GearboxResult:
+    """Identify the gearboxes of a motion; each number is a check within a factor of 1.5."""
+    outcomes = [_fit_joint(campaign, joint) for joint in campaign.joints]
+    joints = [each for each in outcomes if isinstance(each, _Joint)]
+    gearboxes = [
+        _describe_gearbox(each) if isinstance(each, _Joint) else _describe_unfitted(each) for each in outcomes
+    ]
     findings = [
         _report_check(campaign),
-        *(finding for joint in joints for finding in _report_joint(joint)),
+        *(
+            finding
+            for each in outcomes
+            for finding in (_report_joint(each) if isinstance(each, _Joint) else _report_twist(each))
+        ),
         *_report_implausible(campaign, joints),
     ]
     if all(gearbox.stiffness is None for gearbox in gearboxes):
@@ -130,13 +145,58 @@ def identify_from_logs(campaign: MotionCampaign) -> GearboxResult:
     )
 
 
-def _fit_joint(campaign: MotionCampaign, joint: int) -> _Joint:
-    """Return the fits of one joint."""
+def _fit_joint(campaign: MotionCampaign, joint: int) -> _Joint | _Unfitted:
+    """Return the fits of one joint, or why there is none."""
+    name = campaign.robot.joint_names[joint]
     numbers = [number for number, log in enumerate(campaign.logs) if joint in log.link]
-    by_log = {}
-    if len(numbers) > 1:
-        by_log = {campaign.logs[number].label: fit_logs(campaign, joint, [number]) for number in numbers}
-    return _Joint(campaign.robot.joint_names[joint], fit_logs(campaign, joint, numbers), by_log)
+    logs = [campaign.logs[number] for number in numbers]
+    ranges = [float(np.ptp(log.smooth(log.motor[:, joint] - log.link[joint]))) for log in logs]
+    if max(ranges) > _GREATEST_TWIST:
+        return _Unfitted(name, "its twist is more than any gearbox twists", max(ranges))
+    if min(float(np.ptp(log.motor[:, joint])) for log in logs) < _LEAST_MOTION:
+        return _Unfitted(name, "it rests in a log, so that nothing separates its errors", max(ranges))
+    try:
+        by_log = {}
+        if len(numbers) > 1:
+            by_log = {campaign.logs[number].label: fit_logs(campaign, joint, [number]) for number in numbers}
+        return _Joint(name, fit_logs(campaign, joint, numbers), by_log)
+    except SolverError:
+        return _Unfitted(name, "its logs determine nothing: the program has no certain optimum", max(ranges))
+
+
+def _describe_unfitted(joint: _Unfitted) -> GearboxStiffness:
+    """Return the row of a joint without a fit."""
+    return GearboxStiffness(
+        joint=joint.name,
+        stiffness=None,
+        stiffness_interval=None,
+        half_width=None,
+        compliance=None,
+        compliance_interval=None,
+        reason=joint.reason,
+        least_torque=0.0,
+        greatest_torque=0.0,
+        offset=None,
+        lost_motion=None,
+        lost_motion_interval=None,
+        noise=None,
+        degrees_of_freedom=0,
+        postures=0,
+    )
+
+
+def _report_twist(joint: _Unfitted) -> Iterator[Finding]:
+    """Report a twist that no gearbox survives."""
+    if joint.range_of_twist > _GREATEST_TWIST:
+        yield Finding(
+            code="encoder_deflection_implausibly_large",
+            weight="do_not_use",
+            where=joint.name,
+            message=f"the twist of {joint.name} changes by up to {figure(1e3 * joint.range_of_twist, '.3g')} "
+            "mrad, more than any gearbox twists",
+            remedy="check the unit of the encoders' angles, the sign of the link's, and whether the motor's "
+            "are divided by the gear ratio",
+        )
 
 
 def _describe_gearbox(joint: _Joint) -> GearboxStiffness:
@@ -196,16 +256,6 @@ def _report_joint(joint: _Joint) -> Iterator[Finding]:
             where=joint.name,
             message=f"the gearbox of {joint.name} twists against the torque",
             remedy="reverse the signs of the encoders' angles, or exchange `motor` and `link`",
-        )
-    twist = fit.compliance * fit.torque_range
-    if twist > _GREATEST_TWIST:
-        yield Finding(
-            code="encoder_deflection_implausibly_large",
-            weight="do_not_use",
-            where=joint.name,
-            message=f"the twist of {joint.name} changes by up to {figure(1e3 * twist, '.3g')} mrad, "
-            "more than any gearbox twists",
-            remedy="check the unit of the encoders' angles, and the sign of the link's",
         )
 
 

@@ -21,6 +21,8 @@ _DEGREE: Final = 4
 """Degree of the polynomials of the smoothing."""
 _KEPT: Final = 5
 """Number of samples that are kept of each duration of the smoothing: samples that are closer say the same."""
+_MOST_KEPT: Final = 2_000
+"""Greatest number of samples that are kept of a log."""
 CENTRE: Final = 3
 """Number of coordinates of a centre of mass."""
 _DIFFERENCE: Final = 1e-3
@@ -101,7 +103,9 @@ class MotionLog:
     @cached_property
     def kept(self) -> slice:
         """Samples that a fit uses: away from the ends, where the smoothing has no full window."""
-        return slice(self.window, len(self.motor) - self.window, max(self.window // _KEPT, 1))
+        usable = len(self.motor) - 2 * self.window
+        step = max(self.window // _KEPT, usable // _MOST_KEPT + 1, 1)
+        return slice(self.window, len(self.motor) - self.window, step)
 
     def smooth(self, values: FloatArray, derivative: int = 0) -> FloatArray:
         """Return kept samples of (N, …) values, smoothed and differentiated by time."""

@@ -91,7 +91,7 @@ class TwistProgram:
 
     def find_ends(self, bound: float) -> tuple[float, float]:
         """Return the ends of the compliances whose residuals have at most the norm `bound` [rad]."""
-        within = cp.norm(self._rest) <= _TWIST * bound
+        within = cp.norm(self._rest / (_TWIST * bound)) <= 1.0
         ends = []
         for sense in (cp.Minimize, cp.Maximize):
             self._solve(sense(self.c), within)

@@ -42,7 +42,8 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, An
         run = client.get(f"/v1/jobs/{runs[-1]}").json()
         name = client.get(f"/v1/robots/{robot}").json()["name"]
         client.get("/v1/robots")  # brings the last campaign up to date
-        kept.add_runs_of_a_key(store, run["request"]["measurement_set_id"])
+        set_id = run["request"]["measurement_set_id"]
+        kept.add_runs_of_a_key(store, set_id, set_id)
     return path, run, name
 
 

@@ -64,6 +64,38 @@ def test_encoders_of_the_wrong_sign_are_not_used(swung):
     assert "encoder_against_torque" in {finding.code for finding in result.findings}
 
 
+@pytest.mark.parametrize("factor", [-1.0, 57.3, 0.01])
+def test_a_twist_that_no_gearbox_survives_is_not_used_and_other_joints_are_identified(swung, factor):
+    """A sign, a unit, or a gear ratio."""
+    wrong = copy.deepcopy(swung.document)
+    for log in wrong["motion"]["logs"]:
+        log["link"]["joint_2"] = (factor * np.array(log["link"]["joint_2"])).tolist()
+    result = identify_from_logs(read(wrong))
+    assert result.assessment.verdict == "do_not_use"
+    assert "encoder_deflection_implausibly_large" in {finding.code for finding in result.findings}
+    assert result.gearboxes[1].stiffness is None
+    assert result.gearboxes[2].stiffness is not None
+
+
+def test_a_joint_that_rests_is_refused_alone(swung):
+    still = copy.deepcopy(swung.document)
+    log = still["motion"]["logs"][0]
+    log["motor"]["joint_1"] = [0.1] * LENGTH
+    log["link"]["joint_1"] = [0.1] * LENGTH
+    first, second, _ = identify_from_logs(read(still)).gearboxes
+    assert "rests" in first.reason
+    assert second.reason is None or "contradict" in second.reason
+
+
+def test_angles_that_wrap_are_those_of_a_turn(swung):
+    wrapped = copy.deepcopy(swung.document)
+    for log in wrapped["motion"]["logs"]:
+        angles = np.array(log["link"]["joint_2"])
+        log["link"]["joint_2"] = np.where(angles > 0.25, angles - 2.0 * np.pi, angles).tolist()
+    before, after = (identify_from_logs(read(each)).gearboxes[1] for each in (swung.document, wrapped))
+    assert after.stiffness == pytest.approx(before.stiffness, rel=1e-3)
+
+
 def test_logs_with_different_loads_contradict_each_other_and_are_refused():
     one, other = simulate(3, logs=1), simulate(3, logs=1)
     joined = copy.deepcopy(one.document)
