@@ -443,6 +443,9 @@ def test_marks_of_a_robot_are_kept_in_the_order_of_their_times(client):
     assert change_robot(client, robot, name="arm 4").json()["marks"] == stored
     assert client.get(f"/v1/robots/{robot}").json()["marks"] == stored
     assert change_robot(client, robot, marks=[{"at": "2026-03-01", "note": "x"}]).status_code == 422
+    for at in ("1980-01-01T00:00:00+14:00", "2200-12-31T23:59:00-05:00", "0001-01-01T00:00:00+14:00"):
+        assert change_robot(client, robot, marks=[{"at": at, "note": "x"}]).status_code == 422
+    assert client.get("/v1/robots").status_code == 200
     assert change_robot(client, robot, marks=[]).json()["marks"] == []
 
 

@@ -90,8 +90,11 @@ def test_a_campaign_of_own_weight_states_masses_and_reads_without_a_load():
 
 
 def test_examples_are_written_once_and_kept_afterwards():
-    names = "pocket.src poses.csv postures.csv readings.csv sweeps.json weight_step.json day1.csv joints.csv "
-    names += "points.txt robot.urdf motor.json secondary.json robot.json nominal.json"
+    names = (
+        "blade.csv blade.json drill.src lab.toml pocket.src poses.csv postures.csv readings.csv sweeps.json "
+    )
+    names += "trim.csv weight_step.json day1.csv joints.csv points.txt robot.urdf motor.json secondary.json "
+    names += "robot.json nominal.json"
     assert typed("examples ex") == " ".join(f"wrote ex/{name}" for name in names.split())
     assert {path.name for path in Path("ex").iterdir()} == set(names.split())
     Path("ex/day1.csv").write_text("mine")
@@ -186,10 +189,9 @@ HELP = {
         "Compare methods on a campaign, or two campaigns of one robot.",
         "[SECOND] <file> File of a second campaign, compared with the first: with secondary encoders, "
         "after a change, or of a robot of the same model.",
-        "--ordered / --no-ordered Also identify both sets together, with no joint softer in the second set "
-        "(as after switching on secondary encoders).",
+        "--ordered / --no-ordered Also identify both sets together, with no joint softer in the second set.",
         "--same-load-point / --no-same-load-point True if the load of both sets acted at the same point of "
-        "the flange: both sets then share the error of the load point.",
+        "the flange, with one error.",
         "--confidence NUMBER Confidence level of the ratios' intervals; default: the first run's.",
         "--csv Print CSV for spreadsheets.",
     ],
