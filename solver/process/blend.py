@@ -79,13 +79,17 @@ def blend_loads(
             [rad/m or m/m]; inf where it is unknown.
     """
     continuous = _select_loaded_lines(continuous, cases.force, cases.moment)
-    turned = continuous & _find_changes(cases.force, cases.moment, _TURNED)
-    if not turned.any():
-        return None
-    try:
-        return _Blending(model, cases, continuous, limits, turned).find()
-    except CasesError:  # the correction of these rows names the reason
-        return None
+    # A row that has no correction is not averaged with its neighbours; the correction names the reason.
+    failed = model.find_overloads(cases, model.unloaded(cases))
+    while True:
+        continuous = _leave_out(continuous, failed)
+        turned = continuous & _find_changes(cases.force, cases.moment, _TURNED)
+        if not turned.any():
+            return None
+        try:
+            return _Blending(model, cases, continuous, limits, turned).find()
+        except CasesError as error:
+            failed = error.failed
 
 
 def find_corners(
@@ -111,6 +115,11 @@ def _select_loaded_lines(continuous: BoolArray, force: FloatArray, moment: Float
     lines[1:] &= loaded[:-1]
     lines[:1] = False
     return lines
+
+
+def _leave_out(lines: BoolArray, rows: BoolArray) -> BoolArray:
+    """Return the mask (m,) of the lines of `lines` none of whose two ends is one of some rows (m,)."""
+    return np.asarray(lines & ~rows & ~np.append(False, rows[:-1]))
 
 
 def _find_changes(force: FloatArray, moment: FloatArray, part: float) -> BoolArray:
@@ -190,12 +199,22 @@ class _Blending:
         return Blend(loads, lengths) if lengths.any() else None
 
     def _command(self, cases: LoadCases, rows: IndexArray) -> FloatArray:
-        """Return the commands (k, n) of some rows under other loads, as the model's joints."""
+        """Return the commands (k, n) of some rows under other loads, as the model's joints.
+
+        Raises:
+            CasesError: some rows have no command; `failed` is a mask of all m rows.
+        """
         commanded = np.empty((len(rows), self._goal.shape[1]))
         for begin in range(0, len(rows), _ROWS_AT_ONCE):
             block = slice(begin, begin + _ROWS_AT_ONCE)
             goal = Postures(self._model.robot, self._goal[rows[block]])
-            commanded[block] = self._model.compute_commands(cases[block], goal, np.ones(len(goal)))
+            try:
+                commanded[block] = self._model.compute_commands(cases[block], goal, np.ones(len(goal)))
+            except CasesError as error:
+                failed = np.isin(np.arange(len(self._goal)), rows[block][error.failed])
+                raise CasesError(
+                    error.reason, remedy=error.remedy or "", failed=failed, cause=error.cause
+                ) from error
         return commanded
 
     def _measure(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from support.catalogue_arms import build_nominal_robots
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.process.blend import find_corners
-from jointstiff.solver.process.correct import Waypoints, correct, turn_loads
+from jointstiff.solver.process.correct import RowStatus, Waypoints, correct, turn_loads
 from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.prior import build_prior_model
 
@@ -134,3 +134,18 @@ def test_a_choice_of_turns_leaves_room_near_corners_only():
     assert parts == pytest.approx(np.where(corners, 0.8, 1.0)[:, None] * np.ones(6))
     merged = pace.leave_room(corners).select(np.array([0, 20, 40, 59]))
     assert merged.limits()[:, 0] / pace.limits()[0, 0] == pytest.approx([1.0, 1.0, 0.8, 1.0])
+
+
+def test_a_row_whose_load_is_too_great_does_not_bend_its_neighbours():
+    points, _ = pocket(1e-3)
+    model, inverse, _ = arm()
+    forces = np.tile(FORCE, (len(points), 1))
+    forces[30] *= 3e4  # in the middle of the first lane
+    loads = turn_loads(points.find_axes("feed"), forces)
+    rows = correct(model, None, inverse, points, loads, feed=FEED)
+    without = correct(model, None, inverse, points, loads)
+    overloaded = rows.status == RowStatus.OVERLOADED
+    assert overloaded.sum() == 1
+    near = np.abs(np.arange(len(points)) - 30) <= 5
+    np.testing.assert_allclose(rows.joints[near & ~overloaded], without.joints[near & ~overloaded], atol=1e-9)
+    assert np.isfinite(rows.blend_length).any()  # the corners are still blended
