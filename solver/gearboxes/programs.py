@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -105,9 +106,11 @@ class TwistProgram:
             SolverError: Clarabel finds no optimum.
         """
         problem = cp.Problem(objective, [*self._constraints, *further])
-        try:
-            problem.solve(solver=cp.CLARABEL)
-        except cp.SolverError as error:
-            raise SolverError(f"Clarabel found no optimum: {error}") from error
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the status is checked below
+            try:
+                problem.solve(solver=cp.CLARABEL)
+            except cp.SolverError as error:
+                raise SolverError(f"Clarabel found no optimum: {error}") from error
         if problem.status != cp.OPTIMAL:
             raise SolverError(f"Clarabel found no optimum, but '{problem.status}'")
