@@ -26,6 +26,8 @@ const [ROW, HEAD, AXIS] = [58, 24, 34];
 /** Heights of the flags of marks. */
 const FLAGS = 22;
 
+/** From the last campaign to the end of a narrow drawing [px]: a name and its change share a line. */
+const EDGE = 14;
 const NARROW = 620;
 
 /** A joint's stiffness relative to that with which it is compared; null without one. */
@@ -174,12 +176,12 @@ function Row({ joint, trend, places, reach, narrow, left, right, upper }: RowPro
         y1={upper - (narrow ? HEAD : 4)}
         y2={upper - (narrow ? HEAD : 4)}
       />
-      <text class="row" x={4} y={narrow ? upper - 6 : centre - 2}>
+      <text class="row" x={narrow ? 0 : 4} y={narrow ? upper - 6 : centre - 2}>
         {joint.name}
       </text>
       <text
         class="said"
-        x={narrow ? right : 4}
+        x={narrow ? right + EDGE : 4}
         y={narrow ? upper - 6 : centre + 18}
         text-anchor={narrow ? "end" : "start"}
       >
