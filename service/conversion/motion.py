@@ -39,7 +39,8 @@ def to_motion_campaign(request: GearboxRequest, motion: Motion, robot: Robot) ->
             _read_log(log, robot, units, start, f"motion.logs[{number}]")
             for number, log in enumerate(motion.logs)
         ),
-        bodies=(*_list_bodies(motion, robot), _carry(motion.payload, robot, length)),
+        links=tuple(_list_bodies(motion, robot)),
+        payload=_carry(motion.payload, robot, length),
         springs=tuple(_read_spring(spring, robot, angle) for spring in motion.gas_springs),
         gravity=np.array(request.gravity, dtype=np.float64),
         periods={

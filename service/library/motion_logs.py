@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from pydantic import ValidationError
 
 from jointstiff.schemas.motion import MotionLog
 from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.importing.grammar import split_unit
 from jointstiff.service.library.robots import read_joint_kinds, robot
 from jointstiff.service.problems import as_campaign_error
+from jointstiff.service.runs.deflection import parse_unit_factor
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
@@ -68,12 +70,12 @@ def _build_log(
     """Return the log of columns (N,) by header, in units of `angle` [rad] and `length` [m].
 
     Raises:
-        MeasurementError: a column is missing, its unit is not known, or the times are not equally spaced.
+        MeasurementError: a column is missing, or the times are not equally spaced.
+        RequestError: the unit of a column is not known.
     """
     encoders: dict[str, dict[str, list[float]]] = {"motor": {}, "link": {}}
     for header, values in columns.items():
-        name, unit = _split_header(header)
-        encoder, _, joint_text = name.partition("_")
+        encoder, _, joint_text = split_unit(header)[0].partition("_")
         joint = _find_name(joint_text, list(kinds), header) if encoder in encoders else None
         if joint is None:
             continue
@@ -83,9 +85,9 @@ def _build_log(
                 where=header,
                 remedy="keep one of both",
             )
-        per_unit = angle if kinds[joint] == "revolute" else length
-        size = _find_size(unit, kinds[joint] == "prismatic", header)
-        encoders[encoder][joint] = (values * size / per_unit).tolist()
+        is_angle = kinds[joint] == "revolute"
+        size = parse_unit_factor(header, ANGLE if is_angle else LENGTH)
+        encoders[encoder][joint] = (values * size / (angle if is_angle else length)).tolist()
     period = _find_period(columns)
     if not encoders["motor"] or not encoders["link"]:
         raise MeasurementError(
@@ -102,12 +104,6 @@ def _build_log(
             where=".".join(map(str, fault["loc"])) or "log",
             remedy="log all encoders at equal intervals of at most 20 ms, without gaps",
         ) from error
-
-
-def _split_header(header: str) -> tuple[str, str]:
-    """Return the name and the unit of a header, such as `motor_1 [deg]`."""
-    name, _, unit = header.partition("[")
-    return name.strip(), unit.rstrip("] ")
 
 
 def _find_name(text: str, joints: list[str], header: str) -> str | None:
@@ -129,33 +125,17 @@ def _find_name(text: str, joints: list[str], header: str) -> str | None:
     )
 
 
-def _find_size(unit: str, is_prismatic: bool, header: str) -> float:
-    """Return the size of a unit in rad or m.
-
-    Raises:
-        MeasurementError: the joint has no positions in this unit.
-    """
-    sizes: Mapping[Any, float] = LENGTH if is_prismatic else ANGLE
-    if unit not in sizes:
-        raise MeasurementError(
-            f"the unit '{unit}' is not known" if unit else "the column has no unit",
-            where=header,
-            remedy=f"write the unit in brackets: {', '.join(sizes)}",
-        )
-    return sizes[unit]
-
-
 def _find_period(columns: Mapping[str, FloatArray]) -> float:
     """Return the interval of the times [s] in a column `t` or `time`.
 
     Raises:
         MeasurementError: there are no times, or they are not equally spaced.
+        RequestError: the unit of the times is not known.
     """
     for header, values in columns.items():
-        name, unit = _split_header(header)
-        if name not in ("t", "time") or unit not in _TIMES:
+        if split_unit(header)[0] not in ("t", "time"):
             continue
-        steps = _TIMES[unit] * np.diff(values)
+        steps = parse_unit_factor(header, _TIMES) * np.diff(values)
         period = float(np.mean(steps)) if len(steps) else 0.0
         if not period > 0.0 or np.abs(steps - period).max() > _STEADY * period:
             raise MeasurementError(

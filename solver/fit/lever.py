@@ -283,6 +283,8 @@ def _search(
     values = squares(grid)
     lowest = int(values.argmin())
     bottom, minimum = float(grid[lowest]), float(values[lowest])
+    if not np.isfinite(minimum):  # the order of the joints excludes every compliance of the grid
+        return _Search(np.tile([least, np.inf], (len(radii), 1)), start)
     found = minimize_scalar(
         lambda v: float(squares(np.array([v]))[0]),
         bounds=(float(grid[max(lowest - 1, 0)]), float(grid[min(lowest + 1, len(grid) - 1)])),

@@ -118,9 +118,7 @@ def fit_logs(campaign: MotionCampaign, joint: int, numbers: Sequence[int]) -> Lo
         if abs(correction) < _LEAST_DELAY:
             break
         delay += correction
-    stated_torque = of_bodies[:, :, 0].sum(axis=1) + sum(
-        spring.holding_torque(samples.position) for spring in campaign.springs if spring.joint == joint
-    )
+    stated_torque = campaign.find_stated_torque(joint, numbers)
     own = _project_out(stated_torque, program.others)
     inflation = _find_inflation(program.residuals, own, samples.lengths, logs)
     independent = len(samples.twist) / inflation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
@@ -16,8 +16,13 @@ from jointstiff.schemas.gearbox import GearboxResult, GearboxStiffness, LogEstim
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fit.estimate import invert_compliance, stiffness_interval
 from jointstiff.solver.gearboxes.log_fit import LogFit, fit_logs
-from jointstiff.solver.gearboxes.motion import MotionCampaign
-from jointstiff.solver.gearboxes.outcome import assess_gearboxes, report_against_payload
+from jointstiff.solver.gearboxes.motion import MotionCampaign, MovingBody
+from jointstiff.solver.gearboxes.outcome import (
+    GREATEST_TWIST,
+    assess_gearboxes,
+    report_against_payload,
+    report_twist,
+)
 from jointstiff.solver.mechanics.postures import measure_reach
 from jointstiff.solver.text import figure
 
@@ -29,8 +34,6 @@ _LEAST_TORQUE: Final = 3.0
 """Twist by the range of the torque over lost motion, below which friction decides the answer."""
 _GREATEST_DELAY: Final = 0.02
 """Delay between two encoders [s] beyond which the log is misread."""
-_GREATEST_TWIST: Final = 20e-3
-"""Twist [rad] that no gearbox survives."""
 _LEAST_MOTION: Final = 0.02
 """Range of a joint's angle [rad] below which it rests."""
 _AGAINST: Final = 3.0
@@ -69,9 +72,18 @@ class _Joint:
         """True if the logs do not belong to one gearbox."""
         return self.contradiction < _CONTRADICTION or bool(self.outsiders)
 
-    def explain(self) -> str | None:
+    @property
+    def has_number(self) -> bool:
+        """True if the logs give a stiffness."""
+        return self._explain() is None
+
+    def _explain(self) -> str | None:
         """Return why there is no stiffness; None if there is one."""
         fit = self.by_all
+        if self.outsiders:
+            return (
+                f"the logs contradict each other: {', '.join(self.outsiders)} alone excludes the joint answer"
+            )
         if self.is_contradicted:
             return f"the logs contradict each other (p = {figure(self.contradiction, '.1g')})"
         if abs(fit.delay) > _GREATEST_DELAY:
@@ -86,6 +98,52 @@ class _Joint:
             f"its torque in these logs, {torques}, is too small against friction and errors of the encoders"
         )
 
+    def describe(self) -> GearboxStiffness:
+        """Return the row of the joint."""
+        fit, reason = self.by_all, self._explain()
+        least, greatest = fit.interval
+        has_number = reason is None
+        return GearboxStiffness(
+            joint=self.name,
+            stiffness=invert_compliance(fit.compliance) if has_number else None,
+            stiffness_interval=stiffness_interval(fit.interval) if has_number else None,
+            half_width=0.5 * (greatest - least) / fit.compliance if has_number else None,
+            compliance=fit.compliance if has_number else None,
+            compliance_interval=fit.interval if has_number else None,
+            reason=reason,
+            least_torque=fit.least_torque,
+            greatest_torque=fit.greatest_torque,
+            offset=None,
+            lost_motion=fit.lost_motion,
+            lost_motion_interval=None,
+            noise=fit.noise,
+            degrees_of_freedom=int(fit.independent),
+            postures=0,
+            delay=fit.delay,
+        )
+
+    def report(self) -> Iterator[Finding]:
+        """Report a joint whose logs contradict each other, or whose twist cannot be true."""
+        fit = self.by_all
+        if self.is_contradicted:
+            differing = f"{', '.join(self.outsiders)} and the other logs"
+            logs = differing if self.outsiders else ", ".join(self.by_log)
+            yield Finding(
+                code="logs_contradict",
+                weight="use_with_care",
+                where=self.name,
+                message=f"{self.name}: {logs} do not belong to one gearbox",
+                remedy="check that payload, encoders and temperature were the same, or give the logs apart",
+            )
+        if fit.against_torque > _AGAINST:
+            yield Finding(
+                code="encoder_against_torque",
+                weight="do_not_use",
+                where=self.name,
+                message=f"the gearbox of {self.name} twists against the torque",
+                remedy="reverse the signs of the encoders' angles, or exchange `motor` and `link`",
+            )
+
 
 @dataclass(frozen=True, eq=False)
 class _Unfitted:
@@ -94,22 +152,48 @@ class _Unfitted:
     name: str
     reason: str
     range_of_twist: float  # [rad]
+    least_torque: float  # as stated [N·m]
+    greatest_torque: float  # as stated [N·m]
+
+    def describe(self) -> GearboxStiffness:
+        """Return the row of the joint, without numbers."""
+        return GearboxStiffness(
+            joint=self.name,
+            stiffness=None,
+            stiffness_interval=None,
+            half_width=None,
+            compliance=None,
+            compliance_interval=None,
+            reason=self.reason,
+            least_torque=self.least_torque,
+            greatest_torque=self.greatest_torque,
+            offset=None,
+            lost_motion=None,
+            lost_motion_interval=None,
+            noise=None,
+            degrees_of_freedom=0,
+            postures=0,
+        )
+
+    def report(self) -> Iterator[Finding]:
+        """Report a twist that no gearbox survives."""
+        if self.range_of_twist > GREATEST_TWIST:
+            yield report_twist(
+                self.name,
+                self.range_of_twist,
+                "check the unit of the encoders' angles, the sign of the link's, and whether the motor's are "
+                "divided by the gear ratio",
+            )
 
 
 def identify_from_logs(campaign: MotionCampaign) -> GearboxResult:
     """Identify the gearboxes of a motion; each number is a check within a factor of 1.5."""
     outcomes = [_fit_joint(campaign, joint) for joint in campaign.joints]
     joints = [each for each in outcomes if isinstance(each, _Joint)]
-    gearboxes = [
-        _describe_gearbox(each) if isinstance(each, _Joint) else _describe_unfitted(each) for each in outcomes
-    ]
+    gearboxes = [each.describe() for each in outcomes]
     findings = [
-        _report_check(campaign),
-        *(
-            finding
-            for each in outcomes
-            for finding in (_report_joint(each) if isinstance(each, _Joint) else _report_twist(each))
-        ),
+        _report_check(campaign.payload),
+        *(finding for each in outcomes for finding in each.report()),
         *_report_implausible(campaign, joints),
     ]
     if all(gearbox.stiffness is None for gearbox in gearboxes):
@@ -150,83 +234,30 @@ def _fit_joint(campaign: MotionCampaign, joint: int) -> _Joint | _Unfitted:
     name = campaign.robot.joint_names[joint]
     numbers = [number for number, log in enumerate(campaign.logs) if joint in log.link]
     logs = [campaign.logs[number] for number in numbers]
-    ranges = [float(np.ptp(log.smooth(log.motor[:, joint] - log.link[joint]))) for log in logs]
-    if max(ranges) > _GREATEST_TWIST:
-        return _Unfitted(name, "its twist is more than any gearbox twists", max(ranges))
+    twist = max(float(np.ptp(log.smooth(log.motor[:, joint] - log.link[joint]))) for log in logs)
+    torque = campaign.find_stated_torque(joint, numbers)
+    unfitted = partial(
+        _Unfitted,
+        name,
+        range_of_twist=twist,
+        least_torque=float(torque.min()),
+        greatest_torque=float(torque.max()),
+    )
+    if twist > GREATEST_TWIST:
+        return unfitted(reason="its twist is more than any gearbox twists")
     if min(float(np.ptp(log.motor[:, joint])) for log in logs) < _LEAST_MOTION:
-        return _Unfitted(name, "it rests in a log, so that nothing separates its errors", max(ranges))
+        return unfitted(reason="it rests in a log, so that nothing separates its errors")
     try:
         by_log = {}
         if len(numbers) > 1:
             by_log = {campaign.logs[number].label: fit_logs(campaign, joint, [number]) for number in numbers}
         return _Joint(name, fit_logs(campaign, joint, numbers), by_log)
     except SolverError:
-        return _Unfitted(name, "its logs determine nothing: the program has no certain optimum", max(ranges))
+        return unfitted(reason="its logs determine nothing: the program has no certain optimum")
 
 
-def _describe_unfitted(joint: _Unfitted) -> GearboxStiffness:
-    """Return the row of a joint without a fit."""
-    return GearboxStiffness(
-        joint=joint.name,
-        stiffness=None,
-        stiffness_interval=None,
-        half_width=None,
-        compliance=None,
-        compliance_interval=None,
-        reason=joint.reason,
-        least_torque=0.0,
-        greatest_torque=0.0,
-        offset=None,
-        lost_motion=None,
-        lost_motion_interval=None,
-        noise=None,
-        degrees_of_freedom=0,
-        postures=0,
-    )
-
-
-def _report_twist(joint: _Unfitted) -> Iterator[Finding]:
-    """Report a twist that no gearbox survives."""
-    if joint.range_of_twist > _GREATEST_TWIST:
-        yield Finding(
-            code="encoder_deflection_implausibly_large",
-            weight="do_not_use",
-            where=joint.name,
-            message=f"the twist of {joint.name} changes by up to {figure(1e3 * joint.range_of_twist, '.3g')} "
-            "mrad, more than any gearbox twists",
-            remedy="check the unit of the encoders' angles, the sign of the link's, and whether the motor's "
-            "are divided by the gear ratio",
-        )
-
-
-def _describe_gearbox(joint: _Joint) -> GearboxStiffness:
-    """Return the row of one joint."""
-    fit, reason = joint.by_all, joint.explain()
-    least, greatest = fit.interval
-    has_number = reason is None
-    return GearboxStiffness(
-        joint=joint.name,
-        stiffness=invert_compliance(fit.compliance) if has_number else None,
-        stiffness_interval=stiffness_interval(fit.interval) if has_number else None,
-        half_width=0.5 * (greatest - least) / fit.compliance if has_number else None,
-        compliance=fit.compliance if has_number else None,
-        compliance_interval=fit.interval if has_number else None,
-        reason=reason,
-        least_torque=fit.least_torque,
-        greatest_torque=fit.greatest_torque,
-        offset=None,
-        lost_motion=fit.lost_motion,
-        lost_motion_interval=None,
-        noise=fit.noise,
-        degrees_of_freedom=int(fit.independent),
-        postures=0,
-        delay=fit.delay,
-    )
-
-
-def _report_check(campaign: MotionCampaign) -> Finding:
+def _report_check(payload: MovingBody) -> Finding:
     """Report what the numbers rest on."""
-    payload = campaign.bodies[-1]
     return Finding(
         code="check_by_log",
         weight="use_with_care",
@@ -237,32 +268,10 @@ def _report_check(campaign: MotionCampaign) -> Finding:
     )
 
 
-def _report_joint(joint: _Joint) -> Iterator[Finding]:
-    """Report a joint whose logs contradict each other, or whose twist cannot be true."""
-    fit = joint.by_all
-    if joint.is_contradicted:
-        labels = joint.outsiders or list(joint.by_log)
-        yield Finding(
-            code="logs_contradict",
-            weight="use_with_care",
-            where=joint.name,
-            message=f"{joint.name}: {', '.join(labels)} and the other logs do not belong to one gearbox",
-            remedy="check that payload, encoders and temperature were the same, or give the logs apart",
-        )
-    if fit.against_torque > _AGAINST:
-        yield Finding(
-            code="encoder_against_torque",
-            weight="do_not_use",
-            where=joint.name,
-            message=f"the gearbox of {joint.name} twists against the torque",
-            remedy="reverse the signs of the encoders' angles, or exchange `motor` and `link`",
-        )
-
-
 def _report_implausible(campaign: MotionCampaign, joints: Sequence[_Joint]) -> Iterator[Finding]:
     """Report stiffnesses that are implausible for the payload of the robot."""
     robot = campaign.robot
-    known = [joint for joint in joints if joint.explain() is None and joint.by_all.joint < _LEAST_JOINTS]
+    known = [joint for joint in joints if joint.has_number and joint.by_all.joint < _LEAST_JOINTS]
     if robot.n < _LEAST_JOINTS or not known:
         return
     torque = (robot.payload or 0.0) * g * measure_reach(robot)

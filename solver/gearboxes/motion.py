@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
@@ -15,7 +15,7 @@ from scipy.signal import savgol_filter
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.mechanics.robot import Robot
 
-SMOOTHING: Final = 0.1
+_SMOOTHING: Final = 0.1
 """Duration [s] over which angles are smoothed, to differentiate them."""
 _DEGREE: Final = 4
 """Degree of the polynomials of the smoothing."""
@@ -98,7 +98,7 @@ class MotionLog:
     @cached_property
     def window(self) -> int:
         """Odd number of samples over which angles are smoothed."""
-        return 2 * max(round(0.5 * SMOOTHING / self.period), _DEGREE // 2 + 1) + 1
+        return 2 * max(round(0.5 * _SMOOTHING / self.period), _DEGREE // 2 + 1) + 1
 
     @cached_property
     def kept(self) -> slice:
@@ -124,11 +124,17 @@ class MotionCampaign:
 
     robot: Robot
     logs: tuple[MotionLog, ...]
-    bodies: tuple[MovingBody, ...]
+    links: tuple[MovingBody, ...]  #: bodies of the arm itself
+    payload: MovingBody  #: load at the flange, with the tool
     springs: tuple[GasSpring, ...]
     gravity: FloatArray  #: (3,) acceleration in R0 [m/s²]
     periods: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     """Joint → periods of its gear error, in periods a turn of the joint."""
+
+    @property
+    def bodies(self) -> tuple[MovingBody, ...]:
+        """Bodies that the motors carry."""
+        return (*self.links, self.payload)
 
     @cached_property
     def joints(self) -> tuple[int, ...]:
@@ -143,6 +149,17 @@ class MotionCampaign:
         centre of mass along each axis [N·m/m].
         """
         return tuple(self._compute_torques(log) for log in self.logs)
+
+    def find_stated_torque(self, joint: int, numbers: Sequence[int]) -> FloatArray:
+        """Return the torques (S,) [N·m] of a joint's motor in some logs, with all masses as stated."""
+        springs = [spring for spring in self.springs if spring.joint == joint]
+        torques = []
+        for number in numbers:
+            log = self.logs[number]
+            position = log.smooth(log.motor[:, joint])
+            by_springs = [spring.holding_torque(position) for spring in springs]
+            torques.append(self.torques[number][:, joint, :, 0].sum(axis=1) + sum(by_springs))
+        return np.concatenate(torques)
 
     def _compute_torques(self, log: MotionLog) -> FloatArray:
         """Return the torques of one log, by Pinocchio's regressor of joint torques."""

@@ -30,7 +30,7 @@ _AGAINST: Final = 2.0
 """Standard uncertainties by which a compliance is negative if a sign is wrong."""
 _GREATEST_OFFSET: Final = 200e-6
 """Change of the twist [rad] that no torque explains, beyond which an encoder was referenced anew."""
-_GREATEST_STEP: Final = 20e-3
+GREATEST_TWIST: Final = 20e-3
 """Twist [rad] that no gearbox survives."""
 _POSTURE: Final = 5e-3
 """Difference [rad] of a motor's angle from the stated posture, beyond which the posture is another one."""
@@ -205,7 +205,7 @@ def _report_postures(step: WeightStep) -> Iterator[Finding]:
         differences = wrap(read.motor[rows, 0] - q[read.posture[rows], joint])
         off = np.abs(wrap(differences - np.median(differences)))
         moved = np.abs(wrap(read.motor[rows, 1] - read.motor[rows, 0]))  # by the twist, if the link is held
-        off = np.where(moved > _GREATEST_STEP, np.maximum(off, moved), off)
+        off = np.where(moved > GREATEST_TWIST, np.maximum(off, moved), off)
         wrong = rows[off > _POSTURE]
         if not wrong.size:
             continue
@@ -262,14 +262,9 @@ def _report_fit(step: WeightStep, fit: GearboxFit) -> Iterator[Finding]:
     """Report what the fit of one joint shows: signs, offsets, single steps, too few postures."""
     steps, name = fit.steps, step.robot.joint_names[fit.steps.joint]
     greatest = float(np.abs(steps.step).max())
-    if greatest > _GREATEST_STEP:
-        yield Finding(
-            code="encoder_deflection_implausibly_large",
-            weight="do_not_use",
-            where=name,
-            message=f"the twist of {name} changes by up to {figure(1e3 * greatest, '.3g')} mrad, more than "
-            "any gearbox twists",
-            remedy="check the unit of the encoders' angles, and the sign of the link's",
+    if greatest > GREATEST_TWIST:
+        yield report_twist(
+            name, greatest, "check the unit of the encoders' angles, and the sign of the link's"
         )
     if fit.free_compliance + _AGAINST * fit.uncertainty < 0.0:
         yield Finding(
@@ -312,6 +307,18 @@ def _report_fit(step: WeightStep, fit: GearboxFit) -> Iterator[Finding]:
             "the load, which leave too few to judge the noise",
             remedy="read at least 6 postures with different torques; 12 are good practice",
         )
+
+
+def report_twist(name: str, twist: float, remedy: str) -> Finding:
+    """Return the finding on a twist [rad] that no gearbox survives."""
+    return Finding(
+        code="encoder_deflection_implausibly_large",
+        weight="do_not_use",
+        where=name,
+        message=f"the twist of {name} changes by up to {figure(1e3 * twist, '.3g')} mrad, more than "
+        "any gearbox twists",
+        remedy=remedy,
+    )
 
 
 def _report_implausible(step: WeightStep, fits: dict[int, GearboxFit]) -> Iterator[Finding]:
