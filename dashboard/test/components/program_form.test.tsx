@@ -15,6 +15,7 @@ const problem = {
     { where: "cell.src, line 12", reason: "'H50' is unknown", remedy: remedy.replace("GRIPPER", "H50") },
   ],
 };
+const context = { run: { id: "r1" }, robot: { id: "a1", joints: [] } } as never;
 const posted: Record<string, unknown>[] = [];
 
 beforeEach(() => {
@@ -40,7 +41,7 @@ const question = (root: HTMLElement) =>
   [...root.querySelectorAll("label")].filter((label) => label.textContent?.startsWith("Routines of other files"));
 
 it("asks one question for all routines of other files, and sends its answer", async () => {
-  const root = await drawn(<ProgramForm context={{ run: { id: "r1" } } as never} />);
+  const root = await drawn(<ProgramForm context={context} />);
   const input = await vi.waitFor(() => {
     const found = root.querySelector<HTMLInputElement>("input[type=file]");
     if (!found) throw new Error(root.innerHTML);
