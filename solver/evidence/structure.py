@@ -4,7 +4,7 @@ An encoder behind the gearbox of joint j sees the gearbox alone, targets see gea
 bearings and housings. While the encoders behind the gearboxes close the position loop, gearboxes do
 not move the targets:
 
-    twist_j = c_gear,j τ_j        δp_X = Σ_j J_j (c_gear,j + c_rest,j) τ_j        δp_X' = Σ_j J_j c_rest,j τ_j.
+    twist_j = c_gear,j τ_j      δp_X = Σ_j J_j (c_gear,j + c_rest,j) τ_j      δp_X' = Σ_j J_j c_rest,j τ_j.
 
 All are unknowns of one fit, together with what is stated of the loads. Noise, and turns that tracker and
 encoders both see, are those of the residuals with all unknowns free: structure is not taken for noise.
