@@ -78,3 +78,17 @@ def test_encoders_that_close_the_other_loop_give_gearbox_and_structure():
     assert "Gearbox and structure apart" in comparison.summary()
     alone = js.compare(simulate_campaign_of(seed=3), simulate_campaign_of(seed=3, noise_seed=1), methods=[])
     assert alone.result.gearboxes == alone.result.structures == []
+
+
+def test_an_encoder_that_does_not_show_what_the_loop_removes_is_a_reason():
+    first, second = with_gearboxes_read(default_arm("motor"), default_arm("secondary"))
+    for observation in first["measurement_set"]["observations"]:
+        reading = observation["encoder_readings"][1]
+        reading["loaded"] = reading["unloaded"] + 0.6 * (reading["loaded"] - reading["unloaded"])
+    assessment = js.compare(first, second, methods=[]).result.assessment
+    (reason,) = [each for each in assessment.reasons if each.code == "encoder_against_difference"]
+    assert reason.where == "joint_2"
+    assert reason.message.startswith(
+        "the encoder of joint_2 shows less deflection than the encoders in the loop"
+    )
+    assert assessment.verdict == "use_with_care"
