@@ -23,7 +23,7 @@ _ASSUMED: Final = CommonUncertainty(scale=0.01, load_point=0.005, assumed=frozen
 
 @dataclass(frozen=True)
 class _Loads:
-    """What is stated of the loads of both runs."""
+    """Statement of the loads of both runs."""
 
     name: str
     common: CommonUncertainty

@@ -122,7 +122,7 @@ def build_parts(apart: Apart | None, part: int, names: Sequence[str]) -> list[Jo
 
 @dataclass(frozen=True, eq=False)
 class TargetsEstimate:
-    """What the targets of N observations show of n joints."""
+    """Compliances of n joints by the targets of N observations."""
 
     rows: Rows  #: N observations
     compliance: FloatArray  #: (n,) at which the columns of errors are computed; NaN without one [rad/(N·m)]
@@ -194,7 +194,7 @@ def take_two_runs_apart(
 
 
 def _find_joints(motor: TargetsEstimate, is_seen: BoolArray) -> IndexArray:
-    """Return the joints (m,) of which both the targets and an encoder under a torque show a compliance."""
+    """Return the joints (m,) whose compliance both the targets and an encoder under a torque show."""
     encoders = motor.rows.measurements.encoders
     if encoders is None:
         return np.zeros(0, np.intp)

@@ -21,7 +21,8 @@ from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderReadings, Measurements
-from tests.support.springs import robot_of
+
+from .springs import robot_of
 
 _STREAM: Final = 93
 SIGMA: Final = 2e-5
