@@ -146,16 +146,13 @@ def compute_profile_ends(
         SolverError: if an end could not be certified.
     """
     centre = likelihood.centre
-    offset = np.zeros(len(centre))  # from ĉ to the constrained optimum
-    if not constraints.are_satisfied_by(centre):
-        ball = _Ball(likelihood, constraints, float(radii.max()))
-        offset = ball.find_optimum(np.zeros(len(ball.A))).point * ball.unit
+    offset = _find_offset_of_optimum(likelihood, constraints, float(radii.max()))
     least_residual = likelihood.rows @ offset
     ball_radii = np.sqrt(radii**2 + least_residual @ least_residual)
-    # The ends of a ball without constraints are at ĉ ± radius · C a / √(aᵀ C a).
-    products = functions @ likelihood.covariance  # (w, p) C a
-    deviations = np.sqrt((products * functions).sum(axis=1))
-    directions = products / deviations[:, None]
+    # The ends of a ball without constraints are at ĉ ± radius · C a / √(aᵀ C a), with C the covariance.
+    C_a = functions @ likelihood.covariance  # (w, p)
+    deviations = np.sqrt((C_a * functions).sum(axis=1))
+    directions = C_a / deviations[:, None]
     signed_radii = ball_radii[:, None, None] * np.array([-1.0, 1.0])  # (q, 1, 2) to lower and upper ends
     ends: FloatArray = (functions @ centre)[:, None] + signed_radii * deviations[:, None]
     end_points = centre + signed_radii[..., None] * directions[:, None]  # (q, w, 2, p)
@@ -166,10 +163,23 @@ def compute_profile_ends(
     ends[is_point] = (functions @ optimum)[:, None]
     is_excluded[is_point] = False
     if is_excluded.any():
+        # Find the ends of the constrained part of the ball instead.
         ball = _Ball(likelihood, constraints, float(ball_radii.max()))
         kind, function, side = np.nonzero(is_excluded)
         ends[is_excluded] = ball.compute_ends(functions[function], ball_radii[kind], is_upper=side == 1)
     return ends
+
+
+def _find_offset_of_optimum(likelihood: Likelihood, constraints: Constraints, scale: float) -> FloatArray:
+    """Return the offset (p,) from the centre ĉ to the c within the constraints with the least ‖R (c − ĉ)‖.
+
+    The rows R and the centre are those of the likelihood; `scale` is a typical ‖R (c − ĉ)‖.
+    """
+    if constraints.are_satisfied_by(likelihood.centre):
+        return np.zeros(len(likelihood.centre))
+    ball = _Ball(likelihood, constraints, scale)
+    optimum = ball.find_optimum(np.zeros(len(ball.A)))
+    return optimum.point * ball.unit
 
 
 def compute_range_on_box(functions: FloatArray, bounds: Bounds) -> FloatArray:
@@ -232,6 +242,8 @@ class _Ball:
     def compute_ends(self, functions: FloatArray, radii: FloatArray, is_upper: BoolArray) -> FloatArray:
         """Return the least or greatest values (K,) of functions aᵀc within balls and the constraints.
 
+        The search is in scaled variables x, with c = ĉ + unit · x and ĉ the centre of the balls.
+
         Args:
             functions: (K, p) coefficients a of each function.
             radii: (K,) radii of the balls ``‖R (c − ĉ)‖ ≤ radius``, at most the scale.
@@ -240,12 +252,13 @@ class _Ball:
         Raises:
             SolverError: an end could not be certified.
         """
-        # A greatest value is the least value of the negative function.
-        objective = np.where(is_upper, -1.0, 1.0)[:, None] * functions * self.unit
+        signs = np.where(is_upper, -1.0, 1.0)  # a greatest value is the least value of the negative function
+        objective = signs[:, None] * functions * self.unit
         objective /= np.linalg.norm(objective, axis=1, keepdims=True)
-        points, is_least_in_box = self.find_ends(objective, (radii / self._scale) ** 2)
+        x, is_least_in_box = self.find_ends(objective, (radii / self._scale) ** 2)
+        values = functions @ self._likelihood.centre + (functions * self.unit * x).sum(axis=1)
+        # The bounds limit the values, exactly where no end is on the sphere.
         least, greatest = compute_range_on_box(functions, self._constraints.bounds).T
-        values = functions @ self._likelihood.centre + (functions * self.unit * points).sum(axis=1)
         on_sphere = np.clip(values, least, greatest)
         on_box = np.where(is_upper, greatest, least)
         return np.asarray(np.where(is_least_in_box, on_box, on_sphere))
@@ -984,25 +997,24 @@ class UncertaintyBudget:
         """
         if estimate.covariance is None:
             return None
+        joints = np.flatnonzero(estimate.estimated)
         readings = _compute_part_of_readings(estimate, estimate.covariance)
         components = [readings]
         if estimate.common is not None:
             components += _list_parts_of_common_errors(estimate, estimate.common)
-        joints = np.flatnonzero(estimate.estimated)
-        statistical = [readings]  # components whose degrees of freedom decide the coverage factor
         if jackknife is not None:
-            model_error = _estimate_model_error(jackknife, readings.covariance, joints, included=lack_of_fit)
-            components += model_error
-            statistical += [component for component in model_error if component.included]
+            components += _estimate_model_error(jackknife, readings.covariance, joints, included=lack_of_fit)
         neglected = estimate.complementary_stiffness
         if neglected is not None and not neglected.included and neglected.shift is not None:
             squared_shift = np.outer(neglected.shift, neglected.shift)
             components.append(BudgetComponent(squared_shift, "complementary_stiffness", "B", included=False))
-        coverage_factor = max(
+        # Student's distribution replaces the normal one for components that were estimated from few data.
+        quantiles = [
             student_quantile(0.5 * (1.0 + probability), component.degrees_of_freedom)
-            for component in statistical
-        )
-        return cls(joints, tuple(components), probability, coverage_factor)
+            for component in components
+            if component.included and component.source in ("readings", "model_error")
+        ]
+        return cls(joints, tuple(components), probability, coverage_factor=max(quantiles))
 
     def total(self, *, all_components: bool = False) -> Spread:
         """Return the sum of the components that the standard uncertainty includes, or of all components."""
@@ -1127,8 +1139,8 @@ def _estimate_model_error(
 class Contributions:
     """Parts of n joints in the predicted deflection, each projected on that deflection.
 
-    Joint j alone moves a target by ``A_X,j c_j``; its part is ``A_X,j c_j · δp̂ / ‖δp̂‖``, and the parts of all
-    joints add up to ‖δp̂‖. A joint without an estimate counts as rigid.
+    Joint j alone moves a target by ``A_X,j c_j``; its part is ``A_X,j c_j · δp̂ / ‖δp̂‖``, and the parts of
+    all joints add up to ‖δp̂‖. A joint without an estimate counts as rigid.
     """
 
     by_observation: FloatArray  #: (n, N) mean over the targets of each observation [m]
@@ -1216,14 +1228,18 @@ def predict(
 
 
 def _project_on_sum(by_joint: FloatArray) -> FloatArray:
-    """Return the lengths (B, T, n) of vectors along their sum, for the motion (B, T, 3, n) by each joint.
+    """Project the motion by each joint on the motion by all joints together.
 
-    They are zero where the sum is zero.
+    Args:
+        by_joint: (B, T, 3, n) motion of each target by each of n joints.
+
+    Returns:
+        (B, T, n) signed lengths of the projections; zero where the joints together move nothing.
     """
-    total = by_joint.sum(axis=-1)
+    total = by_joint.sum(axis=-1)  # (B, T, 3)
     length = np.linalg.norm(total, axis=-1)
     direction = total / np.where(length > 0.0, length, 1.0)[..., None]
-    return np.asarray(np.einsum("btij,bti->btj", by_joint, direction))
+    return np.asarray(np.einsum("btij,bti->btj", by_joint, direction))  # sums over the coordinates i
 
 
 def _average_contributions(by_reading: FloatArray, present: BoolArray) -> Contributions:

@@ -286,34 +286,30 @@ def fit_method(
             centre determines arm joints only in combination, so that the arm's share of the targets'
             deflection is unknown.
     """
-    method = compressed.method
-    compliance, unconstrained = np.zeros(len(has_no_effect)), np.zeros(len(has_no_effect))
+    stages, n = compressed.method.stages, len(has_no_effect)
+    compliance, unconstrained = np.zeros(n), np.zeros(n)  # estimates with and without constraints
     fits: dict[int, StageFit] = {}
-    if len(method.stages) > 1:
+    if len(stages) > 1:
         _refuse_joints_without_effect_on_centre(compressed, has_no_effect)
-    for number, (stage, triangle) in enumerate(zip(method.stages, compressed.stages, strict=True)):
+    for number, (stage, triangle) in enumerate(zip(stages, compressed.stages, strict=True)):
         joints = stage.joints[~has_no_effect[stage.joints]]
-        known = stage.known[~has_no_effect[stage.known]]
+        known = stage.known[~has_no_effect[stage.known]]  # estimated by an earlier stage
         if not len(joints):
             continue
         R, R_known, z = triangle.matrix[:, joints], triangle.matrix[:, known], triangle.rhs
-        fitted = StageFit.from_rows(
-            R,
-            z - R_known @ compliance[known],
-            joints,
-            constraints.fix_joints(known, compliance[known], joints),
-            prior,
-            solve_problem,
-        )
-        if fitted.undetermined and stage is not method.stages[-1]:
-            _refuse_combined_arm_joints(fitted, method.joint_names)
-        compliance[joints] = unconstrained[joints] = fitted.solution.compliance
-        # The estimate without constraints differs if a constraint acts in this stage or in an earlier stage.
-        is_constrained = fitted.solution.active.any() or fitted.tied.any()
+        remaining_constraints = constraints.fix_joints(known, compliance[known], joints)
+        remaining_z = z - R_known @ compliance[known]
+        fit = StageFit.from_rows(R, remaining_z, joints, remaining_constraints, prior, solve_problem)
+        if fit.undetermined and stage is not stages[-1]:
+            _refuse_combined_arm_joints(fit, compressed.method.joint_names)
+        compliance[joints] = unconstrained[joints] = fit.solution.compliance
+        # The estimates differ if a constraint acts in this stage or in an earlier stage.
+        is_constrained = fit.solution.active.any() or fit.tied.any()
         was_constrained = (unconstrained[known] != compliance[known]).any()
         if is_constrained or was_constrained:
-            unconstrained[joints] = fitted.estimate_without_constraints(z - R_known @ unconstrained[known])
-        fits[number] = fitted
+            remaining_z = z - R_known @ unconstrained[known]
+            unconstrained[joints] = fit.estimate_without_constraints(remaining_z)
+        fits[number] = fit
     return _combine_stages(compressed, fits, compliance, unconstrained)
 
 
@@ -398,7 +394,9 @@ def _combine_stages(
 def _compute_covariance(compressed: MethodRows, fits: dict[int, StageFit]) -> FloatArray:
     """Return the exact covariance (n, n) of the unconstrained estimate, in units of sigma² (method.md §4).
 
-    An estimate ĉ = H d from deflections d of covariance sigma² Σ has the covariance H Σ Hᵀ.
+    An estimate ĉ = H d from deflections d of covariance sigma² Σ has the covariance H Σ Hᵀ. With a stage's
+    linear map N of whitened deflections, rows N A and pseudo-inverse P of the rows, H is P where N Nᵀ = I,
+    and P Pᵀ (NᵀN A)ᵀ for other weightings.
 
     Args:
         compressed: compressed rows of all observations.
@@ -407,11 +405,11 @@ def _compute_covariance(compressed: MethodRows, fits: dict[int, StageFit]) -> Fl
     n = len(compressed.cross)
     covariance = np.zeros((n, n))
     for number, stage in fits.items():
-        root = stage.spectrum.inverse  # (p, m) H for whitened deflections, of covariance I
+        P = H = stage.spectrum.inverse
         if compressed.spreads is not None:  # the rows were not weighted with the covariance of the readings
-            spread = compressed.spreads[number].matrix[:, stage.joints]
-            root = root @ root.T @ spread.T
-        covariance[np.ix_(stage.joints, stage.joints)] = root @ root.T
+            spread = compressed.spreads[number].matrix[:, stage.joints]  # compressed NᵀN A
+            H = P @ P.T @ spread.T
+        covariance[np.ix_(stage.joints, stage.joints)] = H @ H.T
     if len(fits) > 1:
         _add_covariance_of_arm(covariance, compressed, *fits.values())
     return covariance
