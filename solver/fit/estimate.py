@@ -316,17 +316,34 @@ class _Ball:
             is_too_small, is_too_great = pending[squared_norm < goal], pending[squared_norm > goal]
             least_s[is_too_small] = s[is_too_small]
             greatest_s[is_too_great] = s[is_too_great]
-            # While the active constraints stay active: ‖A x(s)‖² = rest + s² slope.
             slope = (objective[pending] * derivative).sum(axis=1)
             slope = np.where(slope > _NO_MOVEMENT * squared_h[pending], slope, 0.0)
-            rest = np.square((x + s[pending, None] * derivative) @ self.A.T).sum(axis=1)
-            with np.errstate(all="ignore"):
-                newton = np.sqrt((goal - rest) / slope)
-            s[pending] = _bisect_unless_between(newton, least_s[pending], greatest_s[pending])
+            proposed_s = self._take_newton_step(s[pending], x, derivative, slope, goal)
+            s[pending] = _bisect_unless_between(proposed_s, least_s[pending], greatest_s[pending])
             pending = pending[~is_found]
             if not len(pending):
                 return points, is_least_in_box
         raise SolverError(_NOT_CERTIFIED)
+
+    def _take_newton_step(
+        self, s: FloatArray, x: FloatArray, derivative: FloatArray, slope: FloatArray, goal: FloatArray
+    ) -> FloatArray:
+        """Return the factors s (K,) at which ‖A x(s)‖² is the goal (K,) if active constraints stay active.
+
+        The optimum x(s) then moves along a line, so that ``‖A x(s)‖² = rest + s² slope``. The result is inf
+        or NaN where no s attains the goal.
+
+        Args:
+            s: (K,) last factors.
+            x: (K, p) optima x(s).
+            derivative: (K, p) −dx/ds.
+            slope: (K,) slopes.
+            goal: (K,) values of ‖A x(s)‖² that are to be attained.
+        """
+        x_at_zero = x + s[:, None] * derivative
+        rest = np.square(x_at_zero @ self.A.T).sum(axis=1)
+        with np.errstate(all="ignore"):
+            return np.asarray(np.sqrt((goal - rest) / slope))
 
     def _attains_least_in_box(self, objective: FloatArray, x: FloatArray) -> BoolArray:
         """Return the mask (K,) of points x (K, p) at which an objective (K, p) is least within the bounds."""
@@ -733,11 +750,12 @@ class Evidence:
             functions,
             radii=sigma * self.scale.list_quantiles(self.confidence),
             estimates=self.fit.compliance[joints],
-        )  # (2, joints, 2)
+        )  # (2, number of joints, 2)
         intervals: dict[int, FloatArray | None] = {}
         for index, j in enumerate(joints):
-            first_order = ends[:, index]
-            intervals[j] = self.profiles[j].join(first_order) if j in self.profiles else first_order
+            intervals[j] = ends[:, index]
+            if j in self.profiles:  # of a joint near the line of the load
+                intervals[j] = self.profiles[j].join(ends[:, index])
         return intervals
 
     def derive_joint_result(self, j: int, intervals: FloatArray | None) -> JointCompliance:

@@ -724,14 +724,12 @@ def _profile_short_levers(
             profiles[j] = LeverProfile()  # an interval without an upper end
             continue
         other_error = float(np.linalg.norm(other_errors[j]))
-        unconstrained, constrained = (
-            _widen_profile(
-                intervals,
-                value=float(last_fit.compliance[j]),
-                other_errors=quantiles[:, None] * np.hypot(other_error, force_scale * intervals),
-            )
-            for intervals in ends
-        )
+        widened = []
+        for intervals in ends:  # without, then within the constraints
+            errors_at_ends = np.hypot(other_error, force_scale * intervals)
+            value = float(last_fit.compliance[j])
+            widened.append(_widen_profile(intervals, value, quantiles[:, None] * errors_at_ends))
+        unconstrained, constrained = widened
         lower = np.minimum(unconstrained[:, 0], constrained[:, 0])
         upper = np.maximum(unconstrained[:, 1], constrained[:, 1])
         first_order_uncertainty = scale.sigma * float(np.sqrt(fit.covariance[j, j]))

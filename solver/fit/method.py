@@ -156,29 +156,17 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class StageRows:
-    """Rows of B observations in one stage."""
+    """Rows of B observations in one stage, with the stage's linear map N of the targets' rows."""
 
     #: (B, r, K + 1) columns of all terms, then of the readings; rows of the targets, then rows of the
     #: encoders of the stage's joints
     fitted: FloatArray
-    #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows, N the linear map of the stage; None where N = I
-    spread: FloatArray | None
+    spread: FloatArray  #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows
 
     @property
     def columns(self) -> FloatArray:
         """Columns (B r, K) of all terms, without the readings, with the rows of all observations together."""
         return self.fitted.reshape(-1, self.fitted.shape[-1])[:, :-1]
-
-    def list_spread_columns(self, whitened: BlockRows, joints: int) -> FloatArray:
-        """Return ``NᵀN A`` (m, n), with A the columns of the n joints in the targets' rows.
-
-        Args:
-            whitened: whitened rows of the targets, from which these rows were made; used where N = I.
-            joints: number n of joints.
-        """
-        spread = whitened.targets if self.spread is None else self.spread
-        column_count = spread.shape[-1]
-        return spread.reshape(-1, column_count)[:, :joints]
 
 
 class _StageMap(NamedTuple):
@@ -240,7 +228,7 @@ class Method:
         by_target = whitened.targets  # (B, T, 3, K + 1)
         M = by_target.reshape(len(by_target), -1, by_target.shape[-1])  # (B, 3 T, K + 1)
         for stage, N in zip(self.stages, self._stage_maps(whitened.block), strict=True):
-            fitted, spread = M, None  # for N = I
+            fitted, spread = M, M  # for N = I
             if N.of_observations is not None:
                 fitted = N.of_observations @ M
                 spread = N.of_observations.mT @ fitted
@@ -356,15 +344,17 @@ class _MethodSums:
         self.readings.add(of_block.flat, count=int(of_block.read.sum()))
         if self._method.is_plain:
             return
-        stage_rows = list(self._method.map_rows(of_block))
-        for stage, mapped in enumerate(stage_rows):
-            self.fitted[stage].add(mapped.fitted)
-            if mapped.spread is not None:
-                joints_and_readings = [*range(self._n), -1]
-                self.spreads[stage].add(mapped.spread[..., joints_and_readings])
-        if len(stage_rows) > 1:
-            arm, wrist = (mapped.list_spread_columns(of_block, self._n) for mapped in stage_rows)
-            self.cross += wrist.T @ arm
+        stages = list(self._method.map_rows(of_block))
+        for stage_rows, fitted in zip(stages, self.fitted, strict=True):
+            fitted.add(stage_rows.fitted)
+        if not self._method.by_covariance:
+            joints_and_readings = [*range(self._n), -1]
+            for stage_rows, spread in zip(stages, self.spreads, strict=True):
+                spread.add(stage_rows.spread[..., joints_and_readings])
+        if len(stages) > 1:
+            # Products of the joints' columns, summed over the rows of all observations
+            arm, wrist = (stage_rows.spread[..., : self._n] for stage_rows in stages)  # (B, 3 T, n)
+            self.cross += wrist.reshape(-1, self._n).T @ arm.reshape(-1, self._n)
             self.seen_from_centre.add_wrist_centre(of_block.block, self._method.centre)
 
 

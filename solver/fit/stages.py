@@ -564,14 +564,18 @@ class TargetRows:
 
     @classmethod
     def of(cls, rows: Rows) -> TargetRows:
-        """Collect the whitened rows of all readings, block by block, for the joints' compliances."""
-        targets, present, squared = [], [], Triangle(joints=rows.robot.n)
-        for of_block in rows.generate([JOINTS], np.zeros(rows.robot.n)):
-            is_read = of_block.block.measurements.present  # (B, T)
-            targets.append(of_block.targets[is_read])  # (B, T, 3, n + 1) → (readings, 3, n + 1)
+        """Collect the whitened rows of all readings, with the joints' columns and the deflections.
+
+        The rows are computed for one block of observations after the other.
+        """
+        n = rows.robot.n
+        targets, present, squared = [], [], Triangle(joints=n)
+        for block_rows in rows.generate([JOINTS], compliance=np.zeros(n)):
+            is_read = block_rows.block.measurements.present  # (B, T)
+            targets.append(block_rows.targets[is_read])  # (B, T, 3, n + 1) → (readings, 3, n + 1)
             present.append(is_read)
-            if of_block.encoders is not None:
-                squared.add(of_block.encoders)
+            if block_rows.encoders is not None:
+                squared.add(block_rows.encoders)
         return cls(np.concatenate(targets), np.concatenate(present), squared)
 
     def chi_square(self, compliance: FloatArray, *, sigma: float, threshold: float) -> float:
@@ -588,11 +592,10 @@ class TargetRows:
         """
         A, d = self.rows[..., :-1], self.rows[..., -1]  # (K, 3, n), (K, 3)
         norms = np.linalg.norm(d - A @ compliance, axis=1) / sigma
-        # t² has the χ² distribution of 3 degrees of freedom: E[t²; t < k] / 3, and k² P(t > k) / 3.
+        # 3 b is the sum of E[t²; t < k] and k² P(t > k), where t² has a χ² distribution.
         half_square = 0.5 * threshold**2
-        b_below = special.gammainc(2.5, half_square)
-        b_above = threshold**2 / 3.0 * special.gammaincc(1.5, half_square)
-        from_targets = np.sum(np.minimum(norms, threshold) ** 2) / (b_below + b_above)
+        b = special.gammainc(2.5, half_square) + threshold**2 / 3.0 * special.gammaincc(1.5, half_square)
+        from_targets = np.sum(np.minimum(norms, threshold) ** 2) / b
         encoder_residuals = (self.squared.matrix @ compliance - self.squared.rhs) / sigma
         return float(from_targets + encoder_residuals @ encoder_residuals)
 
