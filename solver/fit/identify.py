@@ -660,10 +660,11 @@ def _propagate_common_errors(problem: _Problem, last_fit: _Pass, sigma: float) -
     measurements, prior = problem.rows.measurements, problem.settings.prior
     common_uncertainty, fitted = measurements.common_uncertainty, fitted_errors(measurements)
     fitted_names = {term.name for term in fitted.terms}  # fitted to the readings before this fit
-    uncertainties = {
-        name: term.prior(common_uncertainty) for name, term in TERMS.items() if name not in fitted_names
-    }
-    stated_terms = [TERMS[name] for name, values in uncertainties.items() if any(values)]
+    stated_terms = [
+        term
+        for term in TERMS.values()
+        if term.name not in fitted_names and any(term.prior(common_uncertainty))
+    ]
     if not (stated_terms or fitted.terms):
         return None
     responses = last_fit.compressed.compute_responses(
@@ -677,8 +678,8 @@ def _propagate_common_errors(problem: _Problem, last_fit: _Pass, sigma: float) -
     for term in stated_terms:
         response = responses[term.name]  # (n, k)
         # `resize` repeats the term's uncertainties until each of the k unknowns has its own.
-        uncertainty = np.resize(uncertainties[term.name], response.shape[1])
-        by_source[common_uncertainty.source(term.name)] = uncertainty * response
+        uncertainties = np.resize(term.prior(common_uncertainty), response.shape[1])
+        by_source[common_uncertainty.source(term.name)] = uncertainties * response
     if fitted.terms:
         response = np.hstack([responses[term.name] for term in fitted.terms])
         by_source["fitted_causes"] = response @ fitted.root  # root of the covariance of the fitted errors

@@ -295,8 +295,9 @@ class Triangle:
     def fit_with(self, names: Sequence[str], known_term: str = "joints") -> TermsFit:
         """Fit the named terms together with the term `known_term`, by least squares without bounds.
 
-        A term is a group of columns, one for each of its unknowns. Directions of the named terms that the
-        term `known_term` explains equally well stay zero; they are the result's `hidden`.
+        A term is a group of columns, one for each of its unknowns. The columns of `known_term` are projected
+        out of those of the named terms; directions without any length left, which `known_term` explains
+        equally well, stay zero and are the result's `hidden`.
         """
         columns, lengths = unit_columns(self.R[:, self._find_columns(names)])
         known_columns, known_lengths = unit_columns(self.R[:, self.span[known_term]])
@@ -304,11 +305,11 @@ class Triangle:
         U, singular_values, Vt = np.linalg.svd(remaining_columns, full_matrices=False)
         is_distinct = singular_values > DISTINCT
         root = Vt[is_distinct].T / singular_values[is_distinct]  # of the covariance of the unknowns
-        # Fit the named terms, then `known_term` to what they leave of the readings.
         scaled_unknowns = root @ (U[:, is_distinct].T @ self.rhs)
+        # Then fit `known_term` to what the named terms leave of the readings.
         remaining_readings = self.rhs - columns @ scaled_unknowns
         scaled_known = np.linalg.lstsq(known_columns, remaining_readings, rcond=INDEPENDENT)[0]
-        # The columns were scaled to unit length, so the unknowns are divided by the lengths.
+        # Divide by the lengths, as the columns were scaled to unit length.
         return TermsFit(
             known=scaled_known / known_lengths,
             unknowns=scaled_unknowns / lengths,
