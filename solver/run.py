@@ -146,6 +146,7 @@ class Identification:
             found = self._find_joints()
         joints = self._joints
         assessment = assess(joints, found.estimate, found.prediction, found.screening, found.unseen)
+
         # Further readings are advised only if the readings contain no mistake and only joints bend: else the
         # gain of another reading is unknown.
         only_joints_bend = found.links is None
@@ -157,18 +158,26 @@ class Identification:
         return describe_found(found, assessment, joints.noticed, advice, resampling)
 
     def _find_joints(self) -> Found:
-        """Return joints alone, with the evidence for them, where no models were compared."""
+        """Return the model in which only joints bend, of a run that compares no models.
+
+        The screening are tests of what this model leaves unexplained; the choice is a message on why only
+        joints are assumed to bend.
+        """
         models_are_comparable = self._obstacle is None
         screening = replace(self._joints.screening, comparable=models_are_comparable)
         choice = describe_choice_of_joints(self._options, screening, self._obstacle)
         return find_joints(self._joints, screening, choice)
 
     def _find_best(self, competition: Competition, parts: Sequence[Arrays]) -> Found:
-        """Return the best model of a competition: an elastic one, or joints alone with the better loss."""
+        """Return the model that predicts held-out postures best.
+
+        The winner is a model with elastic links or base, or joints alone with one of the losses.
+        """
         winner = competition.choose_winner(parts)
         screening = replace(competition.screening, gain=winner.selection.gain)
         if winner.elastic is not None:
             return find_elastic(self._joints, competition, winner, winner.elastic, screening)
-        loss: Loss = "huber" if winner.held_out.loss == "huber" else "squared"
         choice = describe_choice_by_comparison(winner, screening)
-        return find_joints(self._joints.with_loss(loss), screening, choice)
+        loss: Loss = "huber" if winner.held_out.loss == "huber" else "squared"
+        joints = self._joints.with_loss(loss)
+        return find_joints(joints, screening, choice)

@@ -253,30 +253,30 @@ def state_sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone, B: FloatArray) 
 
     ρ is Huber's loss: u²/(2h) up to h and u − h/2 beyond. For a residual r_i it is
     ``min ‖s_i‖²/2 + t_i`` over s_i and t_i with ``‖r_i − √h s_i‖ ≤ t_i``: one second-order cone for each
-    target.
+    target. Mat(x_b) is the symmetric matrix with the entries x_b.
 
     Args:
         A: (K, 3, m) regressor of K targets.
         d: (K, 3) deflections of the targets.
-        cone: cone in which x lies.
-        B: (K, 3, q) columns of the errors v, which are stated as zero within one unit.
+        cone: cone in which x lies: its first entries x_j are not negative, its matrices semidefinite.
+        B: (K, 3, q) columns of the errors v, which have the prior 0 ± 1.
 
     Returns:
-        The compiled program of (x, v/√h); its parameters are p (m,) and root (1,), the square root of h.
+        The compiled program of (x, w) with w = v/√h; its parameters are p (m,) and root (1,), √h.
     """
     with COMPILING:
         K, _, m = A.shape
-        error_count = B.shape[-1]
-        unknowns, t, s = cp.Variable(m + error_count), cp.Variable(K), cp.Variable(3 * K)
+        q = B.shape[-1]
+        unknowns, t, s = cp.Variable(m + q), cp.Variable(K), cp.Variable(3 * K)
+        x, w = unknowns[:m], unknowns[m:]
         p, root = cp.Parameter(m, name="p"), cp.Parameter(1, name="root")
-        x, errors = unknowns[:m], unknowns[m:]  # errors are v/√h
         loss = cp.sum(t) + 0.5 * cp.sum_squares(s)
         shift = root[0] * s
-        if error_count:
-            shift -= root[0] * (B.reshape(3 * K, -1) @ errors)
-            loss += 0.5 * cp.sum_squares(errors)
-        shifted_residual = A.reshape(-1, m) @ x - d.ravel() - shift
-        norms = cp.SOC(t, cp.reshape(shifted_residual, (K, 3), order="C"), axis=1)
+        if q:
+            shift -= root[0] * (B.reshape(3 * K, -1) @ w)
+            loss += 0.5 * cp.sum_squares(w)
+        shifted_residuals = A.reshape(-1, m) @ x - d.ravel() - shift
+        norms = cp.SOC(t, cp.reshape(shifted_residuals, (K, 3), order="C"), axis=1)
         return Program(cp.Minimize(loss + p @ x), [norms, *_state_cone(x, cone)], unknowns)
 
 
@@ -352,9 +352,13 @@ def state_mass_cone_end(rows: int, blocks: tuple[Block, ...]) -> Program:
 def _state_block_cones(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constraint]:
     """Return the constraints of all blocks: ``0 ≤ c ≤ cap, |ζ_k| ≤ c, ‖ν‖ ≤ c + ratio ζ_k``.
 
-    x has (c, ζ, ν) of one block after the other: the compliance c of a joint, then ζ and ν, c times unknown
-    masses and moments. `Block.balls` has k and ratio for the limit of each ν (3,); ``k = −1`` means the limit
-    c. `cap`, with one entry for each block, is a parameter.
+    A block is a joint's part of x, in this order:
+        c: the compliance of the joint.
+        ζ: c times unknown masses, each between −c and c; `block.boxes` numbers.
+        ν: vectors (3,), c times unknown moments of mass. `block.balls` has (k, ratio) for the limit of each
+            ν; ``k = −1`` means the limit c.
+
+    `cap`, with one entry for each block, is a parameter.
     """
     cap = cp.Parameter(len(blocks), name="cap")
     constraints = list[cp.Constraint]()

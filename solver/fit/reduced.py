@@ -482,18 +482,19 @@ def convert_weight_to_huber(
 
 
 def _compare_penalties(reduced: Reduced, candidate: Candidate, unknowns: FloatArray) -> float:
-    """Return the ratio of the gradient of squares to that of Huber's loss, at unknowns (P + K,).
+    """Return the ratio of the gradient of squares to that of Huber's loss, at the fitted unknowns.
 
     A penalty of the same weight is weaker by this ratio in a fit by squares. A residual r contributes ‖r‖/h
     to the gradient of Huber's loss up to the threshold h, and 1 beyond; to that of squares it contributes
-    2‖r‖. The ratio is therefore 2 max(‖r‖, h), here averaged over the targets. Squares are divided by ‖d‖²,
-    Huber's loss by the sum of all deflections' lengths.
+    2‖r‖. The ratio is therefore 2 max(‖r‖, h), here averaged over the targets.
     """
     scale = reduced.sigma or reduced.estimate_residual_scale(unknowns)
     threshold = candidate.threshold * scale
     norms = reduced.part.compute_residual_norms(unknowns)
     mean_ratio = 2.0 * float(np.maximum(norms, threshold).mean())
-    return mean_ratio * reduced.total / reduced.size**2
+    # Squares are divided by ‖d‖² of the readings d, Huber's loss by the sum of their lengths.
+    squared_norm_of_readings, sum_of_lengths = reduced.size**2, reduced.total
+    return mean_ratio * sum_of_lengths / squared_norm_of_readings
 
 
 def list_losses_to_compare(measurements: Measurements, losses: tuple[LossName, ...]) -> tuple[LossName, ...]:

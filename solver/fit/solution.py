@@ -356,22 +356,23 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
 def _propose_on_rows(
     scaled: Scaled, active: BoolArray, near: FloatArray, solved_by: SupportFinder
 ) -> Iterator[_Proposal]:
-    """Yield two least-squares points at which some rows of the constraints hold with equality.
+    """Yield two candidates for the optimum: least-squares points on some constraints, held with equality.
 
-    The rows `active` do at the second point. At the first point the rows do whose multipliers are positive at
-    the second point: rounding may have hidden some active rows from the caller. But where variables differ
-    very much in size, these may be too many, so that both points are proposed.
+    The second candidate holds the constraints `active`. The first candidate holds those whose multipliers are
+    positive at the second: these include active constraints that rounding hid from the caller, but may be too
+    many where variables differ very much in size.
 
     Args:
         scaled: the equilibrated problem.
-        active: (k,) mask of the rows that seem to be active.
+        active: (k,) mask of the constraints that seem to be active.
         near: (n,) point; where a least-squares point is not unique, the nearest to this point is taken.
-        solved_by: algorithm that found the active rows.
+        solved_by: algorithm that found the active constraints; recorded with the candidates.
     """
-    on_given_rows = scaled.solve_on_rows(active, near)
-    has_positive_multiplier = scaled.multipliers_at(on_given_rows) > 0
-    yield scaled.solve_on_rows(has_positive_multiplier, on_given_rows), solved_by
-    yield on_given_rows, solved_by
+    second = scaled.solve_on_rows(active, near)
+    has_positive_multiplier = scaled.multipliers_at(second) > 0
+    first = scaled.solve_on_rows(has_positive_multiplier, second)
+    yield first, solved_by
+    yield second, solved_by
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,38 +74,32 @@ class OwnWeight:
         Returns:
             Torques (B, n) [N·m], and their derivative (B, n, n) with respect to the joint angles [N·m/rad].
         """
+        all_joints_have_the_same_masses = self.mass.ndim == 1
+        if all_joints_have_the_same_masses:
+            return self._compute_torques(robot, postures, self.mass, self.centre)
         posture_count, n = postures.q.shape
         torque, stiffness = np.empty((posture_count, n)), np.empty((posture_count, n, n))
-        has_masses_of_each_joint = self.mass.ndim > 1
-        if not has_masses_of_each_joint:
-            self._fill_torques(torque, stiffness, robot, postures, slice(None), self.mass, self.centre)
-            return torque, stiffness
         for j in range(n):
-            only_j = slice(j, j + 1)
-            self._fill_torques(torque, stiffness, robot, postures, only_j, self.mass[j], self.centre[j])
+            torques, derivatives = self._compute_torques(robot, postures, self.mass[j], self.centre[j])
+            torque[:, j], stiffness[:, j] = torques[:, j], derivatives[:, j]
         return torque, stiffness
 
-    def _fill_torques(
-        self,
-        torque: FloatArray,
-        stiffness: FloatArray,
-        robot: Robot,
-        postures: Postures,
-        joints: slice,
-        mass: FloatArray,
-        centre: FloatArray,
-    ) -> None:
-        """Write the torques (B, n) of the weights about some joints, and their derivatives (B, n, n).
+    def _compute_torques(
+        self, robot: Robot, postures: Postures, mass: FloatArray, centre: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return torques (B, n) of weights about the joints, and their derivatives (B, n, n), by Pinocchio.
 
-        `mass` (n,) and `centre` (n, 3) are those of the links for these torques.
+        The links have the masses (n,) [kg], and the centres of mass (n, 3) in their frames [m].
         """
+        posture_count, n = postures.q.shape
+        torques, derivatives = np.empty((posture_count, n)), np.empty((posture_count, n, n))
         model = copy_with_weights(robot.model, mass, centre, self.gravity)
         data = model.createData()
         for posture, q in enumerate(in_configuration_space(model, postures.q)):
-            derivative = pin.computeGeneralizedGravityDerivatives(model, data, q)
             # Pinocchio returns the torques that hold the weights: those of the weights are opposite.
-            torque[posture, joints] = -data.g[joints]
-            stiffness[posture, joints] = -derivative[joints]
+            derivatives[posture] = -pin.computeGeneralizedGravityDerivatives(model, data, q)
+            torques[posture] = -data.g
+        return torques, derivatives
 
 
 @dataclass(frozen=True, eq=False)
