@@ -173,11 +173,11 @@ def fit_elastic(
 
 
 def _fit_once(rows: Rows, reduced: Reduced, candidate: Candidate, weight: float) -> ElasticFit:
-    """Fit an elastic model to a whole set, certify the optimum, and summarise the result.
+    """Fit the compliances of joints, links and base to a whole set, certify the optimum, and summarise it.
 
     Args:
         rows: N observations.
-        reduced: all these observations, reduced to the parameters of the model.
+        reduced: compressed rows of all these observations, for the parameters of the model.
         candidate: elastic elements that bend, and the loss.
         weight: λ > 0 of the penalty.
 
@@ -240,14 +240,17 @@ class _Certified(NamedTuple):
 
 
 def _fit_certified(reduced: Reduced, candidate: Candidate, weight: float) -> _Certified:
-    """Find the optimum of a candidate's loss, and certify the matrices that are published.
+    """Minimise the loss and the penalty, make compliance matrices semidefinite, and certify the result.
+
+    The certificate is the duality gap: by how much the objective may exceed the optimum. Here it is expressed
+    in units of sigma, the noise of a reading.
 
     Raises:
         UnsupportedMethodError: the penalty is too small for the optimum to be certified.
     """
     gap_scale = _compute_gap_scale(reduced)  # sigma, or the residuals if greater [m]
     gap_of_one_sigma = gap_scale / compute_gap_unit(reduced, candidate)
-    try:  # The solver aims at the desired gap; a larger gap within the accepted limit is no error.
+    try:  # The solver aims at the desired gap; a larger gap up to the accepted one is no error.
         loss, solution = fit_loss(
             reduced,
             candidate,
@@ -291,7 +294,7 @@ def _build_likelihood(
     Args:
         reduced: rows of the fit.
         candidate: elastic elements that bend, and the loss.
-        unknowns: (P + K,) fitted compliances and stated errors.
+        unknowns: (P + K,) fitted compliances, then fitted systematic errors.
         weight: weight λ of the penalty in the fit.
     """
     weight_of_squares = convert_weight_to_squares(reduced, candidate, unknowns, weight)
@@ -321,7 +324,10 @@ class _Residuals(NamedTuple):
 def _summarise_residuals(
     squares: Reduced, weight: float, compliances: FloatArray, sigma: float | None
 ) -> _Residuals:
-    """Compute the degrees of freedom, sigma and chi square of a fit from its residuals.
+    """Compute the degrees of freedom, sigma and chi square of a penalised fit from its residuals.
+
+    A penalty leaves each compliance an effective freedom between 0 and 1; the degrees of freedom are the
+    number of readings less the sum of these.
 
     Args:
         squares: (weighted) least-squares problem of the fit.
@@ -345,7 +351,7 @@ def _summarise_residuals(
 
 
 def _compute_gap_scale(reduced: Reduced) -> float:
-    """Return the length [m] that is the unit of the gaps of certificates.
+    """Return the length [m] by which the duality gap of a fit is judged: the size of the noise.
 
     The length is sigma, or the rms residual of an unconstrained fit without penalty, if that is greater: an
     optimum more exact than these residuals would have no use. If sigma is None, the rms residual of a fit of
@@ -437,11 +443,11 @@ def _compute_element_shares(
     Args:
         source: N observations.
         candidate: elastic elements that bend.
-        statements: stated errors that were fitted.
-        unknowns: (P + K,) fitted compliances and stated errors.
+        statements: systematic errors that were fitted together with the elements.
+        unknowns: (P + K,) fitted compliances, then fitted systematic errors.
 
     Returns:
-        The shares; and the prediction of all deflections by all elements and stated errors together.
+        The shares; and the prediction of all deflections by all elements and errors together.
     """
     elements = _list_elements(source.robot, candidate)
     predicted, predicted_turns, products = [], [], []

@@ -73,27 +73,35 @@ class FreeLoad:
     ) -> FreeLoad | None:
         """Compress the rows of a campaign; None if no joint is near the line of the load.
 
+        Near this line a joint's lever is short compared with the uncertainty of the load point.
+
         Args:
             rows: N observations, in balance with the fitted compliances.
             settings: constraints and prior; method and weighting do not matter.
-            statements: what is stated of load and places, at the fitted compliances.
+            statements: systematic errors of load and places with their standard uncertainties.
             joints: (p,) joints that the readings show, ascending.
         """
         states_errors_of_load = any(term.name in BY_JOINT for term in statements.terms)
         if not states_errors_of_load:
             return None
         is_large = len(rows) > _SAMPLE
-        sample = rows.select_evenly(_SAMPLE) if is_large else rows
-        of_sample = cls._compress(sample, settings, statements, joints)
-        if not of_sample.weak.any():
+        sample = rows.select_evenly(_SAMPLE) if is_large else rows  # enough to tell short levers
+        free_load = cls._compress(sample, settings, statements, joints)
+        if not free_load.weak.any():
             return None
-        return cls._compress(rows, settings, statements, joints) if is_large else of_sample
+        if is_large:
+            free_load = cls._compress(rows, settings, statements, joints)
+        return free_load
 
     @classmethod
     def _compress(
         cls, rows: Rows, settings: Settings, statements: Statements, joints: IndexArray
     ) -> FreeLoad:
-        """Compress the rows to the triangular factor of their QR decomposition; arguments as of `of`."""
+        """Build the least-squares problem ``A c + B e ≈ d``, compressed by QR; the arguments are as of `of`.
+
+        c are the compliances of the p joints, e the K errors. The columns B depend on the compliances: B
+        changes by ``levers[:, j]`` for each unit of compliance of joint j.
+        """
         terms_of_load = [term for term in statements.terms if term.name in BY_JOINT]
         # `BY_JOINT` has the same errors of the load, with a column for each joint at compliance 1.
         terms = (*statements.terms, *(BY_JOINT[term.name] for term in terms_of_load))
@@ -108,12 +116,12 @@ class FreeLoad:
         if triangle is None:
             raise ValueError("no observations")
 
-        R, columns_of = triangle.R, triangle.span
+        R, columns_of = triangle.R, triangle.span  # QR factor of all rows; columns of each term in it
         columns_of_errors = np.concatenate([columns_of[term.name] for term in statements.terms])
         A, B, d = R[:, joints], R[:, columns_of_errors], R[:, -1]
         levers = np.zeros((len(R), rows.robot.n, len(columns_of_errors)))  # (rows, joints, errors)
         for term in terms_of_load:
-            errors = np.searchsorted(columns_of_errors, columns_of[term.name])
+            errors = np.searchsorted(columns_of_errors, columns_of[term.name])  # indices among the K errors
             by_joint = R[:, columns_of[BY_JOINT[term.name].name]]
             levers[:, :, errors] = by_joint.reshape(len(R), rows.robot.n, -1)
         levers = levers[:, joints]
@@ -164,7 +172,7 @@ class Profile:
     """
 
     def __init__(self, load: FreeLoad, j: int) -> None:
-        """Start the profile of the joint with index j among the p joints of the load's readings."""
+        """Start the profile of the joint with index j among the p joints that the readings show."""
         self._load, self._j = load, j
         self._others = np.delete(np.arange(len(load.joints)), j)
         self.programs = 0
@@ -179,10 +187,13 @@ class Profile:
 
     @cached_property
     def _without_others(self) -> tuple[FloatArray, ...]:
-        """Columns of the joint, statements and levers, and the readings; other joints are projected out.
+        """Project the columns of the other joints out of the least-squares problem ``v a + B e ≈ d``.
+
+        A fit to the result equals a fit in which the other compliances are free.
 
         Returns:
-            a (m, 1), B (m, K), the lever's columns (m, K), and d (m, 1).
+            The joint's column a (m, 1), the columns B of the errors (m, K), the change of B by a unit
+            compliance of the joint (m, K), and the readings d (m, 1).
         """
         load, j = self._load, self._j
         columns_of_others, _ = unit_columns(load.A[:, self._others])
@@ -194,19 +205,19 @@ class Profile:
         """Return the least sums of squares (V,) at compliances (V,) of the joint, without constraints."""
         a, B, lever, d = self._without_others
         rows = self._stack(compliance, a, B, lever, d)
+        # The last entry of the QR factor of rows [A d] is the length of the residual of ``A x ≈ d``.
         factors = compute_triangular_factor(rows)
-        # The last entry of the triangular factor of [A d] is the length of the residual.
         return np.square(factors[:, -1, -1])
 
     def within_constraints(self, compliance: FloatArray) -> FloatArray:
         """Return the least sums of squares (V,) at compliances (V,) of the joint, within the constraints."""
+        rows = self._stack_with_others(compliance)
+        # The errors have no constraints, and their columns come first. So the QR factor has a first part for
+        # the errors, and below it a part for the other compliances alone.
         error_count = self._load.B.shape[1]
-        factors = compute_triangular_factor(self._stack_with_others(compliance))
-        # Below the rows of the errors, which have no constraints, are those of the other compliances alone.
-        factors = factors[:, error_count:, error_count:]
-        return np.array(
-            [self._solve(value, factor) for value, factor in zip(compliance, factors, strict=True)]
-        )
+        factors = compute_triangular_factor(rows)[:, error_count:, error_count:]
+        least = [self._solve(value, factor) for value, factor in zip(compliance, factors, strict=True)]
+        return np.array(least)
 
     def _stack(
         self, compliance: FloatArray, a: FloatArray, B: FloatArray, lever: FloatArray, d: FloatArray

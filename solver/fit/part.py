@@ -84,7 +84,7 @@ class Part:
 
     @cached_property
     def stated(self) -> FloatArray:
-        """Rows (q, P + K + 1) of what is stated: first that K errors are zero, then priors."""
+        """Rows (q, P + K + 1) of the priors: first of the K errors, then of the compliances."""
         return self.statements.build_rows(self.compliances, self.stated_errors)
 
     @cached_property
@@ -107,10 +107,9 @@ class Part:
 
     @property
     def with_errors_fitted(self) -> FloatArray:
-        """Upper triangular rows (P + 1, P + 1) [S s] of the problem ``S x ≈ s`` in the compliances x alone.
+        """Upper triangular rows [S s] (P + 1, P + 1) of the problem ``S x ≈ s`` in the compliances x alone.
 
-        Its solution equals the compliances of a fit in which the stated errors are free within their standard
-        uncertainties.
+        Its solution equals the compliances of a fit together with the K systematic errors, which have priors.
         """
         if not len(self.stated):
             return self.triangle
@@ -123,9 +122,9 @@ class Part:
         return self.size.readings + len(self.stated) - self.stated_errors
 
     def append_fitted_errors(self, compliances: FloatArray) -> FloatArray:
-        """Append to compliances x (..., P) the stated errors v (..., K) that fit best in least squares.
+        """Append to compliances x (..., P) the systematic errors v (..., K) that fit best in least squares.
 
-        The best errors are affine in the compliances: ``v = v_0 − V x``.
+        The best errors for given compliances are ``v = v_0 − V x``.
         """
         if not self.stated_errors:
             return compliances
@@ -135,7 +134,10 @@ class Part:
         return np.concatenate([compliances, errors], axis=-1)
 
     def compute_residual_norms(self, unknowns: FloatArray) -> FloatArray:
-        """Return the norms (T,) [m] of each target's whitened residual at unknowns (P + K,)."""
+        """Return the norm (T,) [m] of each target's whitened residual.
+
+        `unknowns` (P + K,) are the compliances, then the systematic errors.
+        """
         regressor, readings = self.targets[..., :-1], self.targets[..., -1]  # (T, 3, P + K), (T, 3)
         residuals = regressor @ unknowns - readings
         return np.asarray(np.linalg.norm(residuals, axis=1))
@@ -153,13 +155,16 @@ class Part:
 def compress_parts(
     rows: Rows, columns: Columns, parts: Sequence[IndexArray], statements: Statements | None = None
 ) -> tuple[Part, ...]:
-    """Compress the rows of each of several parts of a measurement set, in one pass with little memory.
+    """Compress the least-squares rows of each of several parts of a measurement set by QR decomposition.
+
+    One pass over the set, some hundred observations at a time, needs little memory.
 
     Args:
         rows: N observations.
-        columns: columns of the richest model.
-        parts: ascending indices of the observations of each part.
-        statements: stated errors that are fitted together with the compliances; None without any.
+        columns: columns of the richest elastic model.
+        parts: ascending indices of the observations of each part, such as a fold of a cross-validation.
+        statements: systematic errors with a prior, which are fitted together with the compliances; None
+            without any.
 
     Raises:
         MeasurementError: a covariance is not positive definite.
@@ -180,7 +185,7 @@ class _PartBuilder:
     """Collector of the rows of one part, block by block."""
 
     def __init__(self, rows: Rows, part: IndexArray) -> None:
-        """Start without rows; `part` are the ascending indices of the part's observations in the set."""
+        """Start without rows; `part` are the ascending indices of the part's observations among the rows."""
         self._part = part
         self._measurements = rows.measurements[part]
         self._factors = list[FloatArray]()  # QR factor of the rows of each block
@@ -243,9 +248,10 @@ def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:
 def generate_elastic_rows(
     rows: Rows, columns: Columns, statements: Statements | None = None
 ) -> Iterator[BlockRows]:
-    """Yield the rows [A B d] of all elastic elements, some hundred observations at a time, not whitened.
+    """Yield the least-squares rows [A B d] of all elastic elements, some hundred observations at a time.
 
-    A are the P columns of compliances, B the K columns of stated errors, d the readings.
+    A are the P columns of compliances, B the K columns of systematic errors with a prior, d the readings. The
+    rows are in metres and radians, not whitened.
     """
     statements = statements or Statements.none(rows.robot.n)
     for start in range(0, len(rows), _BLOCK):

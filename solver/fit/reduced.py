@@ -119,7 +119,7 @@ class Reduced:
     def norms(self) -> NormSum:
         """Robust objective ``Σ ρ(‖A_i x + B_i v − d_i‖)`` over the targets i, without the penalty.
 
-        x are the parameters, v the stated errors; all lengths are in units of `total`.
+        x are the parameters, v systematic errors with a prior; all lengths are in units of `total`.
         """
         rows = self.part.targets / self.total
         return NormSum(
@@ -145,7 +145,7 @@ class Reduced:
         return compliances
 
     def to_unknowns(self, solution: ConeSolution) -> FloatArray:
-        """Return the unknowns (P + K,) of a solution: the compliances, then the stated errors."""
+        """Return the unknowns (P + K,) of a solution: compliances, then systematic errors with a prior."""
         compliances = self.to_compliances(solution.x)
         if isinstance(solution, RobustSolution):
             return np.concatenate([compliances, solution.errors])
@@ -155,7 +155,7 @@ class Reduced:
         """Estimate the standard deviation [m] of a residual's coordinate, robustly by the median norm.
 
         Args:
-            unknowns: (P + K,) fitted compliances and stated errors.
+            unknowns: (P + K,) fitted compliances, then fitted systematic errors.
         """
         norms = self.part.compute_residual_norms(unknowns)
         mean_deflection = self.total / max(1, len(norms))
@@ -171,10 +171,11 @@ class Reduced:
 
 
 def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: float | None = None) -> Reduced:
-    """Reduce the rows of a part to the parameters x of a model.
+    """Select and scale the columns of least-squares rows for the parameters x of a model.
 
-    Compliances are ``unit · x``: for joints the unit makes the columns of x unit vectors, and for penalised
-    elements it makes the penalty the sum of x, or the trace of the matrix of x (module's docstring).
+    Compliances are ``unit · x``. For joints the unit makes the columns of x unit vectors. For elements with a
+    penalty it makes the penalty the sum of x or, if the compliance is a full matrix, the trace of the matrix
+    of x.
 
     Args:
         part: compressed rows of the observations.
@@ -255,11 +256,11 @@ def _list_penalised_elements(
 
 
 def _scale_penalty(size: Size, reading_norm: float) -> tuple[float, FloatArray]:
-    """Return the unit of compliance u [m/N] and the levers ρ (n + 1,) [m] that scale the penalty.
+    """Return a typical compliance u [m/N] and the levers ρ (n + 1,) [m] by which the penalty is scaled.
 
     u is the root mean square deflection divided by the root mean square force. A moment counts as the force
-    that causes this moment on the levers of the joints. The lever ρ of a frame is the root mean square
-    distance from its origin to the load point.
+    that causes this moment on the levers of the joints. The lever ρ of a joint's frame, or of the base, is
+    the root mean square distance from its origin to the load point.
 
     Args:
         size: sums over the observations.
@@ -322,7 +323,7 @@ class Loss(ABC):
 
         Args:
             candidate: elastic elements that bend.
-            unknowns: (P + K,) fitted compliances and stated errors.
+            unknowns: (P + K,) fitted compliances, then fitted systematic errors.
             weight: weight λ of the penalty in the fit.
         """
 
@@ -402,11 +403,11 @@ class HuberLoss(Loss):
 
 
 def compute_gap_unit(reduced: Reduced, candidate: Candidate) -> float:
-    """Return the factor [m] that converts the gap of a certificate to a length.
+    """Return the factor [m] that converts the duality gap of a fit to a length.
 
-    With the squared loss, the length is ‖R (x − x̂)‖, the distance between the fitted readings and the fitted
-    readings at the exact optimum. With a robust loss, the length is the amount by which the mean norm of the
-    targets' residuals exceeds that at the exact optimum.
+    With the squared loss, the length is how far the fitted readings are from those at the exact optimum. With
+    a robust loss, the length is by how much the mean norm of the targets' residuals exceeds that at the exact
+    optimum.
     """
     if candidate.loss == "squared":
         return reduced.size  # the norm of the readings, by which squared losses are divided
@@ -423,14 +424,14 @@ class Fitted(NamedTuple):
 def fit_loss(
     reduced: Reduced, candidate: Candidate, weight: float, *, gap: float, accepted: float | None = None
 ) -> Fitted:
-    """Fit the parameters with a candidate's loss, and certify the optimum.
+    """Fit the parameters with squared loss or Huber's loss, and certify the optimum.
 
-    The threshold of Huber's loss is in units of sigma; if sigma is unknown, in units of the robust scale of
-    the residuals, first of a fit with squares, then of the fit itself.
+    The threshold of Huber's loss is in units of sigma, the stated noise of a reading. If sigma is unknown, it
+    is in units of the residuals' robust scale, first of a fit with squares, then of the fit itself.
 
     Args:
         reduced: rows of some observations.
-        candidate: the loss.
+        candidate: model with its loss and the threshold of the loss.
         weight: λ > 0 of the penalty.
         gap: duality gap at which the search ends.
         accepted: greatest gap that is accepted if rounding prevents `gap`; None for `gap` itself.
@@ -445,7 +446,8 @@ def fit_loss(
     solution = loss.solve(weight, gap=gap, accepted=accepted)
     if is_huber and reduced.sigma is None:
         for _ in range(_SCALE_ROUNDS):
-            scale = reduced.estimate_residual_scale(reduced.to_unknowns(solution))
+            unknowns = reduced.to_unknowns(solution)
+            scale = reduced.estimate_residual_scale(unknowns)
             loss = HuberLoss(reduced, candidate.threshold * scale)
             solution = loss.solve(weight, gap=gap, accepted=accepted)
     return Fitted(loss, solution)
@@ -459,12 +461,13 @@ def convert_weight_to_squares(
     Args:
         reduced: rows of the fit.
         candidate: model and loss of the fit.
-        unknowns: (P + K,) fitted compliances and stated errors.
+        unknowns: (P + K,) fitted compliances, then fitted systematic errors.
         weight: weight λ of the penalty in the fit.
     """
     if candidate.loss == "squared":
         return weight
-    return max(weight * _compare_penalties(reduced, candidate, unknowns), _LEAST_WEIGHT)
+    ratio_of_gradients = _compare_gradients(reduced, candidate, unknowns)
+    return max(weight * ratio_of_gradients, _LEAST_WEIGHT)
 
 
 def convert_weight_to_huber(
@@ -475,13 +478,14 @@ def convert_weight_to_huber(
     Args:
         reduced: rows of the fit.
         candidate: model, and threshold of the loss.
-        unknowns: (P + K,) compliances and stated errors, fitted by squares.
+        unknowns: (P + K,) compliances, then systematic errors, fitted by squares.
         weight: weight λ of the penalty in the fit by squares.
     """
-    return weight / _compare_penalties(reduced, candidate, unknowns)
+    ratio_of_gradients = _compare_gradients(reduced, candidate, unknowns)
+    return weight / ratio_of_gradients
 
 
-def _compare_penalties(reduced: Reduced, candidate: Candidate, unknowns: FloatArray) -> float:
+def _compare_gradients(reduced: Reduced, candidate: Candidate, unknowns: FloatArray) -> float:
     """Return the ratio of the gradient of squares to that of Huber's loss, at the fitted unknowns.
 
     A penalty of the same weight is weaker by this ratio in a fit by squares. A residual r contributes ‖r‖/h

@@ -447,9 +447,9 @@ class RegressorBlock:
         """Whiten rows of the encoders: independent noise of variance sigma², given the rows of the targets.
 
         Tracker and encoders see the same turns of the joints. The errors s ~ N(0, I) that a posture's
-        readings share move targets by G s and encoders by H s. Given the targets, s has the covariance
-        ``M = (I + GᵀG)⁻¹`` and the mean M Gᵀ t; the encoders' rows e are whitened as ``e − H M Gᵀ t``, with
-        covariance ``I + H M Hᵀ``.
+        readings share move the targets' rows t by G s and the encoders' rows e by H s. Given the targets, s
+        has the covariance ``M = (I + GᵀG)⁻¹`` and the mean M Gᵀ t; so ``e − H M Gᵀ t`` has the covariance
+        ``I + H M Hᵀ``, whose inverse root makes the rows independent.
 
         Args:
             rows: (B, n, k) rows of the encoders [rad].
@@ -474,7 +474,7 @@ class RegressorBlock:
         n, error_count = len(by_turn), G.shape[-1]
         M = np.linalg.inv(np.eye(error_count) + G.mT @ G)
         own_turns = scatter.joints * by_turn * measurements.encoders.present  # (B, n)
-        H = own_turns[..., None] * np.eye(n, error_count)
+        H = own_turns[..., None] * np.eye(n, error_count)  # an encoder sees only the turn of its own joint
         remaining = e - H @ M @ (G.mT @ t)
         # Multiply by the symmetric root V diag(λ^(-1/2)) Vᵀ of the inverse covariance.
         eigenvalues, V = np.linalg.eigh(np.eye(n) + H @ M @ H.mT)
@@ -595,7 +595,10 @@ def targets_in_flange(robot: Robot, part: Measurements) -> FloatArray:
 
 
 def _compute_block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
-    """Compute the regressors of some observations; with a compliance, include the complementary stiffness.
+    """Compute the regressors of some observations, by which joint compliances move the targets.
+
+    Without a compliance, the torques are those in the unloaded postures. With joint compliances (n,), they
+    are those in the loaded postures, found by Newton's method, and the targets move about axes half-way.
 
     Raises:
         SolverError: a load has no equilibrium with joints of this compliance.
