@@ -202,7 +202,10 @@ class Profile:
         return tuple(each - basis @ (basis.T @ each) for each in columns)
 
     def without_constraints(self, compliance: FloatArray) -> FloatArray:
-        """Return the least sums of squares (V,) at compliances (V,) of the joint, without constraints."""
+        """Minimise the sum of squares over all other unknowns for each of V compliances of the joint.
+
+        Returns the least sums (V,) without constraints on the compliances.
+        """
         a, B, lever, d = self._without_others
         rows = self._stack(compliance, a, B, lever, d)
         # The last entry of the QR factor of rows [A d] is the length of the residual of ``A x ≈ d``.
@@ -210,7 +213,11 @@ class Profile:
         return np.square(factors[:, -1, -1])
 
     def within_constraints(self, compliance: FloatArray) -> FloatArray:
-        """Return the least sums of squares (V,) at compliances (V,) of the joint, within the constraints."""
+        """Minimise the sum of squares over all other unknowns for each of V compliances of the joint.
+
+        Returns the least sums (V,) within the constraints on the compliances; infinite where no compliances
+        of the other joints satisfy the constraints.
+        """
         rows = self._stack_with_others(compliance)
         # The errors have no constraints, and their columns come first. So the QR factor has a first part for
         # the errors, and below it a part for the other compliances alone.
@@ -260,7 +267,7 @@ class Profile:
         return np.concatenate([rows[..., :-1], columns_of_others, rows[..., -1:]], axis=-1)
 
     def _solve(self, value: float, factor: FloatArray) -> float:
-        """Return the least sum of squares over the other compliances; infinite if none is feasible.
+        """Minimise the sum of squares over the other compliances; return infinity if none is feasible.
 
         Args:
             value: compliance of the joint [rad/(N·m)].

@@ -202,14 +202,15 @@ class _PartBuilder:
             start: index of the block's first observation in the set.
             stop: index after its last observation.
         """
-        in_part = select_rows_of_part(self._part, start, stop)
+        in_part = select_rows_of_part(self._part, start, stop)  # indices in the block
         rows = whitened.flat[in_part]  # (observations, rows of each, columns)
         self._factors.append(compute_triangular_factor(rows.reshape(-1, rows.shape[-1])))
         self._reading_count += int(whitened.read[in_part].sum())
         if self._keeps_targets:
             was_read = whitened.block.measurements.present[in_part]
             self._targets.append(whitened.targets[in_part][was_read])
-        _, _, to_load_point = whitened.block.frames  # (B, n + 1, 3) from the origin of each frame [m]
+        # Levers of the load: (B, n + 1, 3) vectors from the origin of each frame to the load point [m].
+        _, _, to_load_point = whitened.block.frames
         self._squared_lever += np.square(to_load_point[in_part]).sum(axis=(0, 2))
 
     def build(self, statements: Statements, columns: Columns) -> Part:

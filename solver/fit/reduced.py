@@ -119,9 +119,10 @@ class Reduced:
     def norms(self) -> NormSum:
         """Robust objective ``Σ ρ(‖A_i x + B_i v − d_i‖)`` over the targets i, without the penalty.
 
-        x are the parameters, v systematic errors with a prior; all lengths are in units of `total`.
+        x are the parameters, v systematic errors with a prior, d_i the deflection of target i; all lengths
+        are in units of `total`.
         """
-        rows = self.part.targets / self.total
+        rows = self.part.targets / self.total  # [A B d] of each target, with columns A of all compliances
         return NormSum(
             A=rows[..., self.columns] * self.unit,
             d=rows[..., -1],
@@ -163,11 +164,16 @@ class Reduced:
         return max(scale, _LEAST_SCALE * mean_deflection)
 
     def fit_joints_only(self) -> FloatArray:
-        """Return the exact least-squares unknowns (P + K,) if joints alone bend: there is no penalty."""
+        """Fit the compliances of joints that alone bend by non-negative least squares, without a penalty.
+
+        Returns:
+            (P + K,) compliances of all elements, zero except for joints, then systematic errors.
+        """
         R, z = self.squares.R, self.squares.z
         problem = IdentificationProblem(R, z, Bounds.positive(R.shape[1]))
         x = solve_step(problem).compliance
-        return self.part.append_fitted_errors(self.to_compliances(x))
+        compliances = self.to_compliances(x)
+        return self.part.append_fitted_errors(compliances)
 
 
 def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: float | None = None) -> Reduced:

@@ -795,9 +795,9 @@ def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatAr
         compliance: (n,) compliances of the joints, on which the columns of errors depend [rad/(N·m)].
     """
     measurements, encoders = block.measurements, block.measurements.encoders
-    motions = [block.move(term, compliance) for term in terms]
-    widths = {term.name: motion.targets.shape[-1] for term, motion in zip(terms, motions, strict=True)}
-    columns = [motion.targets for motion in motions]
+    motions = {term.name: block.move(term, compliance) for term in terms}
+    widths = {name: motion.targets.shape[-1] for name, motion in motions.items()}
+    columns = [motion.targets for motion in motions.values()]
     columns.append(measurements.deflection[..., None])
     targets = np.concatenate(columns, axis=-1)  # (B, T, 3, K + 1)
     if measurements.direction is not None:
@@ -808,8 +808,8 @@ def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatAr
         return BlockRows(block, targets, None, widths)
 
     columns = []
-    for motion, width in zip(motions, widths.values(), strict=True):
-        no_motion = np.zeros((*measurements.joints.shape, width))
+    for name, motion in motions.items():
+        no_motion = np.zeros((*measurements.joints.shape, widths[name]))
         columns.append(no_motion if motion.joints is None else motion.joints)
     columns.append(encoders.deflection[..., None])
     encoder_rows = np.concatenate(columns, axis=-1)  # (B, n, K + 1)
