@@ -174,7 +174,7 @@ class Constraints:
     def select(self, columns: IndexArray) -> Constraints:
         """Return the constraints on the joints with indices `columns` (p,), which are ascending.
 
-        Pairs of the order that follow from the joints left out are stated.
+        The order keeps what it implies for these joints by way of the joints left out.
         """
         is_below = self._implied_order()[np.ix_(columns, columns)]
         follows_from_others = is_below @ is_below  # c_i ≤ c_j follows from c_i ≤ c_k and c_k ≤ c_j

@@ -474,7 +474,8 @@ class GramProblems:
             L = np.linalg.cholesky(self.A[k])
             z = np.linalg.solve(L, self.b[k])
             bounds = Bounds(self.bounds.lower[k], self.bounds.upper[k])
-            x[k] = solve_step(IdentificationProblem(L.T, z, bounds)).compliance
+            problem = IdentificationProblem(L.T, z, bounds)
+            x[k] = solve_step(problem).compliance
         return x
 
     def solve_by_pivoting(self) -> FloatArray:

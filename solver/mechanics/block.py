@@ -194,11 +194,12 @@ def find_balance(
         sizes = np.abs(deflection)
         has_converged = (np.abs(step) <= _LAST_STEP).all()
         if has_converged:
-            _refuse_cases_without_balance(np.asarray((sizes > _LARGEST_DEFLECTION).any(axis=1)))
+            is_far = np.asarray((sizes > _LARGEST_DEFLECTION).any(axis=1))
+            _refuse_cases_without_balance(is_far)
             _refuse_cases_without_balance(_is_unstable(compliance[:, None] * loaded.stiffness))
             return Balance(loaded, step, torque, start)
-        is_near = (sizes <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)  # false for NaN
-        _refuse_cases_without_balance(np.asarray(~is_near))
+        may_converge = (sizes <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)  # false for NaN
+        _refuse_cases_without_balance(np.asarray(~may_converge))
         loaded = compute_joints(Postures(robot, unloaded.q + deflection))
     step_sizes = np.abs(step).max(axis=1)
     raise _build_no_balance_error(step_sizes > _LAST_STEP, int(np.argmax(step_sizes)))

@@ -288,16 +288,16 @@ class Robot:
         speed = float(self.speeds[joint])
         place = self.model.jointPlacements[joint + 1]  # in the frame of the joint before
         lower, upper = self.limits[joint].tolist()
-        is_unlimited = lower == -np.inf and upper == np.inf
+        has_limits = lower > -np.inf or upper < np.inf
         return ChainJoint(
-            self.joint_names[joint],
-            self.joint_kinds[joint],
-            place.rotation,
-            place.translation,
-            self.axes[joint],
-            None if is_unlimited else (max(lower, -UNLIMITED), min(upper, UNLIMITED)),
-            link,
-            None if np.isnan(speed) else speed,
+            name=self.joint_names[joint],
+            kind=self.joint_kinds[joint],
+            rotation=place.rotation,
+            translation=place.translation,
+            axis=self.axes[joint],
+            limits=(max(lower, -UNLIMITED), min(upper, UNLIMITED)) if has_limits else None,
+            child=link,
+            speed=None if np.isnan(speed) else speed,
         )
 
     def select_by_kind(self, turning: float, sliding: float) -> FloatArray:
