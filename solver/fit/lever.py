@@ -7,10 +7,10 @@ stated, or the joint be soft and the lever shorter. For such a joint j the inter
 
     P_j(v) = min over c', e of ‖A' c' + A_j v + B(ĉ with c_j = v) e − d‖² + σ² ‖e‖²
 
-over the other compliances c' (columns A') within their constraints and the errors e in standard uncertainties:
-a convex program for each v. The interval has no upper end where a shorter lever explains any compliance; a bound of
-the joint's own does not change that. All methods have the same profile, that of all readings weighted by
-covariance.
+over the other compliances c' (columns A') within their constraints and the errors e in standard
+uncertainties: a convex program for each v. The interval has no upper end where a shorter lever explains any
+compliance; a bound of the joint's own does not change that. All methods have the same profile, that of all
+readings weighted by covariance.
 """
 
 from __future__ import annotations
