@@ -22,7 +22,12 @@ OPTIONS_BYTES: Final = 64 * 1024
 READINGS_BYTES: Final = 4 * 1024 * 1024
 """Greatest size of a request that has readings."""
 
-MEDIA_TYPES: Final = {"csv": "text/csv", "json": "application/json", "npz": "application/octet-stream"}
+MEDIA_TYPES: Final = {
+    "csv": "text/csv",
+    "json": "application/json",
+    "npz": "application/octet-stream",
+    "parquet": "application/vnd.apache.parquet",
+}
 """Types of files for HTTP, by the ending of the name."""
 Source = Literal[
     "measurement_set", "run", "campaigns", "sets", "robot_or_set", "run_or_robot", "readings", "files"
@@ -95,6 +100,8 @@ class Kind(Generic[AnyJob, AnyRequest]):
     files: tuple[File, ...] = ()  # files that can be downloaded
     has_report: bool = True  # true if a job of this kind has a printable report, made of its tables
     is_form: bool = False  # true if a request is posted as a form with files, at a route of its own
+    route: str | None = None  # where requests are posted; None for the route of the collection
+    writes_programs: bool = False  # true if a result has files of a program
     to_answer: Callable[[str], str] = str  # convert a stored job's JSON to the JSON that the API returns
     # return the charts of a result, for reports and `plot`
     make_charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()
@@ -112,6 +119,11 @@ class Kind(Generic[AnyJob, AnyRequest]):
     def collection(self) -> str:
         """Name of the kind's collection, part of the route where requests are posted, such as `plans`."""
         return self.message.collection
+
+    @cached_property
+    def address(self) -> str:
+        """Route where requests are posted, such as `/v1/plans`."""
+        return self.route or f"/v1/{self.collection}"
 
     @cached_property
     def resource(self) -> Resource:

@@ -7,7 +7,7 @@ status that says why.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cached_property, partial
@@ -494,6 +494,12 @@ class FoundPath:
 
     def correct(self, begin: int, end: int) -> CorrectedRows:
         """Correct the rows from `begin` up to `end`; the speeds of the joints are NaN until `join`."""
+        starts = range(begin, end, ROWS_AT_ONCE)
+        blocks = [self._correct_block(start, min(start + ROWS_AT_ONCE, end)) for start in starts]
+        return CorrectedRows.concatenate(blocks)
+
+    def _correct_block(self, begin: int, end: int) -> CorrectedRows:
+        """Correct the rows from `begin` up to `end` together."""
         rows, waypoints = self.rows.select(slice(begin, end)), self.waypoints
         first, last = np.searchsorted(self.found, (begin, end)).tolist()
         at = self.found[first:last]
@@ -509,13 +515,16 @@ class FoundPath:
         rows.deflection[:] = rows.deflection @ waypoints.base[:3, :3]
         unchanged = (rows.status == RowStatus.NO_LOAD) | (rows.status == RowStatus.UNCERTAIN)
         as_sent = rows.wanted if waypoints.joints is None else waypoints.joints[begin:end]
-        rows.poses[unchanged], rows.joints[unchanged] = waypoints.poses[begin:end][unchanged], as_sent[unchanged]
+        rows.poses[unchanged], rows.joints[unchanged] = (
+            waypoints.poses[begin:end][unchanged],
+            as_sent[unchanged],
+        )
         rows.clear_rows_without_numbers()
         return rows
 
-    def join(self, blocks: Iterable[CorrectedRows]) -> CorrectedRows:
+    def join(self, blocks: Sequence[CorrectedRows]) -> CorrectedRows:
         """Join all corrected blocks in order, and measure the speeds of the joints."""
-        rows = CorrectedRows.concatenate(list(blocks))
+        rows = CorrectedRows.concatenate(blocks)
         rows.joint_speed[:] = _measure_joint_speeds(
             self.model.robot, self.waypoints.lengths, rows.joints, self.feed
         )
@@ -571,11 +580,8 @@ def correct(
         FramesError: joints are stated, and most poses contradict their joints.
         RequestError: a prismatic joint moves.
     """
-    path = FoundPath.find(
-        model, error, inverse, waypoints, loads, settings, load_point=load_point, feed=feed
-    )
-    blocks = range(0, len(path), ROWS_AT_ONCE)
-    return path.join(path.correct(begin, begin + ROWS_AT_ONCE) for begin in blocks)
+    path = FoundPath.find(model, error, inverse, waypoints, loads, settings, load_point=load_point, feed=feed)
+    return path.join([path.correct(0, len(path))])
 
 
 def _measure_joint_speeds(

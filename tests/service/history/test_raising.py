@@ -38,7 +38,7 @@ MESSAGES: dict[str, Any] = {kind.name: kind.message for kind in KINDS_OF_WORK} |
     "live_entry": Entry,
     "prediction": DeflectionResult,
 }
-BEGUN = {"gearbox"}
+BEGUN = {"gearbox", "correction"}
 """Kinds that no earlier layout stores."""
 Document = dict[str, Any]
 
