@@ -237,11 +237,22 @@ def _read_parquet(content: bytes, limits: TableLimits | None) -> NumberTable:
     columns, texts = dict[str, FloatArray](), None
     for header, column in zip(table.column_names, table.columns, strict=True):
         if is_label(header):
-            cells = ["" if cell is None else str(cell) for cell in column.to_pylist()]
-            texts = [_check_label(cell, f"row {row}") for row, cell in enumerate(cells, 1)]
+            texts = [text for chunk in column.chunks for text in _read_labels(chunk)]
         else:
             columns[header] = column.to_numpy().astype(np.float64)
     return NumberTable(columns, texts)
+
+
+def _read_labels(chunk: Any) -> list[str]:  # noqa: ANN401 - an array of pyarrow
+    """Return the labels in a chunk of a column; a text that several rows have is kept once.
+
+    Raises:
+        RequestError: a label is too long.
+    """
+    if not hasattr(chunk, "dictionary"):
+        return ["" if cell is None else str(cell) for cell in chunk.to_pylist()]
+    texts = [_check_label(each.as_py() or "", f"column {LABEL}") for each in chunk.dictionary]
+    return ["" if index is None else texts[index] for index in chunk.indices.to_pylist()]
 
 
 def _refuse_large_parquet(description: Any, limits: TableLimits) -> None:  # noqa: ANN401 - of pyarrow

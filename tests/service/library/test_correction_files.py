@@ -142,7 +142,7 @@ class TestHostileFiles:
             (lambda table: table.drop(columns="z [mm]"), "the column z is missing"),
             (lambda table: table.drop(columns="J4 [deg]"), "the column j4 is missing"),
             (lambda table: table.rename(columns={"x [mm]": "x"}), "'x' has no unit"),
-            (lambda table: table.rename(columns={"x [mm]": "x [N]"}), "'x [N]' has no unit of length"),
+            (lambda table: table.rename(columns={"x [mm]": "x [N]"}), "'x [N]' has the unit N"),
             (lambda table: table.rename(columns={"x [mm]": "colour"}), "'colour' is not known"),
             (lambda table: table.assign(**{"x [mm]": np.inf}), "row 1 of column x has no finite number"),
             (lambda table: table[:0], "the table has no rows"),
@@ -172,28 +172,33 @@ class TestHostileFiles:
         assert self.refused(client, run, content, 413) == "the table has more than 100,000 rows"
 
     def test_a_text_that_unpacks_to_gigabytes_is_refused(self, client, run):
-        """One text of 1 MB in 3,000 rows: a file of some kB, 3 GB as texts."""
-        table = pyarrow.table({"x [mm]": np.zeros(3_000), "label": ["A" * 2**20] * 3_000})
+        """One text of 1 MiB in 9,000 rows: a file of some kB, 9 GB as texts."""
+        labels = pyarrow.DictionaryArray.from_arrays(np.zeros(9_000, np.int32), ["A" * 2**20])
         content = io.BytesIO()
+        table = pyarrow.table({"x [mm]": np.zeros(9_000), "label": labels})
         parquet.write_table(table, content, compression="zstd")
-        assert len(content.getvalue()) < 100_000
+        assert len(content.getvalue()) < 10_000
         assert "the label has 1,048,576 characters" in self.refused(client, run, content.getvalue())
 
-    def test_numbers_that_unpack_to_too_much_are_refused(self, client, run):
-        wide = {f"c{i}": np.zeros(99_999) for i in range(64)}
-        lists = {"x [mm]": [[0.0] * 100_000] * 200}
-        content = [io.BytesIO(), io.BytesIO()]
-        parquet.write_table(pyarrow.table(wide), content[0], use_dictionary=False)
-        assert "the column 'c0' is not known" in self.refused(client, run, content[0].getvalue()) or True
-        parquet.write_table(pyarrow.table(lists), content[1], use_dictionary=False)
-        assert len(content[1].getvalue()) < 2**20
-        words = self.refused(client, run, content[1].getvalue())
-        assert words == "the columns take 153 MiB, and may take 128"
+    def test_texts_that_unpack_to_too_much_are_not_unpacked(self, client, run):
+        labels = ["A" * 2**20 + str(i) for i in range(130)]
+        content = io.BytesIO()
+        table = pyarrow.table({"x [mm]": np.zeros(130), "label": labels})
+        parquet.write_table(table, content, compression="zstd", use_dictionary=False)
+        assert len(content.getvalue()) < 100_000
+        words = self.refused(client, run, content.getvalue())
+        assert words == "the columns take 130 MiB, and may take 128"
+
+    def test_lists_are_no_columns(self, client, run):
+        content = io.BytesIO()
+        parquet.write_table(pyarrow.table({"x [mm]": [[0.0] * 100_000] * 50}), content)
+        words = self.refused(client, run, content.getvalue())
+        assert words == "the column 'x [mm]' has cells that are not numbers"
 
     def test_a_damaged_file_is_refused(self, client, run, sent):
         whole = packed(sent[:50], "parquet")
         generator = np.random.default_rng(1)
-        for _ in range(30):
+        for _ in range(12):
             spoiled = bytearray(whole)
             for place in generator.integers(4, len(whole), 12).tolist():
                 spoiled[place] = int(generator.integers(256))
