@@ -68,11 +68,10 @@ _PATHS: Final = frozenset(
     )
 )
 """Paths of the API whose large request bodies are handled in the child process."""
-_ALWAYS_IN_CHILD: Final = frozenset({"/v1/geometries", "/v1/programs", "/v1/corrections/files"})
+_ALWAYS_IN_CHILD: Final = frozenset({"/v1/geometries", "/v1/programs"})
 """Paths of the API whose request bodies of any size are handled in the child process.
 
-Programs are texts of any origin; a Parquet file may unpack to a huge table; the time of a geometry grows with
-the cube of the number of positions.
+Programs are texts of any origin; the time of a geometry grows with the cube of the number of positions.
 """
 CHILDREN: Final = 2
 """Number of children: while a hostile body occupies one child, the other answers other bodies."""

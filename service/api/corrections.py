@@ -8,6 +8,9 @@ from typing import Annotated, Any, Final
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, File, Form, Response, UploadFile
 from pydantic import Json
+from starlette.datastructures import Headers
+from starlette.routing import Match
+from starlette.types import Scope
 
 from jointstiff.schemas.correction import (
     MAX_ROWS,
@@ -33,36 +36,74 @@ from jointstiff.solver.mechanics.robot import Robot
 
 router = APIRouter(tags=["corrections"], route_class=JobRoute)
 
+_ADDRESS: Final = f"/v1/{CORRECTION.collection}"
 _TWO_ROWS: Final = CORRECTION.examples["two rows"]
-_Table = Annotated[
-    list[UploadFile],
-    File(
-        description="The table, CSV or Parquet.",
-        min_length=1,
-        max_length=1,
-        examples=[_TWO_ROWS["files"]],
-        json_schema_extra={"items": BINARY},
-    ),
-]
-_Options = Annotated[Json[CorrectionTableRequest], Form(examples=[json.dumps(_TWO_ROWS["options"])])]
+_Table = Annotated[list[UploadFile], File(min_length=1, max_length=1)]
+_Options = Annotated[Json[CorrectionTableRequest], Form()]
+_FORM: Final[dict[str, Any]] = {
+    "schema": {
+        "type": "object",
+        "required": ["files", "options"],
+        "properties": {
+            "files": {
+                "type": "array",
+                "items": BINARY,
+                "minItems": 1,
+                "maxItems": 1,
+                "description": "The table, CSV or Parquet; headers have units, as `x [mm]`.",
+                "examples": [_TWO_ROWS["files"]],
+            },
+            "options": {
+                "type": "string",
+                "contentMediaType": "application/json",
+                "contentSchema": {"$ref": "#/components/schemas/CorrectionTableRequest"},
+                "examples": [json.dumps(_TWO_ROWS["options"])],
+            },
+        },
+    }
+}
+"""Description of a form with a table, which has the same address as columns."""
 _JOB_ANSWERS: Final[dict[int | str, dict[str, Any]]] = {
     status: answer | {"model": CorrectionJob}
     for status, answer in describe_post_responses(CorrectionJob).items()
 }
 
 
+class _FormRoute(JobRoute):
+    """Route for forms alone: a request with another body goes to the route of columns, of the same address."""
+
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        """Return whether the route answers a request, by its address, method and media type."""
+        media_type = Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower()
+        return super().matches(scope) if media_type == "multipart/form-data" else (Match.NONE, {})
+
+
+_forms = APIRouter(route_class=_FormRoute)
+
+
+@_forms.post(_ADDRESS, dependencies=[OPERATOR], status_code=201, include_in_schema=False)
+async def correct_file(
+    posted: InjectedPost, files: _Table, options: _Options, idempotency_key: KeyText = None
+) -> Response:
+    """Correct a file of poses."""
+    return await answer_form(posted, CorrectionJob, files, options, idempotency_key, pack_file)
+
+
+router.include_router(_forms)  # before the route of columns, which takes all other bodies
+
+
 @router.post(
-    "/v1/corrections", dependencies=[OPERATOR], response_model=CorrectionResult, responses=_JOB_ANSWERS
+    _ADDRESS,
+    dependencies=[OPERATOR],
+    description=CORRECTION.description,
+    response_model=CorrectionResult,
+    responses=_JOB_ANSWERS,
+    openapi_extra={"requestBody": {"content": {"multipart/form-data": _FORM}}},
 )
 async def compute_corrections(
     posted: InjectedPost, body: Annotated[CorrectionRequest, json_body(EXAMPLES["corrections"])], key: Key
 ) -> Response:
-    """Correct poses for the deflection under load by the model of a run, or by a prior.
-
-    The answer has the columns of the request, corrected, and the status of each row; nothing is stored. Over
-    5,000 rows are a job, as of a file. With joints, a wrong tool, base or unit is refused, and frames that
-    fit are proposed.
-    """
+    """Correct poses."""
     limiter = limiter_of_large_work(posted.request)
     if max(map(len, body.columns.values())) <= MAX_ROWS:
         return json_response(await run_sync(_correct_as_json, posted.parts, body, limiter=limiter))
@@ -74,21 +115,6 @@ async def compute_corrections(
         return jobs.create(CorrectionTableRequest(**stated, files=[table]), key, posted.by)
 
     return await posted.answer(CORRECTION.name, create, limiter)
-
-
-@router.post(
-    CORRECTION.address,
-    dependencies=[OPERATOR],
-    description=CORRECTION.description,
-    status_code=201,
-    response_model=CorrectionJob,
-    responses=describe_post_responses(CorrectionJob),
-)
-async def correct_file(
-    posted: InjectedPost, files: _Table, options: _Options, idempotency_key: KeyText = None
-) -> Response:
-    """Correct a file of poses."""
-    return await answer_form(posted, CorrectionJob, files, options, idempotency_key, pack_file)
 
 
 def _correct_as_json(parts: Parts, body: CorrectionRequest) -> str:

@@ -100,7 +100,6 @@ class Kind(Generic[AnyJob, AnyRequest]):
     files: tuple[File, ...] = ()  # files that can be downloaded
     has_report: bool = True  # true if a job of this kind has a printable report, made of its tables
     is_form: bool = False  # true if a request is posted as a form with files, at a route of its own
-    route: str | None = None  # where requests are posted; None for the route of the collection
     writes_programs: bool = False  # true if a result has files of a program
     to_answer: Callable[[str], str] = str  # convert a stored job's JSON to the JSON that the API returns
     # return the charts of a result, for reports and `plot`
@@ -119,11 +118,6 @@ class Kind(Generic[AnyJob, AnyRequest]):
     def collection(self) -> str:
         """Name of the kind's collection, part of the route where requests are posted, such as `plans`."""
         return self.message.collection
-
-    @cached_property
-    def address(self) -> str:
-        """Route where requests are posted, such as `/v1/plans`."""
-        return self.route or f"/v1/{self.collection}"
 
     @cached_property
     def resource(self) -> Resource:

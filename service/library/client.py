@@ -656,7 +656,6 @@ class Jobs(Collection[AnyJob, JobSummary]):
     def __init__(self, client: Client, kind: Kind[AnyJob, Any]) -> None:
         """Begin with a client and a kind of work."""
         super().__init__(client, kind.collection, make_presented_class(kind), JobSummary)
-        self._path = kind.address
         self._listed = "/v1/jobs"  # the service lists jobs of all kinds together
         self._name = kind.name
 

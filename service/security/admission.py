@@ -17,7 +17,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from jointstiff.schemas.access import Access
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
-from jointstiff.service.kinds.correction.kind import CORRECTION, MAX_FILE_BYTES
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import http_problem
 from jointstiff.service.process import trim_memory
@@ -151,7 +150,6 @@ MAX_BYTES: Final[Mapping[str, int]] = MappingProxyType(
         "/v1/imports": MAX_SET_BYTES,
     }
     | {f"/v1/{kind.collection}": kind.max_bytes for kind in KINDS}
-    | {CORRECTION.address: MAX_FILE_BYTES}
 )
 """Path → largest body [bytes], for paths that accept more than `SMALL_BYTES`."""
 MAX_ARCHIVE_BYTES: Final = 256 * 1024 * 1024

@@ -76,7 +76,7 @@ def posted_job(
             "files": [("files", ("poses.csv", example["files"][0].encode()))],
             "data": {"options": json.dumps(example["options"] | changes)},
         }
-        return client.request("POST", import_kind(kind).address, headers=headers, **form)
+        return client.request("POST", "/v1/corrections", headers=headers, **form)
     known = {
         "run": ("runs", of_set),
         "comparison": ("comparisons", {"run_ids": [run["id"], other]}),

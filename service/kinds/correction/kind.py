@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from jointstiff.service.resources.inputs import Inputs
     from jointstiff.service.tables.table import Sheet
 
-MAX_FILE_BYTES: Final = 32 * 1024 * 1024
-"""Greatest size of a form with a table: 100,000 rows of 20 numbers with 15 digits."""
 _EXAMPLES: Final[dict[str, Any]] = {
     "two rows": {
         "files": [
@@ -78,9 +76,8 @@ CORRECTION: Final = Kind[CorrectionJob, CorrectionTableRequest](
     sources=("run_or_robot", "files"),
     title="Corrected poses",
     stepped=True,
-    max_bytes=16 * 1024 * 1024,
+    max_bytes=32 * 1024 * 1024,  # 100,000 rows of 20 numbers with 15 digits
     is_form=True,
-    route="/v1/corrections/files",
     to_answer=lambda document: CONTENT.sub('"content":null', document),  # the rows have their own addresses
     files=(
         *list_table_files(
@@ -89,9 +86,10 @@ CORRECTION: Final = Kind[CorrectionJob, CorrectionTableRequest](
         File("rows.parquet", "the same as Parquet", make_rows_sheet, "result"),
     ),
     examples=_EXAMPLES,
-    description="""Correct a CSV or Parquet file of poses, of at most 100,000 rows.
+    description="""Correct poses for the deflection under load, by the model of a run or by a prior.
 
-Send the file as field `files` of a form, and run, tool, base, forces and units as JSON in a field
-`options`. Headers have units, such as `x [mm]`; a column `label` may have texts. The answer is a job; its
-files `rows.csv` and `rows.parquet` have the corrected rows.""",
+Columns: the answer (200) has the columns of the request, corrected, and the status of each row; nothing is
+stored. Over 5,000 rows are a job, at most 100,000. Or send a CSV or Parquet file as field `files` of a form,
+and the other fields as JSON in a field `options`: that is a job with the files `rows.csv` and `rows.parquet`.
+With joints, a wrong tool, base or unit is refused, and frames that fit are proposed.""",
 )

@@ -63,7 +63,7 @@ def packed(table, ending):
 def post_file(client, run, content, name="poses.csv", **changes):
     options = json.dumps(OPTIONS | {"run_id": run["id"]} | changes)
     files = [("files", (name, content))]
-    return client.request("POST", "/v1/corrections/files", files=files, data={"options": options})
+    return client.request("POST", "/v1/corrections", files=files, data={"options": options})
 
 
 def ended(client, answer):
@@ -213,7 +213,7 @@ class TestHostileFiles:
         for files in ([], [("files", (f"{i}.csv", b"x")) for i in range(2)]):
             form = {"files": files} if files else {"files": [("options", (None, options.encode()))]}
             data = {"data": {"options": options}} if files else {}
-            answer = client.request("POST", "/v1/corrections/files", **form, **data)
+            answer = client.request("POST", "/v1/corrections", **form, **data)
             assert answer.status_code == 422, answer.text
 
     def test_a_wrong_tool_is_refused_as_at_once(self, client, run, sent):
