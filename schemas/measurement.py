@@ -150,8 +150,8 @@ class Noise(Message):
     )
     repeatability: Annotated[float, Field(strict=True, ge=0.0, le=1.0)] | None = Field(
         default=None,
-        description="Standard deviation of a joint's angle from posture to posture, in units.angle; "
-        "absent: estimated.",
+        description="Standard deviation of a joint's angle from posture to posture, in units.angle, right to "
+        "a factor of two; 0: the arm stood still; absent: estimated.",
         examples=[2e-5],
     )
     instrument: Instrument | None = Field(

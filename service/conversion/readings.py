@@ -765,7 +765,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         covariance = to_noise(None, None, robot, measurements, length=length)[1]
     encoders = _to_encoder_readings(header, readings.encoders, robot)
     common_uncertainty = to_common_uncertainty(header.noise, length)
-    repeatability = _get_repeatability(header, encoders)
+    repeatability = _get_repeatability(header)
     return replace(
         measurements,
         sigma=sigma,
@@ -828,22 +828,11 @@ def _average_unloaded_readings(
     return mean, ReturnReadings(length * return_difference, was_read)
 
 
-def _get_repeatability(header: MeasurementSetHeader, encoders: EncoderReadings | None) -> float | None:
-    """Return the stated repeatability of the joints [rad]; None if it is not stated.
-
-    Raises:
-        MeasurementError: the set has encoder readings, too, which show the same turns of the joints.
-    """
+def _get_repeatability(header: MeasurementSetHeader) -> float | None:
+    """Return the stated repeatability of the joints [rad]; None if it is not stated."""
     if header.noise is None or header.noise.repeatability is None:
         return None
-    repeatability = header.noise.repeatability * ANGLE[header.units.angle]
-    if repeatability and encoders is not None:
-        raise MeasurementError(
-            "a repeatability is stated, but encoder readings show the same turns of the joints",
-            where="noise.repeatability",
-            remedy="omit `noise.repeatability`, or the encoder readings",
-        )
-    return repeatability
+    return header.noise.repeatability * ANGLE[header.units.angle]
 
 
 def _to_encoder_readings(

@@ -35,10 +35,12 @@ def test_a_run_says_the_repeatability_that_its_residuals_show(shared):
     assert words in " ".join(run.details().split())
 
 
-def test_a_clean_run_says_none():
+def test_a_clean_run_allows_for_some_and_says_so():
     run = js.identify(campaign(configurations=16, seed=5))
-    assert run.result.goodness.repeatability is None
-    assert run.result.goodness.repeatability_at_targets is None
+    goodness = run.result.goodness
+    assert goodness.repeatability_source == "assumed"
+    assert 0.0 < goodness.repeatability < 1e-5
+    assert "allowed for)" in " ".join(run.details().split())
     assert "repeatability" not in str(run)
 
 
@@ -55,7 +57,8 @@ def test_a_repeatability_is_stated_in_the_unit_of_angles(unit, stated):
         )
     wider = changed(document, ("measurement_set.noise.repeatability", stated))
     goodness = js.identify(wider).result.goodness
-    assert (goodness.repeatability_source, goodness.repeatability) == ("given", pytest.approx(2e-5))
+    assert goodness.repeatability_source == "given"
+    assert 0.3e-5 < goodness.repeatability < 2e-5  # the arm of the readings repeats exactly
     for one, other in zip(js.identify(document).result.joints, js.identify(wider).result.joints, strict=True):
         assert other.standard_uncertainty > one.standard_uncertainty
 
