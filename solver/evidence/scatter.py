@@ -49,8 +49,10 @@ from jointstiff.solver.mechanics.block import (
     RegressorBlock,
     Term,
     fitted_errors,
+    get_whole_block,
 )
 from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
 
 SCATTER_LEVEL: Final = 0.01
@@ -158,6 +160,23 @@ def compute_target_motion(block: RegressorBlock, scatter: Scatter, sigma: float)
     """
     squared_motion_by_joints = np.square(block.jacobian[block.measurements.present]).sum(axis=(1, 2)).mean()
     return sigma * float(np.sqrt(scatter.joints**2 * squared_motion_by_joints + 3.0 * scatter.station**2))
+
+
+def convert_pose_repeatability(robot: Robot, measurements: Measurements, stated: float) -> float:
+    """Return how exactly a joint returns [rad], given the pose repeatability RP of the arm [m] (ISO 9283).
+
+    RP is 2.25 times the root mean square distance by which a point of the flange is off: ``RP = 2.25 g s``,
+    with g² the mean sum of squares of the point's Jacobian. A deflection is the difference of two places to
+    which the arm returned, so that its error has √2 times the standard deviation.
+
+    Args:
+        robot: n joints.
+        measurements: N observations, whose targets are the points.
+        stated: RP by the maker [m].
+    """
+    block = get_whole_block(robot, measurements.select_evenly(_MOST_OBSERVATIONS))
+    squares = np.square(block.jacobian[block.measurements.present]).sum(axis=(1, 2))
+    return float(np.sqrt(2.0) * stated / (2.25 * np.sqrt(squares.mean())))
 
 
 @dataclass(frozen=True)

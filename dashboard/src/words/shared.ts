@@ -293,6 +293,7 @@ export const en = {
     "noise.force": "uncertainty of the load",
     "noise.force.scale": "scale of the force",
     "noise.load_point": "uncertainty of the load point",
+    "noise.pose_repeatability": "pose repeatability RP (ISO 9283)",
     "noise.repeatability": "repeatability of a joint",
     "noise.sigma": "σ of one coordinate",
     payload: "largest payload",
