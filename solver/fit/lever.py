@@ -5,10 +5,10 @@ statements at the fitted compliances are exact enough. Where the lever of a
 joint is as short as the load point is uncertain, a joint can be as stiff as the fit says and the lever be as
 stated, or the joint be soft and the lever shorter. For such a joint j the interval is the profile
 
-    P_j(v) = min over c_-j, e of ‖A_-j c_-j + A_j v + B(ĉ with c_j = v) e − d‖² + σ² ‖e‖²
+    P_j(v) = min over c', e of ‖A' c' + A_j v + B(ĉ with c_j = v) e − d‖² + σ² ‖e‖²
 
-over the other compliances within their constraints and the errors e in standard uncertainties: a convex
-program for each v. The interval has no upper end where a shorter lever explains any compliance; a bound of
+over the other compliances c' (columns A') within their constraints and the errors e in standard uncertainties:
+a convex program for each v. The interval has no upper end where a shorter lever explains any compliance; a bound of
 the joint's own does not change that. All methods have the same profile, that of all readings weighted by
 covariance.
 """
