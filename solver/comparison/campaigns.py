@@ -424,7 +424,8 @@ def _take_apart(sides: Sequence[Side], confidence: float, *, same_load_point: bo
         balanced = side.compliance if side.complementary_stiffness else None
         rows = Rows(side.robot, side.measurements, balanced)
         estimates.append(TargetsEstimate(rows, side.compliance, ~free.unseen, sigma, free.degrees_of_freedom))
-    return take_two_runs_apart(*estimates, confidence, same_load_point=same_load_point)
+    of_motor, of_secondary = estimates
+    return take_two_runs_apart(of_motor, of_secondary, confidence, same_load_point=same_load_point)
 
 
 def _make_difference(

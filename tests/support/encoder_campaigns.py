@@ -137,6 +137,7 @@ def compare_pair(pair: EncoderPair, *, same_load_point: bool) -> Comparison:
         estimate = JointsAlone(Rows(robot, measurements), settings).estimate
         common = estimate.common
         assert common is not None
+        assert estimate.covariance is not None
         assumed = {}
         if "force_scale" in measurements.common_uncertainty.assumed:
             responses = common.responses_to("assumed_force_scale")
