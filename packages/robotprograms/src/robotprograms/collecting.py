@@ -54,8 +54,9 @@ class ChangeCollector:
             if isinstance(op, ir.Assign):
                 self._collect_assignment(place, op)
             elif isinstance(op, ir.Call) and op.event:
-                attached = self._calls.attached[place.qualify(op.event)]
-                attached += [] if op.harmless else [place.qualify(op.name)]
+                routines_of_event = self._calls.attached[place.qualify(op.event)]
+                if not op.harmless:
+                    routines_of_event.append(place.qualify(op.name))
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.MakeUnknown):
                 self._collect_unknown_values(place, op)
@@ -201,26 +202,37 @@ class ChangeCollector:
         return any(self._changes_parameters(routine, passed) for routine in own)
 
     def _forget_arguments(self, place: Place, op: ir.Call, given: set[str], own: list[str]) -> None:
-        """Note that a call may change these names at any time."""
+        """Note that a call may change its arguments at any time.
+
+        Args:
+            place: place of the call.
+            op: the call.
+            given: full names that the routine gets as arguments.
+            own: routines of the program that the call may mean.
+        """
         reason = f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
         cause = place.make_cause(reason)
         if op.reads_frames and not own:
             given = given - self._assume_frames_stay(place, op, given)
         for name in given:
             self._changes.of_name[name].append(cause)
-            for each in self._contents.list_name_and_fields(name):
-                self._changes.anytime[each] = cause
+            for name_or_field in self._contents.list_name_and_fields(name):
+                self._changes.anytime[name_or_field] = cause
 
     def _assume_frames_stay(self, place: Place, op: ir.Call, given: Collection[str]) -> set[str]:
-        """Return the tools that a function of another file gets, and note that they are assumed to stay."""
-        frames = {
-            name for name in given if self._tool_names.intersection(self._contents.list_name_and_fields(name))
-        }
-        if frames:
-            names = ", ".join(map(quote_text, sorted(frames)))
+        """Return the tools that a function of another file gets, and note that they are assumed to stay.
+
+        `given` are the full names of the arguments of the call `op`.
+        """
+        tools = set[str]()
+        for name in given:
+            if self._tool_names.intersection(self._contents.list_name_and_fields(name)):
+                tools.add(name)
+        if tools:
+            names = ", ".join(map(quote_text, sorted(tools)))
             text = f"it is assumed that the function {quote_text(str(op.name))} only uses {names}"
             self._statements.columns.add_remark(place.at, text)
-        return frames
+        return tools
 
     def _changes_parameters(self, routine: str, passed: Collection[str]) -> bool:
         """Return whether a routine of the program may change its parameters, or passes them to others.

@@ -143,32 +143,35 @@ class Columns:
         language: Language,
         own: Sequence[OwnNumbers] = (),
     ) -> None:
-        """Begin without targets.
+        """Begin without targets and moves.
 
         Args:
             kind: name of the program's format.
-            sources: files of the program, with own numbers of moves in place of names.
+            sources: files of the program.
             numerals: numbers of each file.
             language: language of the format.
-            own: these own numbers of moves; their declarations stay as they are.
+            own: numbers that already stand in the first file in place of names of declared targets; the
+                declarations stay as they are.
         """
         self._format, self._sources, self._numerals, self._language = kind, sources, numerals, language
-        self._own, self._own_labels = tuple(own), {each.label for each in own}
+        self._own = tuple(own)
+        self._own_labels = {numbers.label for numbers in own}  # names of these declared targets
         self.spelled: dict[str, str] = {}  # names as the program writes them
         self._remarks: list[Remark] = []
-        self._left: list[tuple[ReadMove, Cause]] = []
-        # index of each target, by its file, its first number and its literal
-        # index of each target by source, first number and literal, as one number: long programs have many
-        self._target_indices: dict[int, int] = {}
-        self._literals: dict[Literal, int] = {}  # indices of the literals
-        # index of each frame and the frame, by its role (base or tool), and its name or the bytes of its pose
-        self._frames: dict[tuple[str, str | bytes], tuple[int, FrameName]] = {}
+        self._left: list[tuple[ReadMove, Cause]] = []  # moves that are not corrected, and why
+        # Columns of targets and moves; arrays of numbers, because long programs have many
         self._targets = array("q")  # rows of source, line, first number, line of use, literal, base, tool
         self._names: list[str] = []  # names of the targets
         self._labels: list[str] = []  # the same in the intermediate language, once the targets are settled
         self._moves = array("q")  # rows of line, motion, count of visits up to the end
         self._visits = array("q")  # indices of the targets of all moves
         self._feeds = array("d")  # speeds of the tool's centre of all moves [mm/s]
+        # Indices of what is stored once
+        self._target_indices: dict[int, int] = {}  # by source, first number and literal, as one number
+        self._literals: dict[Literal, int] = {}
+        # each frame with its index, by its role (base or tool), and its name or the bytes of its pose
+        self._frames: dict[tuple[str, str | bytes], tuple[int, FrameName]] = {}
+        # Targets that are not corrected
         self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
         self._unfit: set[int] = set()  # those of them whose numbers themselves are the cause
         # base and tool, by index of the target and line, of moves in other frames than the first move

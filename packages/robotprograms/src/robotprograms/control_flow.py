@@ -59,6 +59,7 @@ class ControlFlow:
         self.begins: dict[str, int] = {}  # index of the beginning of each routine
         self.ends: dict[int, str] = {}  # routine that ends at each index
         self.routine_of: list[str] = []  # routine of each operation
+        self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # indices of each routine's operations
         self.anytime_routines: set[str] = set()  # routines that may run at any time
         self.shared_routines: set[str] = set()  # routines that other programs may call
         self.endless: set[int] = set()  # indices of the ends of loops that only a jump leaves
@@ -67,27 +68,33 @@ class ControlFlow:
         self._open_routines = [""]  # routines whose end was not reached yet; "" for text outside of routines
         # indices of labels, by routine and name: a name may occur twice
         self._labels: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
-        self._jumps: list[int] = []
+        self._jumps: list[int] = []  # indices of jumps
         self._ops, self._last = ops, len(ops) - 1  # operations of the text, and the index of the last one
         for i, op in enumerate(ops):
             if isinstance(op, ir.Flow):
                 self._add_operation(i, op)
             self.routine_of.append(self.ends.get(i, self._open_routines[-1]))
         self._append_missing_ends()
-        self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # indices of each routine's operations
         for i, name in enumerate(self.routine_of):
             self.bodies[name].append(i)
         self._link_jumps()
-        self.uncertain |= {
-            self.begins[routine]: fault
-            for routine, fault in self.faulty_routines.items()
-            if routine in self.begins
-        }
-        # A handler without a name handles errors; a handler that resumes ends the routines it interrupted.
-        handlers = (ops[self.begins[name]] for name in self.anytime_routines if not names[self.begins[name]])
-        handles_errors = any(isinstance(op, ir.Flow) and op.kind == "handler" for op in handlers)
-        if handles_errors or any(isinstance(op, ir.Flow) and op.kind == "resume" for op in ops):
+        for routine, fault in self.faulty_routines.items():
+            if routine in self.begins:
+                self.uncertain[self.begins[routine]] = fault
+        if self._can_continue_after_error():
             self._add_error_exits()
+
+    def _can_continue_after_error(self) -> bool:
+        """Return whether a handler of errors, or one that resumes, may end a routine anywhere.
+
+        A handler without a name handles errors; a handler that resumes ends the routines it interrupted.
+        """
+        for name in self.anytime_routines:
+            begin = self.begins[name]
+            op = self._ops[begin]
+            if isinstance(op, ir.Flow) and op.kind == "handler" and not self._names[begin]:
+                return True
+        return any(isinstance(op, ir.Flow) and op.kind == "resume" for op in self._ops)
 
     def _append_missing_ends(self) -> None:
         """Append the ends of routines and blocks that are open at the end of the text, which may be cut."""
