@@ -122,7 +122,7 @@ def _translate_frame_choice(line: Line) -> list[Op]:
     """Translate a statement that activates a numbered frame, `UFRAME_NUM=1`, or tool, `UTOOL_NUM=1`."""
     active = f"U{line['which']}_NUM"
     letters = "UF" if line["which"] == "FRAME" else "UT"
-    frame = (f"{letters} %s", line.first_ordinal("number"))  # such as `UF 3`
+    frame = ir.NumberedName(f"{letters} %s", line.first_ordinal("number"))  # such as `UF 3`
     return [ir.Assign(active, ir.Named(frame))]
 
 
@@ -132,9 +132,9 @@ def _translate_jump(line: Line) -> list[Op]:
     A jump after a time of waiting may be skipped.
     """
     label = line["label"]
-    is_number = label == "\0"
+    is_number = label == ir.A_NUMBER
     # A computed label has the name NUL, which no label has: the jump may lead to each label.
-    name = ("%s", line.first_ordinal("label")) if is_number else "\0"
+    name: ir.Name = ir.NumberedName("%s", line.first_ordinal("label")) if is_number else "\0"
     uses = [] if is_number else line.read_expression(label)
     jump = ir.Flow("jump", name)
     if line["wait"]:
@@ -170,7 +170,7 @@ def _translate_harmless_instruction(line: Line) -> list[Op]:
 
 def _translate_position_change(line: Line) -> list[Op]:
     """Return the operation of an assignment to a position P[n], whose numbers become unknown."""
-    name: ir.Name = ("P[%s]", line.first_ordinal("place")) if line["place"] else "P"
+    name: ir.Name = ir.NumberedName("P[%s]", line.first_ordinal("place")) if line["place"] else "P"
     return [ir.MakeUnknown(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
@@ -202,9 +202,9 @@ def _translate_move(line: Line) -> list[Op]:
     # A position states its own base UF and tool UT, which have to be active.
     move = ir.Move(
         _MOTIONS[letter],
-        targets=tuple(("P[%s]", ordinal) for ordinal in ordinals),
-        bases=tuple(ir.Copy(("P[%s].UF", ordinal), through=True) for ordinal in ordinals),
-        tools=tuple(ir.Copy(("P[%s].UT", ordinal), through=True) for ordinal in ordinals),
+        targets=tuple(ir.NumberedName("P[%s]", ordinal) for ordinal in ordinals),
+        bases=tuple(ir.Copy(ir.NumberedName("P[%s].UF", ordinal), through=True) for ordinal in ordinals),
+        tools=tuple(ir.Copy(ir.NumberedName("P[%s].UT", ordinal), through=True) for ordinal in ordinals),
         matched_frames=("UFRAME_NUM", "UTOOL_NUM"),
         reason=reason,
         remedy=_REMEDY,
@@ -262,16 +262,16 @@ def _read_feed(line: Line, tail: str) -> ir.Feed | None:
 
 def _jump_after_skip(line: Line, skip: re.Match[str]) -> ir.Flow:
     """Return the jump to the label after Skip, which is taken if the condition of Skip is not met."""
-    if skip["label"] != "\0":  # the label is computed, and may be any label
+    if skip["label"] != ir.A_NUMBER:  # the label is computed, and may be any label
         return ir.Flow("jump", "\0")
     begin, _ = line.span("tail")
     (ordinal, *_) = line.ordinals_in(begin + skip.start("label"), begin + skip.end("label"))
-    return ir.Flow("jump", ("%s", ordinal))
+    return ir.Flow("jump", ir.NumberedName("%s", ordinal))
 
 
 def _translate_copy_to_register(line: Line) -> list[Op]:
     """Return the use of a position whose numbers a register gets: a correction would change both."""
-    return [ir.Use(frozenset({("P[%s]", line.first_ordinal("place"))}))]
+    return [ir.Use(frozenset({ir.NumberedName("P[%s]", line.first_ordinal("place"))}))]
 
 
 def _translate_pallet_move(line: Line) -> list[Op]:
@@ -364,7 +364,7 @@ def _translate_frame_change(line: Line) -> list[Op]:
     remedy = "set the frames before the program starts, because all of its moves depend on them"
     frame: ir.Name = ir.MODE  # any frame may be meant
     if numbered := re.match(r"(UF|UT)(?:RAME|OOL)\[\0\]=", line.text):
-        frame = f"{numbered[1]} %s", line.ordinals[0]
+        frame = ir.NumberedName(f"{numbered[1]} %s", line.ordinals[0])
     return [ir.MakeUnknown(frozenset({frame}), reason, remedy, anytime=True)]
 
 
@@ -404,7 +404,7 @@ def _declare_position(line: Line) -> list[Op]:
     understood gets unknown numbers.
     """
     number = line.ordinals[0]
-    name = "P[%s]", number
+    name = ir.NumberedName("P[%s]", number)
     try:
         fields, others = _split_groups(line)
         target = _read_arm_position(fields, others)
@@ -414,8 +414,8 @@ def _declare_position(line: Line) -> list[Op]:
     for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
         ordinals, _ = fields[kind]
         # `F` in place of a number means the active frame.
-        frame = (f"{kind} %s", ordinals[0]) if ordinals else active
-        ops.append(ir.Assign((f"P[%s].{kind}", number), ir.Named(frame), "constant"))
+        frame: ir.Name = ir.NumberedName(f"{kind} %s", ordinals[0]) if ordinals else active
+        ops.append(ir.Assign(ir.NumberedName(f"P[%s].{kind}", number), ir.Named(frame), "constant"))
     return ops
 
 

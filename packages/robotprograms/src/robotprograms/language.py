@@ -28,8 +28,19 @@ NUMBER: Final = (
     rf"(?<=\d)\d{{0,14}}+{_FRACTION}|(?<=[+-])(?:\d{{1,15}}+{_FRACTION}|\.\d{{1,20}}+)|(?<=\.)\d{{1,20}}+"
     r")(?:[eE][+-]?+\d{1,3}+)?"
 )
-Name: TypeAlias = str | tuple[str, int]
-"""Name of a variable; one with a number in it as a template with `%s`, and the ordinal of the number."""
+A_NUMBER: Final = "\0"
+"""Sign that takes the place of each number in the normal form of a statement."""
+
+
+class NumberedName(NamedTuple):
+    """Name of a variable with a number in it, such as `P[3]`."""
+
+    template: str  # with `%s` in place of the number
+    ordinal: int  # index of the number among those of the statement
+
+
+Name: TypeAlias = str | NumberedName
+"""Name of a variable."""
 
 
 class Copy(NamedTuple):
@@ -304,7 +315,7 @@ def _find_numbers(text: str) -> tuple[int, ...]:
 
     The result is cached, because each part of a line needs it.
     """
-    return tuple(place for place, character in enumerate(text) if character == "\0")
+    return tuple(place for place, character in enumerate(text) if character == A_NUMBER)
 
 
 Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
@@ -431,7 +442,7 @@ class Language:
                 if is_before_statement:  # CR and LF together are one line break
                     line_offset += piece.count("\n") or piece.count("\r")
             else:
-                if piece == "\0":
+                if piece == A_NUMBER:
                     ordinals.append(count_of_numbers)
                 is_word = kind != "sign"
                 if is_after_word and is_word:
@@ -509,8 +520,8 @@ class Language:
         used = pass_uses(used, RESULT if kind == "return" else CONDITION)
         if not kind:
             return used
-        is_number = line["name"] == "\0"
-        name = ("%s", line.first_ordinal("name")) if is_number else line["name"]
+        is_number = line["name"] == A_NUMBER
+        name = NumberedName("%s", line.first_ordinal("name")) if is_number else line["name"]
         return [*used, Flow(kind, name)]
 
     def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
@@ -579,7 +590,7 @@ class Language:
             names.discard(self.positions)
             for element in re.finditer(rf"(?<![\w$]){self.positions}\[(\0\])?", line.text):
                 ordinals = line.ordinals_in(element.start(), element.end())
-                names.add((f"{self.positions}[%s]", ordinals[0]) if ordinals else self.positions)
+                names.add(NumberedName(f"{self.positions}[%s]", ordinals[0]) if ordinals else self.positions)
         return names
 
     def _find_lines_of_motions(self, masked: str) -> Iterator[int]:
@@ -737,7 +748,7 @@ def begin_counted_loop(line: Line, remedy: str) -> list[Op]:
         begin, end = line.span(group)
         uses += line.read_expression(line.text[begin:end])
         ordinals += line.ordinals_in(begin, end)
-        are_numbers &= line.text[begin:end].strip() == "\0"
+        are_numbers &= line.text[begin:end].strip() == A_NUMBER
     name = line["name"]
     counter = MakeUnknown(frozenset({name}), f"{name} counts a loop", remedy)
     return [*uses, Flow("loop", bounds=tuple(ordinals) if are_numbers else ()), counter]

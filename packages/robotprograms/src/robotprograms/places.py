@@ -71,12 +71,11 @@ class Place:
         """
         if isinstance(name, str):
             return self.scope.qualify(name)
-        template, ordinal = name
-        number = float(self.values[self.first + ordinal])
+        number = float(self.values[self.first + name.ordinal])
         text = f"{number:g}" if number.is_integer() else "\0"
-        full_name = self.scope.qualify(template % text)
+        full_name = self.scope.qualify(name.template % text)
         # One copy of each name; names of fields are used once or twice, and are not stored.
-        is_field = "." in template
+        is_field = "." in name.template
         return full_name if is_field else intern(full_name)
 
 

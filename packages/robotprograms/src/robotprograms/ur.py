@@ -168,7 +168,7 @@ def _translate_assignment(line: Line) -> list[Op]:
     declaration: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
     if not index:
         literal = _read_literal(line, *line.span("value"))
-        if value == "\0":  # pi, or a speed
+        if value == ir.A_NUMBER:  # pi, or a speed
             literal = Literal(_NUMBER, line.ordinals_in(*line.span("value")))
         if literal is not None:
             return [*declaration, ir.Assign(name, literal)]
@@ -252,12 +252,12 @@ def _read_feed(line: Line, arguments: Mapping[str, tuple[int, int]]) -> ir.Feed 
     ordinal_of_time = None
     if "t" in arguments:
         start, end = arguments["t"]
-        if line.text[start:end] != "\0":  # the time is not a number
+        if line.text[start:end] != ir.A_NUMBER:  # the time is not a number
             return None
         (ordinal_of_time,) = line.ordinals_in(start, end)
     start, end = arguments["v"]
     speed = line.text[start:end]
-    if speed == "\0":
+    if speed == ir.A_NUMBER:
         number = Literal(_NUMBER, line.ordinals_in(start, end))
         return ir.Feed(number, _M_PER_S, time=ordinal_of_time)
     is_name = re.fullmatch(_WORD, speed)
