@@ -122,12 +122,13 @@ class Propagation:
     def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
         """Propagate states through the operations `indices` of a routine once; record their moves.
 
-        A state has the content of each variable, as it is on all paths to an operation.
+        A state has the content of each variable, as it is on all paths to an operation; it is None where no
+        path leads to the operation.
         """
-        state: State | None = {}  # None where no path leads to the operation
+        state: State | None = {}
         if not routine and routine in self._flow.faulty_routines:
             state = self._add_fault(self._flow.faulty_routines[routine], state)
-        shared = False  # whether the state is stored elsewhere, so that it must be copied before a change
+        is_shared = False  # whether the state is stored elsewhere, so that it must be copied before a change
         self._entered_routines.append(routine)
         for i in indices:
             op = self._ops[i]
@@ -135,13 +136,16 @@ class Propagation:
                 self._record(op, i, state)
                 continue
             self._work.count(1)
-            if state is not None and (dead := self._liveness.dead.get(i)):
-                left = self._leave_out(dead, state)
-                state, shared = left, shared and left is state
+            unread_names = self._liveness.dead.get(i)  # nothing reads them from here on
+            if state is not None and unread_names:
+                left = self._leave_out(unread_names, state)
+                is_shared = is_shared and left is state
+                state = left
             if isinstance(op, ir.Flow):
-                state, shared = self._pass_to_successors(op, i, state), True
+                state = self._pass_to_successors(op, i, state)
+                is_shared = True
             elif state is not None:
-                state, shared = self._operate(op, i, state, shared=shared)
+                state, is_shared = self._operate(op, i, state, shared=is_shared)
         self._entered_routines.pop()
         if state is not None:
             state = self._keep_live(self._liveness.at_exit.get(routine, set()), state)
