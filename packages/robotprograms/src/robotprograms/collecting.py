@@ -290,16 +290,18 @@ class ChangeCollector:
             if i not in self.unread:
                 self._summarise_operation(i, op)
         self._summarise_faults_and_attachments()
-        of_routine = self._changes.of_routine
+        of_routine = (
+            self._changes.of_routine
+        )  # by the name of the routine, names with the cause of the change
         to_visit = [*of_routine]  # routines whose callers may change more names than noted
         while to_visit:
             routine = to_visit.pop()
             for caller in self.callers.get(routine, ()):
-                known = of_routine[caller]
-                count = len(known)
+                names_of_caller = of_routine[caller]
+                count_before = len(names_of_caller)
                 for name, cause in of_routine[routine].items():
-                    known.setdefault(name, cause)
-                if len(known) > count:
+                    names_of_caller.setdefault(name, cause)
+                if len(names_of_caller) > count_before:
                     to_visit.append(caller)
 
     def _summarise_operation(self, i: int, op: ir.Op) -> None:

@@ -245,7 +245,14 @@ class Columns:
     def _leave_move(
         self, line: int, targets: Sequence[WrittenNumbers], frames: Sequence[Frames], cause: Cause
     ) -> None:
-        """Note a move that cannot be corrected for a cause; the numbers of its targets have to stay."""
+        """Note a move that cannot be corrected for a cause; the numbers of its targets have to stay.
+
+        Args:
+            line: line of the move.
+            targets: targets whose numbers are known.
+            frames: base and tool of each target.
+            cause: why the move cannot be corrected, with a remedy.
+        """
         names = ", ".join(_get_plain_name(target.label) or "in numbers" for target in targets)
         base, tool = "", ""
         if frames:
@@ -256,8 +263,9 @@ class Columns:
         self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
         for target in targets:
             is_declared = bool(target.label)
-            if is_declared:
-                self._target_causes.setdefault(self._index_target(target, None, line), cause)
+            if is_declared:  # another move may have the target, too
+                index = self._index_target(target, None, line)
+                self._target_causes.setdefault(index, cause)
 
     def add_offset(self, target: WrittenNumbers, frames: Frames, line: int) -> None:
         """Add a remark to a move that ends at an offset from a target: correcting the target shifts the end.

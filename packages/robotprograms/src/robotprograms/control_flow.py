@@ -100,11 +100,15 @@ class ControlFlow:
         """Append the ends of routines and blocks that are open at the end of the text, which may be cut."""
         while self._open_blocks:
             block = self._open_blocks[-1]
-            kind = "end" if block.kind == "routine" else "close"
-            if kind == "close":
+            if block.kind == "routine":
+                kind = "end"
+            else:
+                kind = "close"
                 self._note_missing_end(block)
-                for label in chain(*self._labels[self._open_routines[-1]].values()):
-                    self.uncertain.setdefault(label, block.begin)  # what is cut may jump there
+                # What was cut off may jump to any label of the routine: behind labels, no move is certain.
+                labels_by_name = self._labels[self._open_routines[-1]]
+                for label in chain(*labels_by_name.values()):
+                    self.uncertain.setdefault(label, block.begin)
             self._ops.append(ir.Flow(kind))
             end = len(self._ops) - 1
             self._end_block(end, kind)
@@ -227,7 +231,10 @@ class ControlFlow:
         return False
 
     def _end_open_block(self, i: int, kind: str, block: _OpenBlock) -> None:
-        """End the innermost block at index i, or begin its next branch there."""
+        """End the innermost block at index i, or begin its next branch there.
+
+        The successors of an operation, by index, are the operations where the program may continue.
+        """
         if kind in {"branch", "default"}:
             block.other_branches.append(i)
             block.has_default |= kind == "default"
@@ -239,16 +246,20 @@ class ControlFlow:
         for place in (*block.other_branches, *block.exits):
             self.successors[place].append(i)
         self.successors[block.begin] += block.other_branches
-        if block.kind in {"if", "switch", "loop"} and not block.has_default:  # the block may be skipped
+        may_be_skipped = block.kind in {"if", "switch", "loop"} and not block.has_default
+        if may_be_skipped:
             self.successors[block.begin].append(i)
         if block.kind in ir.LOOPS:
             self._link_rounds(i, block)
 
     def _link_rounds(self, end: int, loop: _OpenBlock) -> None:
-        """Add the successors of the operations that end a round of a loop, whose end has an index."""
+        """Let each round of a loop continue with the next one, from the loop's end and from jumps to it.
+
+        `end` is the index of the loop's last operation; `loop.repetitions` are those of the jumps.
+        """
         for place in (end, *loop.repetitions):
             self.successors[place].append(loop.begin)
-        if loop.kind == "repeat":  # its condition is at the end
+        if loop.kind == "repeat":  # its condition is at the end, so that a jump may also leave the loop
             for place in loop.repetitions:
                 self.successors[place].append(end)
         if loop.kind == "forever":
