@@ -84,21 +84,22 @@ CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
 
 
 def choose_program_paths(path: Path, names: Iterable[str]) -> dict[str, Path]:
-    """Return name → path to write, for each file of a program.
+    """Choose the path to write for each file of a program; the result has the paths by the files' names.
 
     If `path` is a folder, the files keep their names there. Else a single file gets this path; each of
     several files gets the path with its own ending, and with its name, too, if an earlier file has the same
     ending.
     """
-    plain = {name: Path(name).name for name in names}
+    file_names = {name: Path(name).name for name in names}  # without folders
     if path.is_dir():
-        return {name: path / file for name, file in plain.items()}
-    if len(plain) == 1:
-        return dict.fromkeys(plain, path)
+        return {name: path / file_name for name, file_name in file_names.items()}
+    if len(file_names) == 1:
+        return dict.fromkeys(file_names, path)
     paths = dict[str, Path]()
-    for name, file in plain.items():
-        own = path.with_suffix(Path(file).suffix)
-        paths[name] = path.with_name(f"{path.stem}_{file}") if own in paths.values() else own
+    for name, file_name in file_names.items():
+        with_own_ending = path.with_suffix(Path(file_name).suffix)
+        is_taken = with_own_ending in paths.values()
+        paths[name] = path.with_name(f"{path.stem}_{file_name}") if is_taken else with_own_ending
     return paths
 
 
@@ -112,39 +113,40 @@ _REASONS = {
 
 def _make_report(_job: Program, result: ProgramResult, _view: View) -> Report:
     """Return the report: counts of corrected targets, quantiles of distances, worst points, remarks."""
-    reasons = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
-    capped = f"; the limits reduce {result.capped} corrections" if result.capped else ""
-    uncorrected = f"; not corrected: {reasons}" if reasons else ""
-    moves = f"; {result.moves_left} of {result.moves} moves are left unchanged" if result.moves_left else ""
-    counts = Line(f"{result.corrected} of {result.points} targets are corrected{capped}{uncorrected}{moves}")
-    worst: list[Part] = [_worst_table(result)] if result.worst else []
-    tables: list[Part] = [_distances_table(result), _corrections_table(result), *worst]
-    return Report([counts, *tables, *map(Line, result.remarks)])
+    counts = f"{result.corrected} of {result.points} targets are corrected"
+    if result.capped:
+        counts += f"; the limits reduce {result.capped} corrections"
+    if result.left_alone:
+        reasons = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
+        counts += f"; not corrected: {reasons}"
+    if result.moves_left:
+        counts += f"; {result.moves_left} of {result.moves} moves are left unchanged"
+    parts: list[Part] = [Line(counts), _distances_table(result), _corrections_table(result)]
+    if result.worst:
+        parts.append(_worst_table(result))
+    return Report([*parts, *map(Line, result.remarks)])
 
 
 def _distances_table(result: ProgramResult) -> Table:
-    """Return a table of quantiles of the loaded tool's distance from its target, and of the corrections.
+    """Return a table of quantiles of the loaded tool's distance from its target.
 
-    Each quantile has its interval; the last column says whether the intervals include the model error.
+    Its rows are the program without correction and as written. Each quantile has its interval; the last
+    column says whether the intervals include the model error.
     """
-    confidence, style = f"{100 * result.confidence:g} %", style_for(result.assessment.verdict)
+    style = style_for(result.assessment.verdict)
     rows = {
         "without correction": (result.deflection, result.deflection_ends),
         "predicted, as written": (result.residual, result.residual_ends),
     }
-    quantiles = {"median": "median", "95 % of the points": "p95", "greatest": "greatest"}
-    columns = [
-        Column(title, [replace(_show_quantile(*row, name), style=style) for row in rows.values()], show_cell)
-        for title, name in quantiles.items()
-    ]
+    columns = [Column("quantity", list(rows), text=True)]
+    for title, field in {"median": "median", "95 % of the points": "p95", "greatest": "greatest"}.items():
+        cells = [_show_quantile(sizes, ends, field) for sizes, ends in rows.values()]
+        columns.append(Column(title, [replace(cell, style=style) for cell in cells], show_cell))
+    columns.append(Column("model error", [model_error_text(result.with_model_error)] * len(rows), text=True))
     return Table(
-        [
-            Column("quantity", list(rows), text=True),
-            *columns,
-            Column("model error", [model_error_text(result.with_model_error)] * len(rows), text=True),
-        ],
+        columns,
         title="Distance of the loaded tool from its target, mm",
-        caption=f"in brackets: {confidence} interval",
+        caption=f"in brackets: {100 * result.confidence:g} % interval",
     )
 
 
@@ -158,13 +160,14 @@ def _show_quantile(sizes: Spread | None, ends: SpreadEnds | None, name: str) -> 
 def _corrections_table(result: ProgramResult) -> Table:
     """Return a table of what is written: displacement of the targets, and rounding of their numbers."""
     rows = {"displacement of targets": result.correction, "rounding of the numbers": result.rounding}
+    spreads = list(rows.values())  # None without corrected points
     format_mm = number_formatter(".4f", 1e3)
     return Table(
         [
             Column("quantity", list(rows), text=True),
-            Column("median", [each and each.median for each in rows.values()], format_mm),
-            Column("95 % of the points", [each and each.p95 for each in rows.values()], format_mm),
-            Column("greatest", [each and each.greatest for each in rows.values()], format_mm),
+            Column("median", [spread and spread.median for spread in spreads], format_mm),
+            Column("95 % of the points", [spread and spread.p95 for spread in spreads], format_mm),
+            Column("greatest", [spread and spread.greatest for spread in spreads], format_mm),
         ],
         title="Corrections as written, mm",
     )
@@ -173,55 +176,64 @@ def _corrections_table(result: ProgramResult) -> Table:
 def _worst_table(result: ProgramResult) -> Table:
     """Return a table of the points with the greatest deflections, before and after the correction."""
     points, style = result.worst[:_SHOWN_POINTS], style_for(result.assessment.verdict)
-    before = [
-        show_estimate(point.deflection, point.interval_with_model_error or point.interval, 1e3, style=style)
-        for point in points
+    before, after = [], []
+    for point in points:
+        interval = point.interval_with_model_error or point.interval
+        before.append(show_estimate(point.deflection, interval, 1e3, style=style))
+        interval_after = point.residual_interval_with_model_error or point.residual_interval
+        after.append(show_estimate(point.residual, interval_after, 1e3, style=style))
+    is_model_error_included = [point.interval_with_model_error is not None for point in points]
+    columns = [
+        Column("point", [point.number for point in points]),
+        Column("name", [point.name for point in points], text=True),
+        Column("line", [point.line for point in points]),
+        Column("before", before, show_cell, "mm"),
+        Column("after", after, show_cell, "mm"),
+        Column("model error", list(map(model_error_text, is_model_error_included)), text=True),
     ]
-    after = [
-        show_estimate(
-            point.residual,
-            point.residual_interval_with_model_error or point.residual_interval,
-            1e3,
-            style=style,
-        )
-        for point in points
-    ]
-    included = [model_error_text(point.interval_with_model_error is not None) for point in points]
     remarks = ["capped" if point.capped else "" for point in points]
+    if any(remarks):
+        columns.append(Column("", remarks, text=True))
     return Table(
-        [
-            Column("point", [point.number for point in points]),
-            Column("name", [point.name for point in points], text=True),
-            Column("line", [point.line for point in points]),
-            Column("before", before, show_cell, "mm"),
-            Column("after", after, show_cell, "mm"),
-            Column("model error", included, text=True),
-            *([Column("", remarks, text=True)] if any(remarks) else []),
-        ],
+        columns,
         title="Worst points",
         caption=f"distance from the target, with its {100 * result.confidence:g} % interval",
     )
 
 
 def make_charts(result: ProgramResult) -> list[Chart]:
-    """Return a chart of the worst points: distance of the tool from its target, corrected and uncorrected."""
+    """Return charts of the worst points: distance of the tool from its target, before and after."""
     points = result.worst
-    before = {"without correction": [point.deflection for point in points]}
-    after = {"as written": [point.residual for point in points]}
-    intervals = {
-        "without correction": [point.interval_with_model_error or point.interval for point in points]
-    }
-    intervals_after = {
-        "as written": [
-            point.residual_interval_with_model_error or point.residual_interval for point in points
-        ]
-    }
+    if not points:
+        return []
     names = [point.name or str(point.number) for point in points]
-    charts = [
-        Chart("Without correction, worst points", names, before, 1e3, "mm", "points", intervals),
-        Chart("As written, worst points", names, after, 1e3, "mm", "points", intervals_after),
+    before = [point.deflection for point in points]
+    intervals = [point.interval_with_model_error or point.interval for point in points]
+    after = [point.residual for point in points]
+    intervals_after = [
+        point.residual_interval_with_model_error or point.residual_interval for point in points
     ]
-    return [replace(chart, quantity="distance to target") for chart in charts] if points else []
+    charts = [
+        Chart(
+            "Without correction, worst points",
+            names,
+            {"without correction": before},
+            1e3,
+            "mm",
+            "points",
+            {"without correction": intervals},
+        ),
+        Chart(
+            "As written, worst points",
+            names,
+            {"as written": after},
+            1e3,
+            "mm",
+            "points",
+            {"as written": intervals_after},
+        ),
+    ]
+    return [replace(chart, quantity="distance to target") for chart in charts]
 
 
 PROGRAM: Final = Kind[Program, ProgramRequest](

@@ -76,16 +76,16 @@ def collect_loads(
     """
     if table is not None:
         return read_load_table(table, points, names, measure_lengths, common)
+    # Row 0 of the loads is the zero load, for visits without load.
     if options.cut is not None:
-        force = convert_cut(options.cut).mean_force()
-        return Loads(
-            np.stack([np.zeros(6), np.append(force, np.zeros(3))]), _find_segments([options.cut], lines)
-        )
+        no_load = np.zeros(6)
+        load_of_cut = np.append(convert_cut(options.cut).mean_force(), np.zeros(3))  # without moment
+        return Loads(np.stack([no_load, load_of_cut]), _find_segments([options.cut], lines))
     stated: Sequence[ProcessLoad] = options.segments if options.load is None else [options.load]
-    # Row 0 is the zero load, for visits without load.
+    forces = np.array([load.force for load in stated]).reshape(-1, 3)
     moments = np.array([load.moment for load in stated]).reshape(-1, 3)
     values = np.zeros((len(stated) + 1, 6))
-    values[1:, :3] = FORCE[options.units.force] * np.array([load.force for load in stated]).reshape(-1, 3)
+    values[1:, :3] = FORCE[options.units.force] * forces
     values[1:, 3:] = moment_factor(options.units, moments) * moments
     if not stated:
         return Loads(values, np.zeros(len(lines), dtype=np.intp))
@@ -98,9 +98,13 @@ def convert_cut(cut: schemas.Cut) -> Cut:
     Raises:
         RequestError: the width exceeds the diameter.
     """
-    material = Material(1e-6 * (cut.pressure or 0.0), cut.exponent or 0.0, "as stated")
+    if cut.material is not None:
+        material = MATERIALS[cut.material]
+    else:
+        pressure = 1e-6 * (cut.pressure or 0.0)  # Pa to N/mm²
+        material = Material(pressure, cut.exponent or 0.0, "as stated")
     fields = cut.model_dump(exclude={"material", "pressure", "exponent", "first_line", "last_line"})
-    return Cut(material if cut.material is None else MATERIALS[cut.material], **fields)
+    return Cut(material, **fields)
 
 
 def _find_segments(segments: Sequence[ProcessLoad | schemas.Cut], lines: IndexArray) -> IndexArray:
@@ -112,16 +116,17 @@ def _find_segments(segments: Sequence[ProcessLoad | schemas.Cut], lines: IndexAr
     order = sorted(range(len(segments)), key=lambda i: segments[i].first_line or 0)
     first = np.array([segments[i].first_line or 0 for i in order])
     last = np.array([segments[i].last_line or MAX_LINE for i in order])
-    overlap = np.flatnonzero(first[1:] <= last[:-1])
-    if len(overlap):
+    overlaps = np.flatnonzero(first[1:] <= last[:-1]) + 1  # with the segment before
+    if len(overlaps):
+        overlap = overlaps[0]
         raise RequestError(
-            f"line {first[overlap[0] + 1]} has two loads",
-            where=f"segments[{order[overlap[0] + 1]}]",
+            f"line {first[overlap]} has two loads",
+            where=f"segments[{order[overlap]}]",
             remedy="give segments of lines that do not overlap",
         )
-    segment = np.searchsorted(first, lines, side="right") - 1
-    inside = (segment >= 0) & (lines <= last[segment])
-    return np.where(inside, np.array(order)[segment] + 1, 0)
+    segment = np.searchsorted(first, lines, side="right") - 1  # the last one that begins before the line
+    is_inside = (segment >= 0) & (lines <= last[segment])
+    return np.where(is_inside, np.array(order)[segment] + 1, 0)
 
 
 def read_load_table(
@@ -142,24 +147,30 @@ def read_load_table(
     point_count = int(points.max(initial=0))
     number_points = f"number the points from 1 to {point_count}, and give each point at most once"
     rows = _split_rows(content, point_count, number_points)
-    columns = _load_columns(rows[0] if rows else [])
-    key = _parse_key(rows[0][0])
+    header = rows[0] if rows else []
+    columns = _load_columns(header)
+    key = _parse_key(header[0])
     if key == "length":
         return _interpolate_loads(rows, columns, measure_lengths())
-    values, load_of_point = [np.zeros(_CELLS)], np.zeros(point_count + 1, dtype=np.intp)
     points_of_label = _number_labels(names, common) if key == "label" else None
+    loads = [np.zeros(_CELLS)]  # row 0 is the zero load
+    load_of_point = np.zeros(point_count + 1, dtype=np.intp)  # index in `loads` by the point's number
     for line, row in enumerate(rows[1:], 2):
-        if any(row):
-            cells = [row[0]] if points_of_label is None else _find_label(line, row[0], points_of_label)
-            for cell in cells:
-                number, load = _parse_load_row(line, [cell, *row[1:]], columns)
-                point = int(number) if number == int(number) else 0
-                if not 1 <= point <= point_count or load_of_point[point]:
-                    reason = f"point {cell} occurs twice, or is not in the program"
-                    raise _table_fault(line, reason, number_points)
-                load_of_point[point] = len(values)
-            values.append(load)
-    return _split_feed(np.array(values), load_of_point[points], columns)
+        is_blank = not any(row)
+        if is_blank:
+            continue
+        first_cell, *cells = row
+        numbers = [first_cell] if points_of_label is None else _find_label(line, first_cell, points_of_label)
+        for number_text in numbers:
+            number, load = _parse_load_row(line, [number_text, *cells], columns)
+            point = int(number) if number == int(number) else 0
+            is_known = 1 <= point <= point_count
+            if not is_known or load_of_point[point] != 0:
+                reason = f"point {number_text} occurs twice, or is not in the program"
+                raise _table_fault(line, reason, number_points)
+            load_of_point[point] = len(loads)
+        loads.append(load)
+    return _split_feed(np.array(loads), load_of_point[points], columns)
 
 
 def _split_rows(content: bytes, point_count: int, number_points: str) -> Sequence[Sequence[str]]:
@@ -177,15 +188,15 @@ def _split_rows(content: bytes, point_count: int, number_points: str) -> Sequenc
     first_line = text.lstrip().partition("\n")[0][:40]
     is_by_length = first_line.lstrip('" ').lower().startswith("length")
     most_lines = _MOST_LENGTHS if is_by_length else 2 * point_count + _MORE_LINES
+    most_cells = 8 * most_lines
     # A huge file is refused before it is split into cells, which would take much memory.
-    if any(text.count(sign) > most_lines for sign in "\n\r") or any(
-        text.count(sign) > 8 * most_lines for sign in ",;\t"
-    ):
+    has_too_many_lines = any(text.count(sign) > most_lines for sign in "\n\r")
+    has_too_many_cells = any(text.count(sign) > most_cells for sign in ",;\t")
+    if has_too_many_lines or has_too_many_cells:
+        too_many = "the table has too many lines or cells"
         if is_by_length:
-            raise _table_fault(
-                1, f"the table has too many lines or cells: at most {most_lines:,} lines", "leave rows out"
-            )
-        raise _table_fault(1, "the table has too many lines or cells for the program's points", number_points)
+            raise _table_fault(1, f"{too_many}: at most {most_lines:,} lines", "leave rows out")
+        raise _table_fault(1, f"{too_many} for the program's points", number_points)
     try:
         rows, _ = split_table_rows(text)
     except csv.Error:
@@ -221,50 +232,83 @@ def _interpolate_loads(
     Raises:
         FilesError: a row has a mistake, lengths decrease, or the table leaves a part of the path out.
     """
+    places, loads = _read_lengths(rows, columns, float(lengths[-1]))
+    # Each visit is between the rows `after - 1` and `after`.
+    after = np.clip(np.searchsorted(places, lengths, side="right"), 1, len(places) - 1)
+    distance = lengths - places[after - 1]
+    width = places[after] - places[after - 1]
+    fraction = np.divide(distance, width, out=np.ones(len(lengths)), where=width > 0.0)
+    fraction = np.clip(fraction, 0.0, 1.0)[:, None]
+    interpolated = (1.0 - fraction) * loads[after - 1] + fraction * loads[after]
+    # Row 0 is the zero load. Equal loads share a row, so that a target that is visited twice may have one.
+    distinct, index = np.unique(interpolated, axis=0, return_inverse=True)
+    is_loaded = interpolated.any(axis=1)
+    of_visit = np.where(is_loaded, index.reshape(-1) + 1, 0)
+    return _split_feed(np.concatenate([np.zeros((1, _CELLS)), distinct]), of_visit, columns)
+
+
+def _read_lengths(
+    rows: Sequence[Sequence[str]], columns: Sequence[tuple[int, float]], whole: float
+) -> tuple[FloatArray, FloatArray]:
+    """Read a table by length along the path, whose rows have to cover the whole path.
+
+    Args:
+        rows: cells of the table, with the header.
+        columns: index in the load, and factor to SI units, for each column after the first.
+        whole: length of the path [m].
+
+    Returns:
+        Lengths (k,) of the rows [m]; their loads (k, 7) in SI units.
+
+    Raises:
+        FilesError: a row has a mistake, lengths decrease, or the table leaves a part of the path out.
+    """
     factor = _length_factor(rows[0][0])
-    stated, values, lines = list[float](), list[FloatArray](), list[int]()
+    places, loads, lines = list[float](), list[FloatArray](), list[int]()
     for line, row in enumerate(rows[1:], 2):
-        if any(row):
-            number, load = _parse_load_row(line, row, columns)
-            length = factor * number
-            if (stated and length < stated[-1]) or (len(stated) > 1 and length == stated[-2]):
-                raise _table_fault(
-                    line,
-                    f"the length {row[0]} is less than that of the row before, or occurs three times",
-                    "sort the rows by length; two rows of one length are a step of the load",
-                )
-            stated.append(length)
-            values.append(load)
-            lines.append(line)
-    whole, slack = float(lengths[-1]), _SLACK * float(lengths[-1])
+        is_blank = not any(row)
+        if is_blank:
+            continue
+        number, load = _parse_load_row(line, row, columns)
+        place = factor * number
+        decreases = len(places) > 0 and place < places[-1]
+        is_third = len(places) > 1 and place == places[-2]
+        if decreases or is_third:
+            raise _table_fault(
+                line,
+                f"the length {row[0]} is less than that of the row before, or occurs three times",
+                "sort the rows by length; two rows of one length are a step of the load",
+            )
+        places.append(place)
+        loads.append(load)
+        lines.append(line)
     if not whole > 0.0:
-        raise _table_fault(
-            1, "the path has no length, as all its moves are joint moves", "number the points, or use labels"
-        )
-    if not stated or stated[0] > slack or abs(stated[-1] - whole) > slack:
-        covered = f"{1e3 * stated[0]:.4g} to {1e3 * stated[-1]:.4g} mm" if stated else "nothing"
+        reason = "the path has no length, as all its moves are joint moves"
+        raise _table_fault(1, reason, "number the points, or use labels")
+    slack = _SLACK * whole
+    covers_path = len(places) > 0 and places[0] <= slack and abs(places[-1] - whole) <= slack
+    if not covers_path:
+        covered = f"{1e3 * places[0]:.4g} to {1e3 * places[-1]:.4g} mm" if places else "nothing"
         raise _table_fault(
             lines[-1] if lines else 1,
             f"the table covers {covered}, but the lines and arcs of the path have 0 to {1e3 * whole:.4g} mm",
             "give rows for the whole path, with zeros where there is no load",
         )
-    after = np.clip(np.searchsorted(stated, lengths, side="right"), 1, len(stated) - 1)
-    at, loads = np.array(stated), np.array(values)
-    width = at[after] - at[after - 1]
-    part = np.divide(lengths - at[after - 1], width, out=np.ones(len(lengths)), where=width > 0.0)
-    part = np.clip(part, 0.0, 1.0)[:, None]
-    interpolated = (1.0 - part) * loads[after - 1] + part * loads[after]
-    # Row 0 is the zero load. Equal loads share a row, so that a target that is visited twice may have one.
-    distinct, index = np.unique(interpolated, axis=0, return_inverse=True)
-    of_visit = np.where(interpolated.any(axis=1), index.reshape(-1) + 1, 0)
-    return _split_feed(np.concatenate([np.zeros((1, _CELLS)), distinct]), of_visit, columns)
+    return np.array(places), np.array(loads)
 
 
 def _split_feed(values: FloatArray, of_visit: IndexArray, columns: Sequence[tuple[int, float]]) -> Loads:
-    """Return the loads of rows (k, 7) of a table, and the feeds if the table has them; zero is no feed."""
+    """Return the loads and feeds of a table; a feed of zero means that the row states none.
+
+    Args:
+        values: (k, 7) force [N], moment [N·m] and feed [m/s] of each row.
+        of_visit: (v,) row of each visit.
+        columns: index in the row, and factor to SI units, for each column of the table after the first.
+    """
+    loads, feed = values[:, :_FEED], values[:, _FEED]
     has_feed = any(component == _FEED for component, _ in columns)
-    feed = np.where(values[:, _FEED] > 0.0, values[:, _FEED], np.nan)
-    return Loads(values[:, :_FEED], of_visit, feed if has_feed else None)
+    stated_feed = np.where(feed > 0.0, feed, np.nan)
+    return Loads(loads, of_visit, stated_feed if has_feed else None)
 
 
 def _length_factor(header: str) -> float:
@@ -281,11 +325,19 @@ def _length_factor(header: str) -> float:
 
 
 def _number_labels(names: Sequence[str], common: Collection[str]) -> dict[str, list[str]]:
-    """Return the numbers of the points of each name in capitals, as texts; [] if they are several targets."""
-    numbers = defaultdict[str, list[str]](list)
+    """Return the numbers, as texts, of the points with each name in capitals.
+
+    The list is empty for a name that several targets have. A name in `common` is that of one target with
+    several points.
+    """
+    numbers_of_name = defaultdict[str, list[str]](list)
     for number, name in enumerate(names, 1):
-        numbers[name.upper()].append(str(number))
-    return {name: each if len(each) == 1 or name in common else [] for name, each in numbers.items()}
+        numbers_of_name[name.upper()].append(str(number))
+    for name, numbers in numbers_of_name.items():
+        is_ambiguous = len(numbers) > 1 and name not in common
+        if is_ambiguous:
+            numbers.clear()
+    return numbers_of_name
 
 
 def _find_label(line: int, label: str, points_of_label: Mapping[str, list[str]]) -> list[str]:
@@ -331,8 +383,9 @@ def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
     columns = []
     for cell in header[1:]:
         name, _, unit = cell.partition("[")
-        if name.strip().lower() == "feed" and (size := LENGTH.get(unit.strip().removesuffix("/s]"))):
-            columns.append((_FEED, size))
+        length_unit = LENGTH.get(unit.strip().removesuffix("/s]"))
+        if name.strip().lower() == "feed" and length_unit:
+            columns.append((_FEED, length_unit))
             continue
         try:
             parsed = parse_vector_header(cell, ("force", "moment"))
@@ -341,15 +394,14 @@ def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
         if parsed is None:
             raise _table_fault(1, f"the header {cell[:40]!r} is not understood", _REMEDY)
         quantity, axis, factor = parsed
-        columns.append((3 * (quantity == "moment") + axis, factor))
+        first_index = 3 if quantity == "moment" else 0
+        columns.append((first_index + axis, factor))
     components = [component for component, _ in columns]
-    # Moments may be absent, but not forces: components 0, 1 and 2 are Fx, Fy and Fz.
-    if (
-        not header
-        or header[0].partition("[")[0].strip().lower() not in {"point", "label", "length"}
-        or len(set(components)) < len(components)
-        or not {0, 1, 2} <= set(components)
-    ):
+    key = header[0].partition("[")[0].strip().lower() if header else ""
+    has_key = key in {"point", "label", "length"}
+    has_forces = {0, 1, 2} <= set(components)  # Fx, Fy and Fz; moments may be absent
+    occurs_twice = len(set(components)) < len(components)
+    if not has_key or not has_forces or occurs_twice:
         raise _table_fault(1, "a column is missing, or occurs twice", _REMEDY)
     return columns
 

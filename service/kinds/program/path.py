@@ -60,9 +60,10 @@ class _Frames:
 
     def select_inverse(self, targets: IndexArray) -> FloatArray:
         """Return the inverses (m, 4, 4) [m] of the frames of m targets, given the indices of the targets."""
+        rotations, origins = self.poses[:, :3, :3], self.poses[:, :3, 3:]  # (k, 3, 3), (k, 3, 1)
         inverse = np.tile(np.eye(4), (len(self.poses), 1, 1))
-        inverse[:, :3, :3] = self.poses[:, :3, :3].transpose(0, 2, 1)
-        inverse[:, :3, 3] = -(inverse[:, :3, :3] @ self.poses[:, :3, 3:])[..., 0]
+        inverse[:, :3, :3] = rotations.transpose(0, 2, 1)
+        inverse[:, :3, 3] = -(inverse[:, :3, :3] @ origins)[:, :, 0]
         return np.asarray(inverse[self.of_target[targets]])
 
 
@@ -87,13 +88,14 @@ class ProgramFrames:
         notation, targets = choose_frame_notation(program), program.targets
         world = _read_stated_pose(notation, options.world, "world")
         flange = _read_stated_pose(notation, options.flange, "flange")
-        # A target in joint angles needs its base only for a load along the axes of the base; index −1 means
-        # that the target has no base frame.
-        unused = targets.given_as_joints & (options.axes != "base")
-        bases = np.where(unused, -1, targets.base)
-        tool = _find_target_frames(flange, notation, options.tools, targets.frames, targets.tool, "tools")
-        base = _find_target_frames(world, notation, options.bases, targets.frames, bases, "bases")
-        return cls(tool, base, None if options.tool_x is None else np.array(options.tool_x))
+        # A target in joint angles needs its base only for a load along the axes of the base.
+        needs_base = ~targets.given_as_joints | (options.axes == "base")
+        no_frame = -1
+        base_of_target = np.where(needs_base, targets.base, no_frame)
+        tools = _find_target_frames(flange, notation, options.tools, targets.frames, targets.tool, "tools")
+        bases = _find_target_frames(world, notation, options.bases, targets.frames, base_of_target, "bases")
+        tool_x = None if options.tool_x is None else np.array(options.tool_x)
+        return cls(tools, bases, tool_x)
 
     def flange_poses(
         self, program: Program, indices: IndexArray, values: FloatArray | None = None
@@ -108,19 +110,21 @@ class ProgramFrames:
         Raises:
             RequestError: neither the targets nor the request have an angle about the tool's axis.
         """
-        flange = np.empty((len(indices), 4, 4))
+        flange_in_r0 = np.empty((len(indices), 4, 4))
         for start in range(0, len(indices), BLOCK):
             block = slice(start, start + BLOCK)
-            targets, poses = indices[block], np.full_like(flange[block], np.nan)  # poses of the tools
+            targets = indices[block]
             written = program.targets.values[targets] if values is None else values[block]
+            tool_in_base = np.full((len(targets), 4, 4), np.nan)
             for notation, rows in program.targets.group_by_notation(targets):
                 numbers = written[rows, : 3 + notation.count]
                 if notation.has_pose:
-                    poses[rows] = notation.to_poses(numbers)
+                    tool_in_base[rows] = notation.to_poses(numbers)
                 elif not notation.is_joints:
-                    poses[rows] = self._poses_from_axis(notation, numbers)
-            flange[block] = self.base.select(targets) @ poses @ self.tool.select_inverse(targets)
-        return flange
+                    tool_in_base[rows] = self._poses_from_axis(notation, numbers)
+            base_in_r0, flange_in_tool = self.base.select(targets), self.tool.select_inverse(targets)
+            flange_in_r0[block] = base_in_r0 @ tool_in_base @ flange_in_tool
+        return flange_in_r0
 
     def find_flange_poses(
         self, program: Program, indices: IndexArray, robot: Robot, joints: FloatArray
@@ -134,7 +138,8 @@ class ProgramFrames:
             joints: (m, n) postures, as the controller shows them [rad or m]; only those of targets in joint
                 angles are used.
         """
-        poses, is_joint_target = self.flange_poses(program, indices), program.targets.given_as_joints[indices]
+        poses = self.flange_poses(program, indices)
+        is_joint_target = program.targets.given_as_joints[indices]
         if is_joint_target.any():
             angles = robot.joint_map.model_angles(joints[is_joint_target])
             poses[is_joint_target] = flange_poses(robot, angles)
@@ -142,12 +147,13 @@ class ProgramFrames:
 
     def positions(self, program: Program, indices: IndexArray) -> FloatArray:
         """Return positions (m, 3) in R0 [m] of m targets, by index; rows of joint targets are meaningless."""
-        metres_per_unit = np.array([each.length for each in program.targets.notations])  # in m
-        position = (
-            metres_per_unit[program.targets.notation[indices], None] * program.targets.values[indices, :3]
-        )
+        targets = program.targets
+        length_units = np.array([notation.length for notation in targets.notations])  # [m]
+        unit_of_target = length_units[targets.notation[indices]]
+        in_base = unit_of_target[:, None] * targets.values[indices, :3]
         base = self.base.select(indices)
-        return np.asarray((base[:, :3, :3] @ position[..., None])[..., 0] + base[:, :3, 3])
+        rotations, origins = base[:, :3, :3], base[:, :3, 3]
+        return np.asarray((rotations @ in_base[:, :, None])[:, :, 0] + origins)
 
     def convert_poses_to_numbers(
         self, program: Program, indices: IndexArray, flange: FloatArray
@@ -157,20 +163,21 @@ class ProgramFrames:
         Of several numbers for the same pose (angles differ by whole turns), the nearest to the program's
         numbers are returned. NaN fills columns that a notation does not have, and rows of joint targets.
         """
-        poses = self.base.select_inverse(indices) @ flange @ self.tool.select(indices)
+        tool_in_base = self.base.select_inverse(indices) @ flange @ self.tool.select(indices)
         numbers = np.full((len(indices), NUMBERS), np.nan)
         for notation, rows in program.targets.group_by_notation(indices):
-            programmed = program.targets.values[indices[rows], : 3 + notation.count]
             if notation.is_joints:
                 continue
+            poses = tool_in_base[rows]
+            programmed = program.targets.values[indices[rows], : 3 + notation.count]
             if notation.has_pose:
-                new_numbers = notation.from_poses(poses[rows], programmed)
-            else:
+                new_numbers = notation.from_poses(poses, programmed)
+            else:  # position, and perhaps the tool's axis
                 new_numbers = programmed.copy()
-                new_numbers[:, :3] = poses[rows, :3, 3] / notation.length
+                new_numbers[:, :3] = poses[:, :3, 3] / notation.length
                 # The program's axis vector points from tip to spindle and keeps its length.
                 axis_length = np.linalg.norm(programmed[:, 3:], axis=1, keepdims=True)
-                new_numbers[:, 3:] = -axis_length * poses[rows, :3, 2][:, : notation.count]
+                new_numbers[:, 3:] = -axis_length * poses[:, :3, 2][:, : notation.count]
             numbers[rows, : new_numbers.shape[1]] = new_numbers
         return numbers
 
@@ -192,16 +199,20 @@ class ProgramFrames:
         programmed_axis = np.tile([0.0, 0.0, 1.0], (len(numbers), 1))
         if notation.orientation is Orientation.TOOL_AXIS:
             programmed_axis = numbers[:, 3:]
-        tool_axis = -programmed_axis / np.linalg.norm(programmed_axis, axis=1, keepdims=True)
-        tool_x = self.x_axis - (tool_axis @ self.x_axis)[:, None] * tool_axis
-        length = np.linalg.norm(tool_x, axis=1, keepdims=True)
-        if not (length > _LEAST_SINE * np.linalg.norm(self.x_axis)).all():
+        z_axis = -programmed_axis / np.linalg.norm(programmed_axis, axis=1, keepdims=True)
+        part_along_z = (z_axis @ self.x_axis)[:, None] * z_axis
+        across = self.x_axis - part_along_z  # the wanted x axis without its part along z
+        length = np.linalg.norm(across, axis=1, keepdims=True)
+        is_parallel = ~(length > _LEAST_SINE * np.linalg.norm(self.x_axis))
+        if is_parallel.any():
             raise RequestError(
                 "`tool_x` is parallel to the tool's axis", where="tool_x", remedy="give another direction"
             )
-        tool_x = tool_x / length
+        x_axis = across / length
         poses = np.tile(np.eye(4), (len(numbers), 1, 1))
-        poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = tool_x, np.cross(tool_axis, tool_x), tool_axis
+        poses[:, :3, 0] = x_axis
+        poses[:, :3, 1] = np.cross(z_axis, x_axis)
+        poses[:, :3, 2] = z_axis
         poses[:, :3, 3] = numbers[:, :3] * notation.length
         return poses
 
@@ -242,8 +253,9 @@ def _find_target_frames(
     used_names: set[str | None] = set()
     for index in np.unique(frame_of_target[frame_of_target >= 0]).tolist():
         frame = frames[index]
-        if frame.pose is None:
-            used_names.add(stated_name := _find_stated_frame(frame, stated_poses, field))
+        if frame.pose is None:  # the program gives no numbers
+            stated_name = _find_stated_frame(frame, stated_poses, field)
+            used_names.add(stated_name)
             poses[index] = reference @ stated_poses[stated_name]
         elif _fold_name(frame.name) in stated_poses:
             reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
@@ -251,12 +263,14 @@ def _find_target_frames(
         else:
             poses[index] = reference @ frame.pose
     # A frame that the program does not use is refused, because its name may be misspelt.
-    for name in (frame.name for frame in stated_frames if _fold_name(frame.name) not in used_names):
-        reason = (
-            "a frame without name is not used, because every frame of the program has numbers"
-            if name is None
-            else f"the program does not use the frame {quote_text(name)}"
-        )
+    for stated_frame in stated_frames:
+        name = stated_frame.name
+        if _fold_name(name) in used_names:
+            continue
+        if name is None:
+            reason = "a frame without name is not used, because every frame of the program has numbers"
+        else:
+            reason = f"the program does not use the frame {quote_text(name)}"
         raise RequestError(reason, where=field, remedy="omit this frame, or correct its name")
     return _Frames(poses, frame_of_target)
 
@@ -325,27 +339,31 @@ class _Word:
     bit: int | None = None  # bit of the number that is 1 for angles below zero; None for the whole number
 
     def ranges(self, numbers: FloatArray) -> FloatArray:
-        """Return the least and greatest angle (m, 2) [rad] that each number of a word allows; ∓inf for NaN.
+        """Return the least and greatest joint angle (m, 2) [rad] that numbers of a configuration allow.
 
-        `numbers` (m,) are the word's numbers at m targets.
+        `numbers` (m,) are those that m targets state for this word of the configuration: bits of signs,
+        quadrants, or full turns. Any angle is allowed where the number is NaN.
         """
-        if self.bit is not None:
+        if self.bit is not None:  # the bit is set if the angle is negative
             is_negative = np.nan_to_num(numbers).astype(np.int64) >> self.bit & 1
             lower, upper = np.where(is_negative, -np.inf, 0.0), np.where(is_negative, 0.0, np.inf)
-        elif self.kind == "quadrant":
+        elif self.kind == "quadrant":  # of 90°
             lower, upper = np.pi / 2 * numbers, np.pi / 2 * (numbers + 1)
-        else:
+        else:  # count of full turns from −180° … 180°
             lower, upper = 2 * np.pi * numbers - np.pi, 2 * np.pi * numbers + np.pi
-        unknown = np.isnan(numbers)
-        return np.stack([np.where(unknown, -np.inf, lower), np.where(unknown, np.inf, upper)], axis=1)
+        is_unknown = np.isnan(numbers)
+        lower, upper = np.where(is_unknown, -np.inf, lower), np.where(is_unknown, np.inf, upper)
+        return np.stack([lower, upper], axis=1)
 
     def update_number(self, number: int, angle: float) -> int:
         """Return the number that allows an angle [rad]; bits of `number` for other joints are kept."""
         if self.bit is not None:
-            return number & ~(1 << self.bit) | int(angle < 0.0) << self.bit
-        return int(
-            np.floor(2 * angle / np.pi) if self.kind == "quadrant" else np.ceil(angle / (2 * np.pi) - 0.5)
-        )
+            other_bits = number & ~(1 << self.bit)
+            is_negative = int(angle < 0.0)
+            return other_bits | is_negative << self.bit
+        if self.kind == "quadrant":
+            return int(np.floor(2 * angle / np.pi))
+        return int(np.ceil(angle / (2 * np.pi) - 0.5))
 
 
 # KUKA's S and T, FANUC's turns, and ABB's cf1, cf4, cf6 and cfx, by the names that the notations use.
@@ -364,11 +382,13 @@ class StatedConfigurations:
     """The arm configurations that the targets of a program state, as ranges of joint angles."""
 
     def __init__(self, program: Program) -> None:
+        r"""Find whether joint moves of a program end in the configuration that their targets state.
+
+        They do, except in a program of ABB with `ConfJ \Off`.
+        """
         self._program = program
-        # True if a joint move ends in the stated configuration; not with ABB's `ConfJ \Off`.
-        self.binds_joint_moves = program.format != "rapid" or not any(
-            _FREE_RAPID.search(source.text) for source in program.sources
-        )
+        is_free = any(_FREE_RAPID.search(source.text) for source in program.sources)
+        self.binds_joint_moves = not (program.format == "rapid" and is_free)
 
     def ranges(self, indices: Sequence[int] | IndexArray) -> FloatArray:
         """Return the least and greatest angle (m, 6, 2) [rad] of each joint that configurations allow.
@@ -376,73 +396,77 @@ class StatedConfigurations:
         `indices` are those of m targets. Angles are the controller's; limits are ∓inf for a joint without
         stated configuration.
         """
-        rows = np.asarray(indices, dtype=np.intp)
-        ranges = np.tile([-np.inf, np.inf], (len(rows), 6, 1))
-        for word, column, rows_with_word in self._iterate_words(rows):
-            lower, upper = word.ranges(self._word_numbers(rows[rows_with_word], column)).T
-            stated = ranges[rows_with_word, word.joint]
-            ranges[rows_with_word, word.joint] = np.stack(
-                [np.maximum(stated[:, 0], lower), np.minimum(stated[:, 1], upper)], 1
-            )
-        return ranges
+        targets = np.asarray(indices, dtype=np.intp)
+        least, greatest = np.full((len(targets), 6), -np.inf), np.full((len(targets), 6), np.inf)
+        # A joint may have several words, such as its sign and its turn: the ranges intersect.
+        for word, column, rows in self._iterate_words(targets):
+            lower, upper = word.ranges(self._word_numbers(targets[rows], column)).T
+            least[rows, word.joint] = np.maximum(least[rows, word.joint], lower)
+            greatest[rows, word.joint] = np.minimum(greatest[rows, word.joint], upper)
+        return np.stack([least, greatest], axis=2)
 
     def list_word_edits(
         self, indices: IndexArray, programmed: FloatArray, corrected: FloatArray
     ) -> list[tuple[int, Edit]]:
-        """Return (target index, edit) for each configuration word that a correction makes wrong.
+        """Return (target index, edit) for each configuration number that a correction makes wrong.
 
-        A word is changed if it agreed with the joint's angle before the correction, but does not after.
+        A number is changed if it agreed with the joint's angle before the correction, but does not after.
 
         Args:
             indices: (m,) indices of targets.
             programmed: (m, 6) controller's angles before the correction [rad].
             corrected: (m, 6) controller's angles after the correction [rad].
         """
-        changed: dict[tuple[int, int], int] = {}  # numbers by target and column
-        for word, column, rows_with_word in self._iterate_words(indices):
-            numbers = self._word_numbers(indices[rows_with_word], column)
+        new_numbers: dict[tuple[int, int], int] = {}  # by index of the target and column of the number
+        for word, column, rows in self._iterate_words(indices):
+            numbers = self._word_numbers(indices[rows], column)
             lower, upper = word.ranges(numbers).T
-            before = programmed[rows_with_word, word.joint]
-            after = corrected[rows_with_word, word.joint]
+            before, after = programmed[rows, word.joint], corrected[rows, word.joint]
             agreed_before = (lower - _NEAR <= before) & (before <= upper + _NEAR)
             disagrees_after = (after < lower - _ROUNDING) | (after > upper + _ROUNDING)
-            for row in np.flatnonzero(agreed_before & disagrees_after & np.isfinite(numbers)):
+            for k in np.flatnonzero(agreed_before & disagrees_after & np.isfinite(numbers)):
+                key = int(indices[rows[k]]), column
                 # A number with sign bits has several joints: earlier changes of other bits are kept.
-                key = int(indices[rows_with_word[row]]), column
-                changed[key] = word.update_number(changed.get(key, int(numbers[row])), float(after[row]))
-        return [
-            (index, self._edit_number(index, column, number)) for (index, column), number in changed.items()
-        ]
+                number = new_numbers.get(key, int(numbers[k]))
+                new_numbers[key] = word.update_number(number, float(after[k]))
+        edits = list[tuple[int, Edit]]()
+        for (index, column), number in new_numbers.items():
+            edits.append((index, self._edit_number(index, column, number)))
+        return edits
 
     def _edit_number(self, index: int, column: int, number: int) -> Edit:
-        """Return the edit (start, end, text) of the source for a new number of a configuration word.
+        """Return the edit (start, end, text) of the source for a new number of the configuration.
 
         Args:
             index: index of the target.
-            column: column of the word among the target's numbers.
+            column: column of the number among the target's numbers.
             number: new number.
         """
         targets = self._program.targets
         start, end = targets.spans[index, column].tolist()
         text = self._program.sources[targets.source[index]].text[start:end]
-        if text[0] != "'":
+        is_binary = text.startswith("'")  # KUKA's 'B010' or 'B 010'
+        if not is_binary:
             return start, end, str(number)
-        digits = text[2:-1].lstrip()  # KUKA's 'B010' or 'B 010'
-        return start, end, f"{text[: -len(digits) - 1]}{number:0{len(digits)}b}'"
+        digits = text[2:-1].lstrip()
+        beginning = text.removesuffix(f"{digits}'")
+        return start, end, f"{beginning}{number:0{len(digits)}b}'"
 
     def _iterate_words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
         """Yield (word, column, positions) for each configuration word of some targets.
 
-        `column` is the word's column among the numbers of a target; `positions` (k,) are the positions in
-        `indices` of the targets that have the word.
+        A word is what one number of the configuration states about one joint. `column` is the number's column
+        among the numbers of a target; `positions` (k,) are the positions in `indices` of the targets that
+        have the word.
         """
         targets = self._program.targets
-        words = [tuple(name for name, _ in literal.words) for literal in targets.literals]
-        word_lists = list(dict.fromkeys(words))  # each different list of words, once
-        list_of_literal = np.array([word_lists.index(names) for names in words], dtype=np.intp)
-        list_of_target = list_of_literal[targets.literal[indices]]
-        for i, names in enumerate(word_lists):
-            positions = np.flatnonzero(list_of_target == i)
+        # Targets with the same names of configuration numbers are handled together.
+        names_of_literal = [tuple(name for name, _ in literal.words) for literal in targets.literals]
+        different_names = list(dict.fromkeys(names_of_literal))
+        group_of_literal = np.array([different_names.index(names) for names in names_of_literal], np.intp)
+        group_of_target = group_of_literal[targets.literal[indices]]
+        for group, names in enumerate(different_names):
+            positions = np.flatnonzero(group_of_target == group)
             for column, name in enumerate(names, NUMBERS):
                 for word in _WORDS[name]:
                     yield word, column, positions
@@ -533,28 +557,23 @@ class Visits:
             RequestError: no move is under load, or a load does not fit the program.
             FaultsError: the program has no move, or a target has two loads.
         """
-        visits = program.moves.visits
-        if not len(visits):
-            fault = Fault(
-                program.sources[0].name, None, "the program has no move", "send a program with moves"
-            )
-            raise FaultsError([fault])
-        visited_targets, first_visit, index_in_unique = np.unique(
-            visits, return_index=True, return_inverse=True
-        )
+        moves = program.moves
+        visits = moves.visits  # index of the visited target
+        if len(visits) == 0:
+            file = program.sources[0].name
+            raise FaultsError([Fault(file, None, "the program has no move", "send a program with moves")])
+        targets, first_visit, place_in_targets = np.unique(visits, return_index=True, return_inverse=True)
         # Renumber the targets from the order of their indices to the order of their first visits.
-        visit_order = np.argsort(first_visit)
-        rank = np.empty_like(visit_order)
-        rank[visit_order] = np.arange(len(visit_order))
-        first_visits, target_numbers = first_visit[visit_order], rank[index_in_unique]
-        names = (
-            [program.targets.names[i] for i in visited_targets[visit_order].tolist()]
-            if table is not None
-            else ()
+        order = np.argsort(first_visit)
+        number_of_place = np.empty_like(order)
+        number_of_place[order] = np.arange(len(order))
+        numbers = number_of_place[place_in_targets]
+        targets, first_visits = targets[order], first_visit[order]
+        names = [program.targets.names[i] for i in targets.tolist()] if table is not None else ()
+        lines = moves.line[moves.move_of_visit]
+        loads = collect_loads(
+            options, table, lines, numbers + 1, names, measure_lengths, program.common_names
         )
-        lines = program.moves.line[program.moves.move_of_visit]
-        common = program.common_names
-        loads = collect_loads(options, table, lines, target_numbers + 1, names, measure_lengths, common)
         if not (loads.of_visit.any() or options.absolute):
             raise RequestError(
                 "no move is under load",
@@ -562,23 +581,22 @@ class Visits:
                 remedy="give loads for lines that contain moves, or for points that moves visit",
             )
         load_of_target = loads.of_visit[first_visits]
-        reason = "moves visit this target under two different loads"
-        _refuse_targets(
-            program,
-            visits[loads.of_visit != load_of_target[target_numbers]],
-            reason,
+        has_other_load = loads.of_visit != load_of_target[numbers]
+        reason, remedy = (
+            "moves visit this target under two different loads",
             "use a separate target for each load",
         )
+        _refuse_targets(program, visits[has_other_load], reason, remedy)
         loaded_targets = np.flatnonzero((load_of_target > 0) | options.absolute)
-        continuous = ~program.moves.is_visit_of_joint_move
-        continuous[0] = False
+        is_continuous = ~moves.is_visit_of_joint_move
+        is_continuous[0] = False
         return cls(
             visits,
-            visited_targets[visit_order],
-            target_numbers,
+            targets,
+            numbers,
             first_visits,
-            continuous,
-            program.moves.is_middle_of_arc,
+            is_continuous,
+            moves.is_middle_of_arc,
             loads,
             loaded_targets,
         )
@@ -594,17 +612,16 @@ def measure_lengths(
     Raises:
         RequestError: a frame of the program has no numbers.
     """
-    frames, visits, targets = (
-        ProgramFrames.from_program(program, options),
-        program.moves.visits,
-        program.targets,
-    )
-    centres = frames.positions(program, visits)
-    if (joints := targets.given_as_joints[visits]).any():
-        angles = targets.values[visits[joints], :6] * targets.angle_unit[visits[joints], None]
+    frames = ProgramFrames.from_program(program, options)
+    visits, targets = program.moves.visits, program.targets
+    centres = frames.positions(program, visits)  # of the tool
+    is_joint_target = targets.given_as_joints[visits]
+    if is_joint_target.any():
+        joint_targets = visits[is_joint_target]
+        angles = targets.values[joint_targets, :6] * targets.angle_unit[joint_targets, None]
         model_angles = robot.joint_map.model_angles(inverse.insert_held_joints(angles))
-        poses = flange_poses(robot, model_angles) @ frames.tool.select(visits[joints])
-        centres[joints] = poses[:, :3, 3]
+        tool_poses = flange_poses(robot, model_angles) @ frames.tool.select(joint_targets)
+        centres[is_joint_target] = tool_poses[:, :3, 3]
     steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
     steps[program.moves.is_visit_of_joint_move[1:]] = 0.0
     return np.append(0.0, np.cumsum(steps))
@@ -649,10 +666,12 @@ def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: 
 def _make_fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
     """Return a fault at a target, with its file, line and name; `target` is the index of the target."""
     targets = program.targets
-    name = f"{quote_text(targets.names[target])}: " if targets.names[target] else ""
-    return Fault(
-        program.sources[targets.source[target]].name, int(targets.line[target]), name + reason, remedy
+    file, line, name = (
+        program.sources[targets.source[target]].name,
+        int(targets.line[target]),
+        targets.names[target],
     )
+    return Fault(file, line, f"{quote_text(name)}: {reason}" if name else reason, remedy)
 
 
 def find_wanted_postures(
@@ -680,22 +699,24 @@ def find_wanted_postures(
     Raises:
         FaultsError: a target is not reached, or its arm configuration is ambiguous.
     """
-    targets, angle_unit = program.targets, program.targets.angle_unit[visits, None]
+    targets = program.targets
     is_joint_target = targets.given_as_joints[visits]
-    programmed_joints = np.where(is_joint_target[:, None], targets.values[visits, :6] * angle_unit, np.nan)
+    angles = targets.values[visits, :6] * targets.angle_unit[visits, None]
+    programmed_joints = np.where(is_joint_target[:, None], angles, np.nan)
     _refuse_changed_configuration_letters(program, visits, is_joint_target)
     poses = frames.flange_poses(program, visits)
     ranges = configurations.ranges(visits)
     has_configuration = np.isfinite(ranges).any(axis=(1, 2))
-    start = convert_start_joints(options, robot) if start is None else start
     # A linear move keeps the arm's configuration; a joint move takes the configuration that is stated.
     takes_stated = program.moves.is_visit_of_joint_move & has_configuration & configurations.binds_joint_moves
+    if start is None:
+        start = convert_start_joints(options, robot)
     with as_request_errors("robot"):
         joints, unreached = choose_postures(inverse, poses, programmed_joints, ranges, takes_stated, start)
-    faults = [
-        _make_fault(program, int(visits[row]), *_REASONS[Unreached(unreached[row])])
-        for row in np.flatnonzero(unreached)
-    ]
+    faults = []
+    for row in np.flatnonzero(unreached):
+        reason, remedy = _REASONS[Unreached(unreached[row])]
+        faults.append(_make_fault(program, int(visits[row]), reason, remedy))
     if faults:
         raise FaultsError(faults)
     return joints
@@ -721,22 +742,32 @@ def _refuse_changed_configuration_letters(
     """Refuse a change of FANUC's configuration letters (N/F, U/D, T/B) between two pose targets.
 
     The letters do not determine joint angles, so that the posture after the change is unknown unless a
-    target in joint angles lies between the two targets. Raises a `FaultsError` with the targets.
+    target in joint angles lies between the two targets.
+
+    Args:
+        program: the program.
+        visits: (v,) index of the target at each visit.
+        is_joint_target: mask (v,) of the visits of targets in joint angles.
+
+    Raises:
+        FaultsError: the letters change at targets.
     """
     literals = program.targets.literals
-    # A program without letters is not searched: the empty sequence ends the loop at once.
-    literal_of_visit = (
-        program.targets.literal[visits].tolist() if any(each.letters for each in literals) else ()
-    )
-    previous_letters = ""  # of the last pose target with letters since the last joint target
+    if not any(literal.letters for literal in literals):
+        return
+    last_letters = ""  # of the last pose target with letters since the last joint target
     changed_targets = []
-    for target, literal, joints in zip(
-        visits.tolist(), literal_of_visit, is_joint_target.tolist(), strict=False
+    literal_of_visit = program.targets.literal[visits]
+    for target, literal, is_joints in zip(
+        visits.tolist(), literal_of_visit.tolist(), is_joint_target.tolist(), strict=True
     ):
-        letters = "" if joints else literals[literal].letters
-        if previous_letters and letters and letters != previous_letters:
+        if is_joints:
+            last_letters = ""
+            continue
+        letters = literals[literal].letters
+        if letters and last_letters and letters != last_letters:
             changed_targets.append(target)
-        previous_letters = "" if joints else letters or previous_letters
+        last_letters = letters or last_letters
     remedy = "insert a move to joint angles before this target, or split the program before this target"
     reason = "the arm changes its configuration (N/F, U/D, T/B)"
     _refuse_targets(program, np.array(changed_targets, dtype=np.intp), reason, remedy)
@@ -749,12 +780,14 @@ def find_load_points(
 
     `targets` are indices; without a load point in the options, the load acts at the tool centre.
     """
-    place = frames.tool.select(targets)[:, :3, 3].copy()
+    tool_poses = frames.tool.select(targets)
+    tool_centres = tool_poses[:, :3, 3].copy()
     if options.load_point is None:
-        return place.copy(), place
+        return tool_centres.copy(), tool_centres
     length_unit = LENGTH[options.units.length]
     refuse_far_point(options.load_point, "load_point", length=length_unit)
-    return np.tile(length_unit * np.array(options.load_point), (len(targets), 1)), place
+    load_point = length_unit * np.array(options.load_point)
+    return np.tile(load_point, (len(targets), 1)), tool_centres
 
 
 def find_spindles(options: ProgramOptions, frames: ProgramFrames, targets: IndexArray) -> FloatArray:
@@ -790,18 +823,22 @@ def find_load_axes(
     Raises:
         RequestError: `spindle` is the zero vector.
     """
-    here = poses[visits.first]
-    if is_along_feed(options):
+    if is_along_feed(options):  # of the tool's motion through all visits
+        rotations, origins = poses[:, :3, :3], poses[:, :3, 3]
         spindle = find_spindles(options, frames, visits.targets)
-        place = frames.tool.select(visits.targets)[:, :3, 3]
-        centres = (poses[:, :3, :3] @ place[..., None])[..., 0] + poses[:, :3, 3]
-        axes = (poses[:, :3, :3] @ spindle[..., None])[..., 0]
-        return find_feed_frames(centres, axes, visits.continuous, visits.middles)[visits.first]
+        centre_in_flange = frames.tool.select(visits.targets)[:, :3, 3]
+        centres = (rotations @ centre_in_flange[:, :, None])[:, :, 0] + origins
+        spindle_axes = (rotations @ spindle[:, :, None])[:, :, 0]
+        feed_frames = find_feed_frames(centres, spindle_axes, visits.continuous, visits.middles)
+        return feed_frames[visits.first]
+    count = len(visits.first)
     if options.axes == "robot":
-        return np.tile(np.eye(3), (len(here), 1, 1))
+        return np.tile(np.eye(3), (count, 1, 1))
     if options.axes == "base":
         return frames.base.select(visits.order)[:, :3, :3]
-    return np.asarray(here[:, :3, :3] @ frames.tool.select(visits.order)[:, :3, :3])
+    flange_in_r0 = poses[visits.first][:, :3, :3]
+    tool_in_flange = frames.tool.select(visits.order)[:, :3, :3]
+    return np.asarray(flange_in_r0 @ tool_in_flange)
 
 
 def is_along_feed(options: ProgramOptions) -> bool:
@@ -822,10 +859,12 @@ def turn_loads_to_base(
     Raises:
         RequestError: a load needs a direction of feed where the tool does not move across its axis.
     """
-    where = "load" if options.cut is None else "cut"
+    forces, moments = loads[:, :3], loads[:, 3:]
     if is_along_feed(options):
-        return apply_feed_frames(axes, loads[:, :3], where), apply_feed_frames(axes, loads[:, 3:], where)
-    return np.einsum("bij,bj->bi", axes, loads[:, :3]), np.einsum("bij,bj->bi", axes, loads[:, 3:])
+        field = "load" if options.cut is None else "cut"
+        return apply_feed_frames(axes, forces, field), apply_feed_frames(axes, moments, field)
+    # b: target, i: axis of R0, j: axis of the load
+    return np.einsum("bij,bj->bi", axes, forces), np.einsum("bij,bj->bi", axes, moments)
 
 
 def read_feeds(program: Program) -> FloatArray:
@@ -841,14 +880,14 @@ def find_feeds(
     The table of loads comes first, then the wanted feed [m/s] of a request, the program and the cut. Moves
     that the program states faster than the wanted feed keep the program's feed.
     """
-    stated = read_feeds(program)
-    feed = stated.copy()
+    feed_of_program = read_feeds(program)
+    feed = feed_of_program.copy()
     if wanted is not None:
-        feed = np.where(stated > SAME_FEED * wanted, stated, wanted)
+        is_faster = feed_of_program > SAME_FEED * wanted
+        feed = np.where(is_faster, feed_of_program, wanted)
     elif options.cut is not None:
-        feed = np.where(np.isnan(stated), options.cut.feed, stated)
-    of_table = visits.loads.feed
-    if of_table is not None:
-        of_visit = of_table[visits.loads.of_visit]
-        feed = np.where(np.isnan(of_visit), feed, of_visit)
+        feed = np.where(np.isnan(feed_of_program), options.cut.feed, feed_of_program)
+    if visits.loads.feed is not None:
+        feed_of_table = visits.loads.feed[visits.loads.of_visit]
+        feed = np.where(np.isnan(feed_of_table), feed, feed_of_table)
     return np.where(program.moves.is_visit_of_joint_move, np.nan, feed)

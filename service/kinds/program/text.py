@@ -27,6 +27,13 @@ class FaultsError(FilesError):
     def __init__(
         self, faults: Sequence[Fault], count: int | None = None, left: Sequence[ReadMove] = ()
     ) -> None:
+        """Make the error of a request of the error of the readers, with the same faults.
+
+        Args:
+            faults: faults of the program, each with place, reason and remedy.
+            count: count of all faults, if only the first ones are given.
+            left: moves that are not corrected.
+        """
         cause = ProgramError(faults, count, left)
         self.faults, self.count, self.left_moves = cause.faults, cause.count, cause.left_moves
         self._text = str(cause)

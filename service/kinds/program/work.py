@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -151,11 +152,12 @@ class WrittenPoints:
 
         All points count if only points under load are written; else those under load, if any are.
         """
-        cases = self.path.cases[self.corrections.points] if len(self.corrections.points) else None
-        if cases is None or self.path.programmed is None:
-            return np.ones(len(self.corrections.points), dtype=np.bool_)
-        loaded = np.asarray(cases.force.any(axis=1) | cases.moment.any(axis=1))
-        return loaded if loaded.any() else ~loaded
+        points = self.corrections.points
+        if len(points) == 0 or self.path.programmed is None:
+            return np.ones(len(points), dtype=np.bool_)
+        cases = self.path.cases[points]
+        is_loaded = np.asarray(cases.force.any(axis=1) | cases.moment.any(axis=1))
+        return is_loaded if is_loaded.any() else np.ones(len(points), dtype=np.bool_)
 
     def summarize_sizes(self, sizes: FloatArray) -> Spread | None:
         """Return median, 95 % quantile and maximum of the sizes (k,) [m] that count; None without any."""
@@ -187,11 +189,14 @@ class WrittenPoints:
 
         `uncertainty` (k,) is the standard uncertainty of each length from the readings [m].
         """
-        half_widths = np.stack([self.quantile * uncertainty, self.corrections.model_error])
+        by_readings = self.quantile * uncertainty
+        with_model_error = self.corrections.model_error
+        half_widths = np.stack([by_readings, with_model_error])
         half_widths = np.where(np.isfinite(half_widths), half_widths, np.nan)
-        # half_widths[0] is from readings only, half_widths[1] with model error.
         # The interval with model error must not be narrower than the interval from readings only.
-        half_widths[1] = np.where(np.isnan(half_widths[1]), np.nan, np.fmax(half_widths[0], half_widths[1]))
+        by_readings, with_model_error = half_widths
+        wider = np.fmax(by_readings, with_model_error)
+        half_widths[1] = np.where(np.isnan(with_model_error), np.nan, wider)
         length = _vector_lengths(motion[:, :3])
         return np.stack([np.maximum(length - half_widths, 0.0), length + half_widths], axis=2)
 
@@ -206,43 +211,48 @@ class WrittenPoints:
         The intervals include the model error if its bound is known. Return None if no interval is known.
         """
         intervals = self._intervals if of == "deflection" else self._remaining_intervals
-        low, high = intervals[1 if self.has_model_error else 0].T
+        by_readings, with_model_error = intervals
+        low, high = (with_model_error if self.has_model_error else by_readings).T
         if not np.isfinite(high[self.counted]).all():
             return None
-        ends = self.summarize_sizes(low), self.summarize_sizes(high)
-        return None if ends[0] is None or ends[1] is None else SpreadEnds(low=ends[0], high=ends[1])
+        spread_of_low, spread_of_high = self.summarize_sizes(low), self.summarize_sizes(high)
+        if spread_of_low is None or spread_of_high is None:
+            return None
+        return SpreadEnds(low=spread_of_low, high=spread_of_high)
 
     def list_worst_points(self) -> list[ProgramPoint]:
         """Return at most `MAX_WORST` points with the greatest deflections, greatest first."""
         corrections, targets = self.corrections, self.path.program.targets
-        worst_first = np.argsort(-_vector_lengths(corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
-        points = corrections.points[worst_first]
-        worst_targets = self.path.targets[points]
-        readings, with_error = self._intervals[:, worst_first]
-        remaining, remaining_with_error = self._remaining_intervals[:, worst_first]
-        names = [targets.names[i] for i in worst_targets.tolist()]
+        deflections = _vector_lengths(corrections.uncorrected[:, :3])
+        worst = np.argsort(-deflections, kind="stable")[:MAX_WORST]  # rows of the corrections
+        points = corrections.points[worst]
+        target_indices = self.path.targets[points]
+        interval, interval_with_error = self._intervals[:, worst]
+        residual_interval, residual_interval_with_error = self._remaining_intervals[:, worst]
+        names = []
+        for index in target_indices.tolist():
+            characters = targets.names[index]
+            names.append("".join(each if each.isprintable() else "?" for each in characters))
         return messages.build_messages(
             ProgramPoint,
             number=points + 1,
-            name=[
-                "".join(character if character.isprintable() else "?" for character in name) for name in names
-            ],
-            line=targets.line[worst_targets],
+            name=names,
+            line=targets.line[target_indices],
             place=self.place[points],
-            deflection=_vector_lengths(corrections.uncorrected[worst_first, :3]),
-            deflection_rotation=_vector_lengths(corrections.uncorrected[worst_first, 3:]),
-            correction=_vector_lengths(corrections.correction[worst_first, :3]),
-            correction_rotation=_vector_lengths(corrections.correction[worst_first, 3:]),
-            standard_uncertainty=corrections.uncertainty[worst_first],
-            interval=readings,
-            interval_with_model_error=with_error,
-            residual=_vector_lengths(self.residual[worst_first, :3]),
-            residual_rotation=_vector_lengths(self.residual[worst_first, 3:]),
-            residual_interval=remaining,
-            residual_interval_with_model_error=remaining_with_error,
-            rounding=self.rounding[worst_first],
-            share=corrections.share[worst_first],
-            capped=corrections.capped[worst_first],
+            deflection=_vector_lengths(corrections.uncorrected[worst, :3]),
+            deflection_rotation=_vector_lengths(corrections.uncorrected[worst, 3:]),
+            correction=_vector_lengths(corrections.correction[worst, :3]),
+            correction_rotation=_vector_lengths(corrections.correction[worst, 3:]),
+            standard_uncertainty=corrections.uncertainty[worst],
+            interval=interval,
+            interval_with_model_error=interval_with_error,
+            residual=_vector_lengths(self.residual[worst, :3]),
+            residual_rotation=_vector_lengths(self.residual[worst, 3:]),
+            residual_interval=residual_interval,
+            residual_interval_with_model_error=residual_interval_with_error,
+            rounding=self.rounding[worst],
+            share=corrections.share[worst],
+            capped=corrections.capped[worst],
         )
 
     def _loaded_columns(self, block: slice) -> FloatArray:
@@ -251,12 +261,14 @@ class WrittenPoints:
         `block` is the range of the points among the corrections.
         """
         corrections = self.corrections
+        interval, interval_with_model_error = 1e3 * self._intervals[:, block]  # (b, 2) [mm]
         return np.column_stack(
             [
                 *_motions_in_mm(corrections.uncorrected[block]),
                 *_motions_in_mm(corrections.correction[block]),
                 1e3 * corrections.uncertainty[block],
-                *(1e3 * interval for interval in self._intervals[:, block]),
+                interval,
+                interval_with_model_error,
                 *_motions_in_mm(self.residual[block]),
                 1e3 * self.rounding[block],
                 corrections.share[block],
@@ -269,36 +281,32 @@ class WrittenPoints:
         Points without load have NaN in the columns `_LOADED_COLUMNS`.
         """
         corrections, path = self.corrections, self.path
-        numbers = np.full(
-            (len(_POSTURE_COLUMNS) + len(_LOADED_COLUMNS), len(path.targets)), np.nan, dtype=np.float32
-        )
-        numbers[:3], numbers[3 : len(_POSTURE_COLUMNS)] = self.place.T, np.degrees(self.arm).T
+        point_count, first_loaded_column = len(path.targets), len(_POSTURE_COLUMNS)
+        column_count = first_loaded_column + len(_LOADED_COLUMNS)
+        numbers = np.full((column_count, point_count), np.nan, dtype=np.float32)
+        numbers[:3] = self.place.T
+        numbers[3:first_loaded_column] = np.degrees(self.arm).T
         for start in range(0, len(corrections.points), BLOCK):
             block = slice(start, start + BLOCK)
-            numbers[len(_POSTURE_COLUMNS) :, corrections.points[block]] = self._loaded_columns(block).T
-        remark = np.full(len(path.targets), _REMARKS.index("no load"), dtype=np.uint8)
+            numbers[first_loaded_column:, corrections.points[block]] = self._loaded_columns(block).T
+        remark = np.full(point_count, _REMARKS.index("no load"), dtype=np.uint8)
         remark[corrections.points[self.counted]] = _REMARKS.index("")
         remark[corrections.points[corrections.capped]] = _REMARKS.index("capped")
         remark[corrections.points[corrections.uncertain]] = _REMARKS.index(_UNCERTAIN)
         targets = path.program.targets
         names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
-        file_names = np.array([source_of_point.name for source_of_point in path.program.sources])
-        source_of_point = targets.source[path.targets].astype(np.uint8)
-        line_of_point = targets.line[path.targets].astype(np.int32)
         content = io.BytesIO()
         # Neighbouring points differ little: stored as differences of their bits, first bytes together, then
         # second bytes and so on, a column is compressed to a third.
-        differences = (np.diff(column.view(np.uint32), prepend=np.uint32(0)) for column in numbers)
-        byte_planes = (
-            np.ascontiguousarray(difference.view(np.uint8).reshape(-1, 4).T) for difference in differences
-        )
-        for plane in byte_planes:
-            np.save(content, plane, allow_pickle=False)
+        for column in numbers:
+            differences = np.diff(column.view(np.uint32), prepend=np.uint32(0))
+            bytes_of_each = differences.view(np.uint8).reshape(-1, 4)
+            np.save(content, np.ascontiguousarray(bytes_of_each.T), allow_pickle=False)
         for array in (
             remark,
-            source_of_point,
-            line_of_point,
-            file_names,
+            targets.source[path.targets].astype(np.uint8),
+            targets.line[path.targets].astype(np.int32),
+            np.array([source.name for source in path.program.sources]),
             np.frombuffer(names, dtype=np.uint8),
             self._pack_remaining(),
         ):
@@ -306,9 +314,12 @@ class WrittenPoints:
         return content.getvalue()
 
     def _pack_remaining(self) -> NDArray[np.float32]:
-        """Return the columns `_REMAINING_COLUMNS` (4, m) [mm] of the points of the path; NaN without load."""
+        """Return the columns `_REMAINING_COLUMNS` (4, m) [mm] of the points of the path; NaN without load.
+
+        They are the lower and upper ends of two intervals of the residual: by readings, and with model error.
+        """
         columns = np.full((len(_REMAINING_COLUMNS), len(self.path.targets)), np.nan, dtype=np.float32)
-        intervals = 1e3 * self._remaining_intervals
+        intervals = 1e3 * self._remaining_intervals  # (interval, point, end) [mm]
         columns[:, self.corrections.points] = np.moveaxis(intervals, 1, 2).reshape(len(columns), -1)
         return columns
 
@@ -318,7 +329,9 @@ def points_sheet(content: bytes) -> Sheet:
     stored = io.BytesIO(content)
     numbers = dict[str, FloatArray]()
     for name in _POSTURE_COLUMNS + _LOADED_COLUMNS:
-        differences = np.ascontiguousarray(np.load(stored, allow_pickle=False).T).view(np.uint32)
+        # (4, m) first bytes, second bytes and so on of the differences of neighbouring numbers
+        byte_planes = np.load(stored, allow_pickle=False)
+        differences = np.ascontiguousarray(byte_planes.T).view(np.uint32)
         numbers[name] = np.cumsum(differences, dtype=np.uint32).view(np.float32)
     remark, source, line, files, names = (np.load(stored, allow_pickle=False) for _ in range(5))
     columns: dict[str, Any] = {
@@ -328,19 +341,20 @@ def points_sheet(content: bytes) -> Sheet:
         "line": line,
     }
     columns |= numbers
-    if stored.read(1):
-        stored.seek(-1, io.SEEK_CUR)
+    has_remaining_columns = stored.tell() < len(content)  # older tables have none
+    if has_remaining_columns:
         columns |= dict(zip(_REMAINING_COLUMNS, np.load(stored, allow_pickle=False), strict=True))
     columns["remark"] = np.array(_REMARKS, dtype=object)[remark]
     return Sheet(columns, texts=frozenset({"name", "file", "remark"}), digits=".7g")
 
 
 def _motions_in_mm(motion: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (displacements (k, 3) [mm], their lengths (k,) [mm], rotation angles (k,) [mrad]).
+    """Return displacements (k, 3) [mm], their lengths (k,) [mm] and rotation angles (k,) [mrad] of motions.
 
     `motion` (k, 6) [m, rad] has displacements, then rotation vectors.
     """
-    return 1e3 * motion[:, :3], 1e3 * _vector_lengths(motion[:, :3]), 1e3 * _vector_lengths(motion[:, 3:])
+    displacement, rotation = motion[:, :3], motion[:, 3:]
+    return 1e3 * displacement, 1e3 * _vector_lengths(displacement), 1e3 * _vector_lengths(rotation)
 
 
 def _vector_lengths(vectors: FloatArray) -> FloatArray:
@@ -494,8 +508,9 @@ def _compute_programmed_positions(path: ProgramPath, robot: Robot) -> FloatArray
     positions = path.frames.positions(path.program, path.targets)
     joint_targets = np.flatnonzero(path.program.targets.given_as_joints[path.targets])
     if len(joint_targets):
-        wanted = Postures(robot, robot.joint_map.model_angles(path.cases.joints[joint_targets]))
-        positions[joint_targets] = wanted.to_base(path.cases.place[joint_targets, None])[:, 0]
+        angles = robot.joint_map.model_angles(path.cases.joints[joint_targets])
+        tool_centres = path.cases.place[joint_targets, None]  # (j, 1, 3) in the flange frame
+        positions[joint_targets] = Postures(robot, angles).to_base(tool_centres)[:, 0]
     return positions
 
 
@@ -530,12 +545,14 @@ def _read_program(
     )
     if request.leave_others or not program.faults:
         return program
-    faults, left, other = FaultsError(program.faults), len(program.left_moves), len(program.moves)
+    faults = FaultsError(program.faults)
+    left_count, corrected_count = len(program.left_moves), len(program.moves)
+    left_of_all = f"{left_count} of {left_count + corrected_count} moves"
     raise MovesLeftError(
-        f"{left} of {left + other} moves cannot be corrected; {faults.reason}",
+        f"{left_of_all} cannot be corrected; {faults.reason}",
         where=faults.where,
-        remedy=f"write {left} of {left + other} moves anew; or state `leave_others: true` to correct only "
-        f"the other {other}",
+        remedy=f"write {left_of_all} anew; or state `leave_others: true` to correct only "
+        f"the other {corrected_count}",
         items=faults.items,
     )
 
@@ -714,8 +731,10 @@ class ProgramWork(Work):
         for error in faults.values():
             if error.cause == "unseen_joint":
                 raise error
-        for row, error in faults.items():
-            raise FaultsError([self._path.make_fault(int(points[row]), error.reason, error.remedy)])
+        if faults:
+            row, first_error = next(iter(faults.items()))
+            point = int(points[row])
+            raise FaultsError([self._path.make_fault(point, first_error.reason, first_error.remedy)])
 
     def conclude(self, parts: Sequence[Arrays]) -> ProgramResult:
         """Write the compensated program, and return it with the residuals of its points.
@@ -813,12 +832,13 @@ class ProgramWork(Work):
 
     def _correction_limits(self) -> CorrectionLimits:
         """Return the limits of a correction in m and rad, from the request or the default limits."""
-        request, usual = self._request, CorrectionLimits()
-        length, angle = LENGTH[request.units.length], ANGLE[request.units.angle]
-        return CorrectionLimits(
-            usual.displacement if request.max_displacement is None else length * request.max_displacement,
-            usual.rotation if request.max_rotation is None else angle * request.max_rotation,
-        )
+        request, limits = self._request, CorrectionLimits()
+        displacement, rotation = limits.displacement, limits.rotation
+        if request.max_displacement is not None:
+            displacement = LENGTH[request.units.length] * request.max_displacement
+        if request.max_rotation is not None:
+            rotation = ANGLE[request.units.angle] * request.max_rotation
+        return CorrectionLimits(displacement, rotation)
 
     def _make_result(
         self, points: WrittenPoints, files: list[ProgramFile], assessment: Assessment
@@ -860,36 +880,41 @@ class ProgramWork(Work):
         )
 
     def _describe_blend(self, points: WrittenPoints) -> list[str]:
-        """Return a remark on corrections that cannot follow the loads; none if all can."""
+        """Return a remark on corrections that cannot follow the loads; none if all can.
+
+        Where the load changes faster than joints can move, the correction changes over a length of the path.
+        """
         blend = self._blend
         if blend is None:
             return []
-        visits, moves = self._visits, self._program.moves
+        moves = self._program.moves
         is_blended = blend.lengths > 0.0
-        line = moves.line[moves.move_of_visit[visits.first[int(np.argmax(is_blended))]]]
-        written = is_blended[points.corrections.points]
-        left = np.linalg.norm(points.residual[written, :3], axis=1).max(initial=0.0)
-        text = describe_blend(float(blend.lengths.max()), float(left))
-        return [f"{int(is_blended.sum())} points, the first in line {int(line)}: {text}"]
+        first_visit = self._visits.first[int(np.argmax(is_blended))]
+        first_line = int(moves.line[moves.move_of_visit[first_visit]])
+        residuals = points.residual[is_blended[points.corrections.points], :3]
+        greatest_residual = float(np.linalg.norm(residuals, axis=1).max(initial=0.0))
+        text = describe_blend(float(blend.lengths.max()), greatest_residual)
+        return [f"{int(is_blended.sum())} points, the first in line {first_line}: {text}"]
 
     def list_remarks(self) -> list[str]:
         """Return remarks on the run's model, then a remark for each reason why lines were not corrected."""
-        lines: dict[tuple[int, str], list[int]] = {}  # by the index of the file, and the reason
+        lines_of = defaultdict[tuple[int, str], list[int]](list)  # by the index of the file, and the reason
         for remark in self._program.left_alone:
-            lines.setdefault((remark.source, remark.text), []).append(remark.line)
+            lines_of[remark.source, remark.text].append(remark.line)
         for move in self._program.left_moves:
-            reason = f"left unchanged: {move.reason}; {move.remedy}"
-            lines.setdefault((0, reason), []).append(move.line)
+            lines_of[0, f"left unchanged: {move.reason}; {move.remedy}"].append(move.line)
         uncorrected = []
-        for (source, reason), numbers in lines.items():
+        for (source, reason), lines in lines_of.items():
             file = f" of {quote_text(self._program.sources[source].name)}" if source else ""
-            uncorrected.append(f"{_line_numbers(numbers)}{file}: {reason}")
-        hidden = len(uncorrected) - _MAX_REMARKS
-        last_line = [f"… and {hidden} more remarks"] if hidden > 0 else []
+            uncorrected.append(f"{_line_numbers(lines)}{file}: {reason}")
         remarks = self._run_model.remarks(self._request.confidence)
         if self._request.cut is not None:
             remarks.append(self.cut_remark)
-        return [*remarks, *uncorrected[:_MAX_REMARKS], *last_line]
+        remarks += uncorrected[:_MAX_REMARKS]
+        hidden_count = len(uncorrected) - _MAX_REMARKS
+        if hidden_count > 0:
+            remarks.append(f"… and {hidden_count} more remarks")
+        return remarks
 
 
 def _line_numbers(lines: Sequence[int]) -> str:
@@ -919,14 +944,13 @@ def refuse_corrected_files(inputs: Inputs, request: ProgramRequest | ProcessRequ
     """
     if not request.files:
         raise RequestError("no file was sent", where="files", remedy="send the program")
-    sent = {hashlib.sha256(decompress_file(file)).hexdigest() for file in request.files}
-    summaries = (
-        summary for message in (Program, Process) for summary in inputs.job_summaries(message, robot_id)
-    )
-    for summary in summaries:
-        if sent.intersection(summary.get("outputs", ())):
-            raise RequestError(
-                f"a file is the output of the compensated program '{summary['id']}'",
-                where="files",
-                remedy="send the original program",
-            )
+    sent_digests = {hashlib.sha256(decompress_file(file)).hexdigest() for file in request.files}
+    for kind in (Program, Process):
+        for job in inputs.job_summaries(kind, robot_id):
+            written_digests = job.get("outputs", ())
+            if sent_digests.intersection(written_digests):
+                raise RequestError(
+                    f"a file is the output of the compensated program '{job['id']}'",
+                    where="files",
+                    remedy="send the original program",
+                )

@@ -47,8 +47,11 @@ class Calls:
             trusted: whether the user states this for all routines of other files.
         """
         self._flow, self._changes, self._work, self._trusts_routines = flow, changes, work, trusted
-        spelled = (each.encode(code, "replace") for each in allowed for code in ("latin-1", "utf-8"))
-        self._allowed = frozenset(capitalise(decode_text(each)) for each in spelled)
+        allowed_names = set[str]()  # in capitals; letters beyond ASCII may be written in either encoding
+        for name in allowed:
+            for encoding in ("latin-1", "utf-8"):
+                allowed_names.add(capitalise(decode_text(name.encode(encoding, "replace"))))
+        self._allowed = frozenset(allowed_names)
         self.unknown_routines: dict[str, None] = {}  # routines of other files that are not allowed
         self.first_unknown = At()  # first place at which one of them is called
         self.attached: dict[str, list[str]] = defaultdict(list)  # routines of each event, by its name
@@ -60,9 +63,11 @@ class Calls:
         The name of an event means all routines that are attached to the event.
         """
         name = place.qualify(op.name)
-        names = (each for each in self.attached.get(name, [name]) if each not in self._flow.begins)
-        plain = (each.partition(IN_MODULE)[0] for each in names)
-        unknown = [each for each in plain if capitalise(each) not in self._allowed]
+        unknown = list[str]()  # routines that are neither of the program nor allowed
+        for routine in self.attached.get(name, [name]):
+            plain_name, _, _ = routine.partition(IN_MODULE)
+            if routine not in self._flow.begins and capitalise(plain_name) not in self._allowed:
+                unknown.append(plain_name)
         is_trusted = op.harmless or self._trusts_routines
         if is_trusted or not unknown:
             return None
@@ -96,7 +101,8 @@ class Calls:
         The operation attaches a routine, or its name is that of an event that is switched on.
         """
         name = place.qualify(op.name)
-        for routine in self.attached.get(name, [name] if op.event else []):
+        attached_here = [name] if op.event else []
+        for routine in self.attached.get(name, attached_here):
             cause = self._changes.of_routine[routine].get(UNKNOWN)
             if cause and routine in self.attached_routines:
                 return cause

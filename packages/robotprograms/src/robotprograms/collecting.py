@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
-from itertools import chain
 
 from robotprograms import language as ir
 from robotprograms.calls import Calls
@@ -55,8 +54,9 @@ class ChangeCollector:
             if isinstance(op, ir.Assign):
                 self._collect_assignment(place, op)
             elif isinstance(op, ir.Call) and op.event:
-                attached = self._calls.attached[place.qualify(op.event)]
-                attached += [] if op.harmless else [place.qualify(op.name)]
+                routines_of_event = self._calls.attached[place.qualify(op.event)]
+                if not op.harmless:
+                    routines_of_event.append(place.qualify(op.name))
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.MakeUnknown):
                 self._collect_unknown_values(place, op)
@@ -78,41 +78,43 @@ class ChangeCollector:
 
     def _collect_calls(self) -> None:
         """Note what all calls may change."""
-        calls = [
-            (place, op)
-            for place, op in zip(self._places, self._ops, strict=True)
-            if isinstance(op, ir.Call) and not (op.harmless and op.name not in self._flow.begins)
-        ]
-        passed = {place.qualify(name) for place, op in calls for name in op.passed}
+        calls = list[tuple[Place, ir.Call]]()
         for place, op in zip(self._places, self._ops, strict=True):
-            if isinstance(op, ir.Move):
-                for frame in op.tools:
-                    names = frame.names if isinstance(frame, ir.Product) else ()
-                    self._tool_names.update(map(place.qualify, names))
-        elements = [name for name in self._changes.of_name if "[" in name]
-        self._changes.arrays.update(get_variable(name) for name in elements)
-        for place, op in calls:
-            self._collect_call(place, op, passed)
+            if isinstance(op, ir.Call):
+                changes_nothing = op.harmless and op.name not in self._flow.begins
+                if not changes_nothing:
+                    calls.append((place, op))
+            elif isinstance(op, ir.Move):
+                for tool in op.tools:
+                    if isinstance(tool, ir.Product):
+                        self._tool_names.update(map(place.qualify, tool.names))
+        passed = {place.qualify(name) for place, call in calls for name in call.passed}
+        changed_elements = [name for name in self._changes.of_name if "[" in name]
+        self._changes.arrays.update(map(get_variable, changed_elements))
+        for place, call in calls:
+            self._collect_call(place, call, passed)
 
     def _collect_anytime_routines(self) -> None:
         """Let names change at any time that a routine changes which may run at any time."""
         for routine in sorted(self._flow.anytime_routines):
-            # An unknown routine that an attached routine calls counts as called where this one is attached.
             is_attached = routine in self._calls.attached_routines
             for name, cause in self._changes.of_routine[routine].items():
-                if cause.reason and not (is_attached and name == UNKNOWN):
+                # An unknown routine that an attached one calls counts as called where this one is attached.
+                is_noted_at_attachment = is_attached and name == UNKNOWN
+                if cause.reason and not is_noted_at_attachment:
                     self._changes.anytime[name] = cause
 
     def _find_new_meanings(self) -> None:
         """Let no move be certain if the program gives constants of the controller a new meaning."""
-        given = {*self._flow.begins, *self._declarations.names}
-        given |= {name for place in self._places for name in place.scope.names}
+        own_names = {*self._flow.begins, *self._declarations.names}
+        for place in self._places:
+            own_names |= place.scope.names
         for op in self._ops:
             if isinstance(op, ir.Assign):
-                given.add(str(op.name))
+                own_names.add(str(op.name))
             elif isinstance(op, ir.MakeUnknown) and len(op.names) == 1:  # of an assignment
-                given |= {str(each) for each in op.names}
-        for name in sorted(self._language.fixed_words & given):
+                own_names.update(map(str, op.names))
+        for name in sorted(self._language.fixed_words & own_names):
             reason = f"the program gives {quote_text(name)} a meaning of its own"
             self._changes.anytime[ir.MODE] = Cause(0, reason, "choose another name")
 
@@ -120,14 +122,18 @@ class ChangeCollector:
         """Let names be unknown that several routines assign to, if each of them may have its own variable."""
         if not self._language.scopes_by_routine:
             return
-        routines: dict[str, set[str]] = defaultdict(set)
-        for i, (place, op) in enumerate(zip(self._places, self._ops, strict=True)):
-            names = [op.name] if isinstance(op, ir.Assign) else []
-            names += op.names if isinstance(op, ir.MakeUnknown) else []
-            for name in map(place.qualify, names):
-                routines[name].add(self._flow.routine_of[i])
-        for name, own in routines.items():
-            if len(own) > 1 and name not in self._language.active and not name.startswith(ir.MODE):
+        routines_of_name = defaultdict[str, set[str]](set)
+        for place, op, routine in zip(self._places, self._ops, self._flow.routine_of, strict=False):
+            changed_names: Iterable[Name] = ()
+            if isinstance(op, ir.Assign):
+                changed_names = [op.name]
+            elif isinstance(op, ir.MakeUnknown):
+                changed_names = op.names
+            for name in changed_names:
+                routines_of_name[place.qualify(name)].add(routine)
+        for name, routines in routines_of_name.items():
+            is_of_controller = name in self._language.active or name.startswith(ir.MODE)
+            if len(routines) > 1 and not is_of_controller:
                 reason = f"{name} gets values in several routines, and each routine may have its own variable"
                 line = self._changes.of_name[name][0].line
                 self._changes.anytime[name] = Cause(line, reason, "use a name for each variable")
@@ -137,31 +143,38 @@ class ChangeCollector:
         cause = place.make_cause(op.reason, op.remedy)
         self._changes.causes.append(cause)
         names = [name for name in map(place.qualify, op.names) if name not in self._declarations.fixed]
-        self._changes.lasting |= dict.fromkeys(name for name in names if name.startswith(ir.MODE))
+        for name in names:
+            self._changes.of_name[name].append(cause)
+            if name.startswith(ir.MODE):
+                self._changes.lasting[name] = None
         if self._language.calls_by_name:  # names of a statement that is not understood may be called there
             self._flow.anytime_routines |= self._flow.begins.keys() & set(names)
         if op.anytime:
-            fields = [each for name in names for each in self._contents.list_name_and_fields(name)]
+            fields = [field for name in names for field in self._contents.list_name_and_fields(name)]
             self._changes.anytime |= dict.fromkeys(fields or [UNKNOWN], cause)
-        for name in names:
-            self._changes.of_name[name].append(cause)
 
     def _collect_call(self, place: Place, op: ir.Call, passed: Collection[str]) -> None:
         """Note what a call may change: the arguments of the routine, and for an unknown routine all names.
 
         `passed` are the names that any call of the program passes as arguments.
         """
-        is_own, unknown = op.name in self._flow.begins, self._calls.explain_unknown(place, op)
-        own = self._calls.list_meant(op)
+        own_routines = self._calls.list_meant(op)  # routines of the program that may be meant
         arguments = set(map(place.scope.qualify, op.passed))
-        for parameter in set(chain(*map(self._list_parameters, own))):
-            self._uses.origins[parameter].update(dict.fromkeys(arguments, place.at))
-        if self._changes_arguments(op, own, passed):
-            self._forget_arguments(place, op, arguments - self._declarations.fixed, own)
+        for routine in own_routines:
+            for parameter in self._list_parameters(routine):
+                self._uses.origins[parameter].update(dict.fromkeys(arguments, place.at))
+        if self._changes_arguments(op, own_routines, passed):
+            self._forget_arguments(place, op, arguments - self._declarations.fixed, own_routines)
         if op.anytime:
-            self._flow.anytime_routines.update(own)
-        if is_own:
-            self._calls.attached_routines |= {str(op.name)} if op.event else set()
+            self._flow.anytime_routines.update(own_routines)
+        self._note_called_routine(place, op)
+
+    def _note_called_routine(self, place: Place, op: ir.Call) -> None:
+        """Note an attached routine of the program, or what is not known or assumed of another routine."""
+        unknown = self._calls.explain_unknown(place, op)  # why the routine is unknown, or None
+        if op.name in self._flow.begins:
+            if op.event:
+                self._calls.attached_routines.add(str(op.name))
         elif unknown:
             self._changes.causes.append(unknown)
             if op.anytime and not op.event:
@@ -172,51 +185,69 @@ class ChangeCollector:
             self._statements.columns.add_remark(place.at, f"{name} is called; {permission}")
 
     def _changes_arguments(self, op: ir.Call, own: list[str], passed: Collection[str]) -> bool:
-        """Return whether a call may change its arguments; `own` are the routines of the program it means.
+        """Return whether a call may change its arguments.
 
         No statement of the user about a routine covers data that the routine gets by reference.
+
+        Args:
+            op: the call.
+            own: routines of the program that may be meant.
+            passed: names that any call of the program passes as arguments.
         """
+        is_own = op.name in self._flow.begins
         is_writer = re.fullmatch(self._language.writers, str(op.name)) is not None
         gets_references = not op.harmless and op.name not in self._statements.by_value
-        is_own = op.name in self._flow.begins
-        if (gets_references or is_writer) and not is_own:
+        if not is_own and (gets_references or is_writer):
             return True
-        return any(self._changes_parameters(each, passed) for each in own)
+        return any(self._changes_parameters(routine, passed) for routine in own)
 
     def _forget_arguments(self, place: Place, op: ir.Call, given: set[str], own: list[str]) -> None:
-        """Note that a call may change these names at any time."""
+        """Note that a call may change its arguments at any time.
+
+        Args:
+            place: place of the call.
+            op: the call.
+            given: full names that the routine gets as arguments.
+            own: routines of the program that the call may mean.
+        """
         reason = f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
         cause = place.make_cause(reason)
         if op.reads_frames and not own:
             given = given - self._assume_frames_stay(place, op, given)
         for name in given:
             self._changes.of_name[name].append(cause)
-            for each in self._contents.list_name_and_fields(name):
-                self._changes.anytime[each] = cause
+            for name_or_field in self._contents.list_name_and_fields(name):
+                self._changes.anytime[name_or_field] = cause
 
     def _assume_frames_stay(self, place: Place, op: ir.Call, given: Collection[str]) -> set[str]:
-        """Return the tools that a function of another file gets, and note that they are assumed to stay."""
-        frames = {
-            name for name in given if self._tool_names.intersection(self._contents.list_name_and_fields(name))
-        }
-        if frames:
-            names = ", ".join(map(quote_text, sorted(frames)))
+        """Return the tools that a function of another file gets, and note that they are assumed to stay.
+
+        `given` are the full names of the arguments of the call `op`.
+        """
+        tools = set[str]()
+        for name in given:
+            if self._tool_names.intersection(self._contents.list_name_and_fields(name)):
+                tools.add(name)
+        if tools:
+            names = ", ".join(map(quote_text, sorted(tools)))
             text = f"it is assumed that the function {quote_text(str(op.name))} only uses {names}"
             self._statements.columns.add_remark(place.at, text)
-        return frames
+        return tools
 
     def _changes_parameters(self, routine: str, passed: Collection[str]) -> bool:
         """Return whether a routine of the program may change its parameters, or passes them to others.
 
         `passed` are the names that any call of the program passes as arguments.
         """
-        names = self._list_parameters(routine)
-        if not names:
+        parameters = self._list_parameters(routine)
+        if not parameters:
             return True  # arguments without parameters
-        fields = {field for name in names for field in self._contents.list_name_and_fields(name)}
-        # the beginning of the routine itself makes each parameter unknown, once
-        changes = sum(len(self._changes.of_name.get(each, ())) for each in fields) - len(names)
-        return changes > 0 or not names.isdisjoint(passed) or not names.isdisjoint(self._changes.arrays)
+        fields = {field for name in parameters for field in self._contents.list_name_and_fields(name)}
+        count_of_changes = sum(len(self._changes.of_name.get(field, ())) for field in fields)
+        # The beginning of the routine itself makes each parameter unknown, once.
+        is_changed = count_of_changes > len(parameters)
+        is_passed = not parameters.isdisjoint(passed)
+        return is_changed or is_passed or not parameters.isdisjoint(self._changes.arrays)
 
     def _list_parameters(self, routine: str) -> set[str]:
         """Return the names of the parameters of a routine of the program."""
@@ -259,37 +290,44 @@ class ChangeCollector:
             if i not in self.unread:
                 self._summarise_operation(i, op)
         self._summarise_faults_and_attachments()
-        of_routine = self._changes.of_routine
+        of_routine = (
+            self._changes.of_routine
+        )  # by the name of the routine, names with the cause of the change
         to_visit = [*of_routine]  # routines whose callers may change more names than noted
         while to_visit:
             routine = to_visit.pop()
             for caller in self.callers.get(routine, ()):
-                known = of_routine[caller]
-                count = len(known)
+                names_of_caller = of_routine[caller]
+                count_before = len(names_of_caller)
                 for name, cause in of_routine[routine].items():
-                    known.setdefault(name, cause)
-                if len(known) > count:
+                    names_of_caller.setdefault(name, cause)
+                if len(names_of_caller) > count_before:
                     to_visit.append(caller)
 
     def _summarise_operation(self, i: int, op: ir.Op) -> None:
         """Note what operation i changes, and the routines that it calls."""
         routine = self._flow.routine_of[i]
-        state: State = {}  # an operation on an empty state leaves the names that it changes
         called = self._calls.list_called(op) if isinstance(op, ir.Call) else []
-        for each in called:
-            self.callers[each].add(routine)
-        if not (called and isinstance(op, ir.Call) and op.name in called):
+        for called_routine in called:
+            self.callers[called_routine].add(routine)
+        state: State = {}  # an operation on an empty state leaves the names that it changes
+        calls_own_routine = isinstance(op, ir.Call) and op.name in called
+        if not calls_own_routine:
             self._effects.apply(state, i)
         for name, (content, at) in state.items():
-            reason = f"{name} changes while the program runs" if name not in self._changes.lasting else ""
-            cause = Cause(at.line, reason, "give the value once, in numbers", at.source)
-            self._changes.of_routine[routine][name] = content if isinstance(content, Cause) else cause
+            if isinstance(content, Cause):
+                self._changes.of_routine[routine][name] = content
+            else:
+                is_lasting = name in self._changes.lasting
+                reason = "" if is_lasting else f"{name} changes while the program runs"
+                cause = Cause(at.line, reason, "give the value once, in numbers", at.source)
+                self._changes.of_routine[routine][name] = cause
 
     def _summarise_faults_and_attachments(self) -> None:
         """Add to the changes of routines what faults and routines that are attached to events change."""
+        routine_of = self._flow.routine_of
         for i, fault in self._flow.uncertain.items():
-            self._changes.of_routine[self._flow.routine_of[i]].setdefault(ir.MODE, self._faults[fault])
+            self._changes.of_routine[routine_of[i]].setdefault(ir.MODE, self._faults[fault])
         for i, (place, op) in enumerate(zip(self._places, self._ops, strict=True)):
-            cause = self._calls.find_unknown_in_attached(place, op) if isinstance(op, ir.Call) else None
-            if cause:
-                self._changes.of_routine[self._flow.routine_of[i]].setdefault(UNKNOWN, cause)
+            if isinstance(op, ir.Call) and (cause := self._calls.find_unknown_in_attached(place, op)):
+                self._changes.of_routine[routine_of[i]].setdefault(UNKNOWN, cause)

@@ -143,60 +143,65 @@ class Columns:
         language: Language,
         own: Sequence[OwnNumbers] = (),
     ) -> None:
-        """Begin without targets.
+        """Begin without targets and moves.
 
         Args:
             kind: name of the program's format.
-            sources: files of the program, with own numbers of moves in place of names.
+            sources: files of the program.
             numerals: numbers of each file.
             language: language of the format.
-            own: these own numbers of moves; their declarations stay as they are.
+            own: numbers that already stand in the first file in place of names of declared targets; the
+                declarations stay as they are.
         """
         self._format, self._sources, self._numerals, self._language = kind, sources, numerals, language
-        self._own, self._own_labels = tuple(own), {each.label for each in own}
+        self._own = tuple(own)
+        self._own_labels = {numbers.label for numbers in own}  # names of these declared targets
         self.spelled: dict[str, str] = {}  # names as the program writes them
         self._remarks: list[Remark] = []
-        self._left: list[tuple[ReadMove, Cause]] = []
-        # index of each target, by its file, its first number and its literal
-        # index of each target by source, first number and literal, as one number: long programs have many
-        self._target_indices: dict[int, int] = {}
-        self._literals: dict[Literal, int] = {}  # indices of the literals
-        # index of each frame and the frame, by its role (base or tool), and its name or the bytes of its pose
-        self._frames: dict[tuple[str, str | bytes], tuple[int, FrameName]] = {}
+        self._left: list[tuple[ReadMove, Cause]] = []  # moves that are not corrected, and why
+        # Columns of targets and moves; arrays of numbers, because long programs have many
         self._targets = array("q")  # rows of source, line, first number, line of use, literal, base, tool
         self._names: list[str] = []  # names of the targets
         self._labels: list[str] = []  # the same in the intermediate language, once the targets are settled
         self._moves = array("q")  # rows of line, motion, count of visits up to the end
         self._visits = array("q")  # indices of the targets of all moves
         self._feeds = array("d")  # speeds of the tool's centre of all moves [mm/s]
+        # Indices of what is stored once
+        self._target_indices: dict[int, int] = {}  # by source, first number and literal, as one number
+        self._literals: dict[Literal, int] = {}
+        # each frame with its index, by its role (base or tool), and its name or the bytes of its pose
+        self._frames: dict[tuple[str, str | bytes], tuple[int, FrameName]] = {}
+        # Targets that are not corrected
         self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
         self._unfit: set[int] = set()  # those of them whose numbers themselves are the cause
         # base and tool, by index of the target and line, of moves in other frames than the first move
         self._other_frames: dict[tuple[int, int], tuple[int, int]] = {}
 
     def restore_spelling(self, text: str, source: int, line: int) -> str:
-        """Return a text with names as the program spells them near a line; quotations are not changed."""
+        """Return a text with names as the program spells them near a line; quotations are not changed.
+
+        Names in the text may be in capitals, because the language ignores the case of letters.
+        """
 
         def find_spelling(match: re.Match[str]) -> str:
             """Return the spelling of one name in the text after the line; store it for other lines."""
             name = match[0]
-            if name[0] != "'" and self._language.ignores_case and name not in self.spelled:
+            is_quotation = name.startswith("'")
+            if self._language.ignores_case and not is_quotation and name not in self.spelled:
                 start = self._sources[source].starts[max(line - 1, 0)]
-                following = self._sources[source].text[start : start + _SEARCHED_LENGTH]
-                spelling = re.search(rf"(?<!\w){name}(?!\w)", following, re.IGNORECASE)
+                following_text = self._sources[source].text[start : start + _SEARCHED_LENGTH]
+                spelling = re.search(rf"(?<!\w){name}(?!\w)", following_text, re.IGNORECASE)
                 self.spelled[name] = spelling[0] if spelling else name
             return self.spelled.get(name, name)
 
-        return show_text(_NAME_OR_TEXT.sub(find_spelling, _ENDING.sub("", text)))
+        without_routines = _ENDING.sub("", text)
+        return show_text(_NAME_OR_TEXT.sub(find_spelling, without_routines))
 
     def add_remark(self, at: At, text: str, target: str = "") -> None:
-        """Note a statement that is not corrected, and about which the user need not decide."""
+        """Note a remark about a statement that is not corrected, and about which the user need not decide."""
         if len(self._remarks) >= MAX_REMARKS:
-            self._refuse(
-                at.line,
-                f"the program has more than {MAX_REMARKS} lines that cannot be corrected",
-                "split the program",
-            )
+            reason = f"the program has more than {MAX_REMARKS} lines that cannot be corrected"
+            self._refuse(at.line, reason, "split the program")
         self._remarks.append(Remark(at.line, text, target, at.source))
 
     def _refuse(self, line: int | None, reason: str, remedy: str) -> None:
@@ -227,26 +232,40 @@ class Columns:
             feed: speed of the tool's centre [mm/s]; NaN if it is not known.
         """
         if len(self._visits) + len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
-            self._refuse(
-                line, f"the moves of the program have more than {MAX_VISITS} targets", "split the program"
-            )
-        if cause is None:
-            for target, pair in zip(targets, frames, strict=True):
-                self._visits.append(self._index_target(target, pair, line))
-            self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
-            self._feeds.append(feed)
+            reason = f"the moves of the program have more than {MAX_VISITS} targets"
+            self._refuse(line, reason, "split the program")
+        if cause is not None:
+            self._leave_move(line, targets, frames, cause)
             return
-        names = ", ".join(_get_plain_name(each.label) or "in numbers" for each in targets)
-        base, tool = (
-            (self.restore_spelling(_get_frame_name(each), 0, line) for each in frames[-1])
-            if frames
-            else ("", "")
-        )
+        for target, frames_of_target in zip(targets, frames, strict=True):
+            self._visits.append(self._index_target(target, frames_of_target, line))
+        self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
+        self._feeds.append(feed)
+
+    def _leave_move(
+        self, line: int, targets: Sequence[WrittenNumbers], frames: Sequence[Frames], cause: Cause
+    ) -> None:
+        """Note a move that cannot be corrected for a cause; the numbers of its targets have to stay.
+
+        Args:
+            line: line of the move.
+            targets: targets whose numbers are known.
+            frames: base and tool of each target.
+            cause: why the move cannot be corrected, with a remedy.
+        """
+        names = ", ".join(_get_plain_name(target.label) or "in numbers" for target in targets)
+        base, tool = "", ""
+        if frames:
+            base_of_end, tool_of_end = frames[-1]
+            base = self.restore_spelling(_get_frame_name(base_of_end), 0, line)
+            tool = self.restore_spelling(_get_frame_name(tool_of_end), 0, line)
         reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
         self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
         for target in targets:
-            if target.label:
-                self._target_causes.setdefault(self._index_target(target, None, line), cause)
+            is_declared = bool(target.label)
+            if is_declared:  # another move may have the target, too
+                index = self._index_target(target, None, line)
+                self._target_causes.setdefault(index, cause)
 
     def add_offset(self, target: WrittenNumbers, frames: Frames, line: int) -> None:
         """Add a remark to a move that ends at an offset from a target: correcting the target shifts the end.
@@ -259,18 +278,17 @@ class Columns:
             frames: base and tool of the move; a `Cause` in place of a frame says why the frame is unknown.
             line: line of the move.
         """
-        unknown = next((each for each in frames if isinstance(each, Cause)), None)
-        index = self._index_target(target, None if unknown else frames, line)
-        if unknown:
+        unknown = next((frame for frame in frames if isinstance(frame, Cause)), None)
+        if unknown is not None:
+            index = self._index_target(target, None, line)
             self._target_causes.setdefault(index, unknown)
             return
+        self._index_target(target, frames, line)  # this notes whether the frames differ from its own
         if target.label in self._own_labels:  # its declaration stays as it is
             return
         name = quote_text(_get_plain_name(target.label))
-        text = (
-            f"the move ends at an offset from {name}, so the end of the move shifts with the correction "
-            f"of {name}"
-        )
+        place = f"the move ends at an offset from {name}"
+        text = f"{place}, so the end of the move shifts with the correction of {name}"
         self.add_remark(At(line), self.restore_spelling(text, 0, line))
 
     def add_moves(
@@ -292,55 +310,58 @@ class Columns:
             frames: base and tool of all these moves.
             feeds: (k,) speeds of the tool's centre [mm/s]; NaN where they are not known.
         """
-        index = len(self._names) + np.arange(len(lines))
-        if index[-1] >= MAX_TARGETS:
+        target_indices = len(self._names) + np.arange(len(lines))
+        if target_indices[-1] >= MAX_TARGETS:
             self._refuse(int(lines[0]), f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
-        ends = len(self._visits) + 1 + np.arange(len(lines))
+        ends = len(self._visits) + 1 + np.arange(len(lines))  # each move has one visit
         if ends[-1] > MAX_VISITS:
-            self._refuse(
-                int(lines[0]),
-                f"the moves of the program have more than {MAX_VISITS} targets",
-                "split the program",
-            )
-        (literal,) = (each for each in op.targets if isinstance(each, Literal))
+            reason = f"the moves of the program have more than {MAX_VISITS} targets"
+            self._refuse(int(lines[0]), reason, "split the program")
+        (literal,) = (target for target in op.targets if isinstance(target, Literal))
         literal_index = self._literals.setdefault(literal, len(self._literals))
-        base, tool = self._index_frame("base", frames[0]), self._index_frame("tool", frames[1])
-        columns = np.broadcast_arrays(source, lines, first, lines, literal_index, base, tool)
-        self._targets.frombytes(np.stack(columns, axis=1).tobytes())
-        moves = np.broadcast_arrays(lines, _MOTIONS[op.motion], ends)
-        self._moves.frombytes(np.stack(moves, axis=1).tobytes())
-        self._visits.frombytes(index.tobytes())
+        base_frame, tool_frame = frames
+        base, tool = self._index_frame("base", base_frame), self._index_frame("tool", tool_frame)
+        # Rows of source, line, first number, line of use, literal, base and tool
+        target_columns = np.broadcast_arrays(source, lines, first, lines, literal_index, base, tool)
+        self._targets.frombytes(np.stack(target_columns, axis=1).tobytes())
+        # Rows of line, motion and count of visits up to the end
+        move_columns = np.broadcast_arrays(lines, _MOTIONS[op.motion], ends)
+        self._moves.frombytes(np.stack(move_columns, axis=1).tobytes())
+        self._visits.frombytes(target_indices.tobytes())
         self._feeds.frombytes(feeds.tobytes())
         self._names += [""] * len(lines)
 
     def _index_target(self, target: WrittenNumbers, frames: Frames | None, used: int) -> int:
         """Return the index of a target; add the target if its numbers are new.
 
-        A target that is used with two bases or two tools gets a cause why it cannot be corrected. `used` is
-        the line on which the target is used.
+        A target that is used with two bases or two tools gets a cause why it cannot be corrected.
+
+        Args:
+            target: the target.
+            frames: base and tool with which the target is used; None if they are not known.
+            used: line on which the target is used.
         """
+        base_frame, tool_frame = frames or (None, None)
+        base, tool = self._index_frame("base", base_frame), self._index_frame("tool", tool_frame)
         literal = self._literals.setdefault(target.literal, len(self._literals))
-        base, tool = (
-            self._index_frame(*each) for each in zip(("base", "tool"), frames or (None, None), strict=True)
-        )
+        # Source, first number and literal as one integer: long programs have many targets.
         key = (literal * len(self._sources) + target.source) << 40 | target.first
         index = self._target_indices.setdefault(key, len(self._names))
-        row = _ROW_WIDTH * index
-        if index == len(self._names):
+        is_new = index == len(self._names)
+        if is_new:
             if index >= MAX_TARGETS:
                 self._refuse(used, f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
             self._targets.extend((target.source, target.line, target.first, used, literal, base, tool))
             self._names.append(target.label)
-        elif self._targets[row + _BASE] < 0:  # the frames were not known at the first use
+            return index
+        row = _ROW_WIDTH * index
+        known_base, known_tool = self._targets[row + _BASE], self._targets[row + _TOOL]
+        if known_base < 0:  # the frames were not known at the first use
             self._targets[row + _BASE], self._targets[row + _TOOL] = base, tool
-        elif frames is not None and (base, tool) != (
-            self._targets[row + _BASE],
-            self._targets[row + _TOOL],
-        ):
+        elif frames is not None and (base, tool) != (known_base, known_tool):
             first_use = self._targets[row + _USE_LINE]
-            reason = (
-                f"target {quote_text(target.label)} is used with another base or tool on line {first_use}"
-            )
+            name = quote_text(target.label)
+            reason = f"target {name} is used with another base or tool on line {first_use}"
             remedy = "use a separate target for each base and tool: one correction cannot suit both"
             self._target_causes.setdefault(index, Cause(used, reason, remedy))
             self._other_frames[index, used] = base, tool
@@ -350,8 +371,9 @@ class Columns:
         """Return the index of a frame with the role `base` or `tool`, added if new; -1 if it is not known."""
         if not isinstance(frame, FrameName):
             return -1
-        key = role, frame.name if frame.pose is None else frame.pose.tobytes()
-        return self._frames.setdefault(key, (len(self._frames), frame))[0]
+        identity = frame.name if frame.pose is None else frame.pose.tobytes()
+        index, _ = self._frames.setdefault((role, identity), (len(self._frames), frame))
+        return index
 
     def keep_numbers(self, target: WrittenNumbers, cause: Cause, line: int) -> None:
         """Note why the numbers of a target, which is used on a line, have to stay as they are."""
@@ -365,24 +387,31 @@ class Columns:
             external_axes: what the user states on external axes and other groups.
         """
         self._target_indices.clear()  # its memory serves for the columns
-        own = {each.label: each for each in self._own}
-        for index, name in enumerate(self._names):
-            if not name:
-                continue
-            at = used.get(name) or used.get(get_array_name(name))
-            if name in own:
-                cause = Cause(own[name].line, own[name].reason, own[name].remedy)
-                self._target_causes.setdefault(index, cause)
-            elif at:
-                self._target_causes.setdefault(index, self._explain_use(name, at))
+        self._keep_used_targets(used)
         self._labels = self._names
-        self._names = [_get_plain_name(name) if name else name for name in self._names]
+        self._names = [_get_plain_name(label) if label else "" for label in self._labels]
         self._filled = self._fill_targets(_reshape_rows(self._targets, _ROW_WIDTH), external_axes)
         feeds = np.asarray(memoryview(self._feeds), dtype=np.float64)
         line, motion, ends = _reshape_rows(self._moves, 3)
         (visits,) = _reshape_rows(self._visits, 1)
         self._sorted = _sort_moves(Moves(line, motion, ends, visits, feeds))
         self._name_own_numbers()
+
+    def _keep_used_targets(self, used: Mapping[str, At]) -> None:
+        """Note the targets that have to stay, because their names or numbers are used otherwise.
+
+        `used` has the place of such a use for each name.
+        """
+        own_of_label = {own.label: own for own in self._own}
+        for index, label in enumerate(self._names):
+            if not label:
+                continue
+            at = used.get(label) or used.get(get_array_name(label))
+            if own := own_of_label.get(label):
+                cause = Cause(own.line, own.reason, own.remedy)
+                self._target_causes.setdefault(index, cause)
+            elif at:
+                self._target_causes.setdefault(index, self._explain_use(label, at))
 
     def _explain_use(self, name: str, at: At) -> Cause:
         """Return the cause why a target has to stay whose numbers are used at another place."""
@@ -400,34 +429,45 @@ class Columns:
 
     def _name_own_numbers(self) -> None:
         """Give targets that are own numbers of a move the names that they replace; add a remark to each."""
-        names = {each.start: each for each in self._own}
-        for index in np.flatnonzero(self._filled.source == 0).tolist() if names else ():
+        if not self._own:
+            return
+        own_at = {own.start: own for own in self._own}  # by the first character in the first file
+        text = self._sources[0].text
+        for index in np.flatnonzero(self._filled.source == 0).tolist():
             first = int(self._filled.spans[index, 0, 0])
-            opening = re.search(
-                rf"{self._language.opening}\Z", self._sources[0].text[max(first - 100, 0) : first]
-            )
-            own = names.get(first - len(opening[0])) if opening else None
-            if own is not None:
-                self._names[index] = own.name
-                text = f"where the move is corrected, numbers replace {quote_text(own.name)}: {own.reason}"
-                if own.other_line and text.endswith(f" on line {own.line}"):  # the first of two uses
-                    text = f"{text.removesuffix(str(own.line))}{own.other_line}"
-                self.add_remark(At(own.line), text)
+            opening = re.search(rf"{self._language.opening}\Z", text[max(first - 100, 0) : first])
+            own = own_at.get(first - len(opening[0])) if opening else None
+            if own is None:
+                continue
+            self._names[index] = own.name
+            reason = own.reason
+            if own.other_line and reason.endswith(f" on line {own.line}"):  # the line of this use itself
+                reason = f"{reason.removesuffix(str(own.line))}{own.other_line}"
+            name = quote_text(own.name)
+            self.add_remark(At(own.line), f"where the move is corrected, numbers replace {name}: {reason}")
 
     def _find_own_numbers(self, labels: Sequence[str]) -> tuple[OwnNumbers, ...]:
-        """Return the own numbers of all moves whose targets have to stay; `labels` are the targets' names."""
-        found = defaultdict[int, list[OwnNumbers]](list)  # by move
+        """Return the own numbers of all moves whose targets have to stay.
+
+        A move gets own numbers in place of the name of a target, if the declared target has to stay as it is.
+        There are none if the program would then have too many targets or remarks. `labels` are the names of
+        the targets.
+        """
+        own_of_move = defaultdict[int, list[OwnNumbers]](list)
 
         def gets_own_numbers(move: int, target: int) -> bool:
             """Return whether a move gets own numbers in place of a target, and note these numbers."""
             own = self._make_own_numbers(target, move, labels[target])
-            found[move] += [own] if own else []
-            return own is not None
+            if own is None:
+                return False
+            own_of_move[move].append(own)
+            return True
 
         is_left = self._find_left_moves(gets_own_numbers)
-        own = tuple(own for move, each in found.items() if not is_left[move] for own in each)
-        exceeds = len(self._filled) + len(own) > MAX_TARGETS or len(self._remarks) + len(own) > MAX_REMARKS
-        return () if exceeds else own
+        found = [own for move, numbers in own_of_move.items() if not is_left[move] for own in numbers]
+        has_too_many_targets = len(self._filled) + len(found) > MAX_TARGETS
+        has_too_many_remarks = len(self._remarks) + len(found) > MAX_REMARKS
+        return () if has_too_many_targets or has_too_many_remarks else tuple(found)
 
     def _find_left_moves(self, gets_own_numbers: Callable[[int, int], bool]) -> BoolArray:
         """Return a mask (k,) of the moves that are left because the numbers of a target have to stay.
@@ -437,43 +477,57 @@ class Columns:
         Args:
             gets_own_numbers: whether a move, by index, does not need that a target, by index, is corrected.
         """
-        moves, is_left = self._sorted, np.zeros(len(self._sorted), dtype=np.bool_)
-        begins, order = np.append(0, moves.ends[:-1]), np.argsort(moves.visits, kind="stable")
+        moves = self._sorted
+        is_left = np.zeros(len(moves), dtype=np.bool_)
+        begins = np.append(0, moves.ends[:-1])
+        # Visits sorted by their targets: those of target t are order[bounds[t]:bounds[t + 1]].
+        order = np.argsort(moves.visits, kind="stable")
         bounds = np.searchsorted(moves.visits[order], np.arange(len(self._filled) + 1))
 
         def leave_moves(target: int) -> Iterator[int]:
             """Leave the moves to a target that has to stay, and yield their other targets."""
             visits = order[bounds[target] : bounds[target + 1]]
-            for move in dict.fromkeys(moves.move_of_visit[visits].tolist()):
+            moves_to_target = dict.fromkeys(moves.move_of_visit[visits].tolist())
+            for move in moves_to_target:
                 if not gets_own_numbers(move, target):
                     is_left[move] = True
                     yield from moves.visits[begins[move] : moves.ends[move]].tolist()
 
-        kept = {*self._target_causes}
+        kept = set(self._target_causes)
         for _pair in reach([*kept], leave_moves, kept):
             pass  # `leave_moves` notes the moves
         return is_left
 
     def _make_own_numbers(self, target: int, move: int, label: str) -> OwnNumbers | None:
-        """Return the own numbers of a move to a target, by their indices; None if they are not certain."""
-        line = int(self._sorted.line[move])
+        """Return the numbers that a move gets in place of the name of a target, which itself has to stay.
+
+        Return None if the numbers or the place of the name are not certain, or the line becomes too long.
+
+        Args:
+            target: index of the target.
+            move: index of the move.
+            label: name of the target; empty if the move itself states the numbers.
+        """
         if not label or target in self._unfit:
             return None
-        source = self._sources[self._filled.source[target]]
-        numbers = copy_numbers(self._language, source, int(self._filled.spans[target, 0, 0]))
-        place = find_name(self._language, self._sources[0], line, _strip_name(label))
+        line = int(self._sorted.line[move])
+        first_file = self._sources[0]
+        declaring_file = self._sources[self._filled.source[target]]
+        numbers = copy_numbers(self._language, declaring_file, int(self._filled.spans[target, 0, 0]))
+        place = find_name(self._language, first_file, line, _strip_name(label))
         if numbers is None or place is None:
             return None
-        count = int(self._sorted.ends[move] - (self._sorted.ends[move - 1] if move else 0))
-        first = self._sources[0]
-        length = int(first.ends[line - 1] - first.starts[line - 1]) + count * (len(numbers) + _GROWTH)
-        if length > self._language.longest_line:
+        begin_of_visits = self._sorted.ends[move - 1] if move > 0 else 0
+        count_of_targets = int(self._sorted.ends[move] - begin_of_visits)
+        line_length = int(first_file.ends[line - 1] - first_file.starts[line - 1])
+        if line_length + count_of_targets * (len(numbers) + _GROWTH) > self._language.longest_line:
             return None
         shared = Cause(line, "a move that is not corrected uses the same target", "use a separate target")
         cause = self._target_causes.get(target, shared)
         reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
-        name = show_text(self._sources[0].text[slice(*place)])
-        return OwnNumbers(*place, name, numbers, line, label, reason, cause.remedy, cause.line)
+        begin, end = place
+        name = show_text(first_file.text[begin:end])
+        return OwnNumbers(begin, end, name, numbers, line, label, reason, cause.remedy, cause.line)
 
     def build_program(self, causes: Sequence[Cause]) -> Program:
         """Return the program of the targets and moves, behind `settle_targets`.
@@ -486,19 +540,22 @@ class Columns:
         """
         targets, moves = self._filled, self._sorted
         is_corrected = self._find_corrected_moves(targets, moves)
-        left = sorted(self._left, key=lambda each: each[0].line)
+        left = sorted(self._left, key=lambda move_and_cause: move_and_cause[0].line)
         left_moves = tuple(move for move, _ in left)
         faults = [self._build_fault(cause) for _, cause in left]
-        if not (faults or is_corrected.any()):
+        has_no_moves = not (left or is_corrected.any())
+        if has_no_moves:
+            faults = [self._build_fault(cause) for cause in causes]
+        if has_no_moves and not faults:
             remedy = "send a program with moves to targets given by numbers"
-            no_target = Fault(self._sources[0].name, None, "the program has no target", remedy)
-            faults = [self._build_fault(cause) for cause in causes] or [no_target]
-        faults = sorted(dict.fromkeys(faults), key=lambda each: each.line or 0)  # each fault once
+            faults = [Fault(self._sources[0].name, None, "the program has no target", remedy)]
+        each_fault_once = dict.fromkeys(faults)
+        faults = sorted(each_fault_once, key=lambda fault: fault.line or 0)
         if not is_corrected.any():
             raise ProgramError(faults, left=left_moves)
         if left:
             moves, targets = _select_moves(moves, targets, is_corrected)
-        remarks = tuple(sorted(self._remarks, key=lambda each: each.line))
+        remarks = tuple(sorted(self._remarks, key=lambda remark: remark.line))
         return Program(
             self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults), self._own
         )
@@ -515,18 +572,21 @@ class Columns:
         """
         is_left = self._find_left_moves(lambda _move, _target: False)
         begins = np.append(0, moves.ends[:-1])
-        for i in np.flatnonzero(is_left).tolist():
-            visited, line = moves.visits[begins[i] : moves.ends[i]].tolist(), int(moves.line[i])
-            target_causes = (self._target_causes[each] for each in visited if each in self._target_causes)
-            if known := next(target_causes, None):
+        for move in np.flatnonzero(is_left).tolist():
+            line = int(moves.line[move])
+            visited = moves.visits[begins[move] : moves.ends[move]].tolist()
+            known = next((self._target_causes[i] for i in visited if i in self._target_causes), None)
+            reason, remedy = "a move that is not corrected uses the same target", "use a separate target"
+            if known is not None:
                 reason, remedy = self.restore_spelling(known.reason, 0, line), known.remedy
-            else:
-                reason, remedy = "a move that is not corrected uses the same target", "use a separate target"
-            last = visited[-1]
-            frames = self._other_frames.get((last, line), (targets.base[last], targets.tool[last]))
-            base, tool = (targets.frames[each].name for each in frames)
+            end = visited[-1]  # the target at the end of the move
+            frames_of_target = (targets.base[end], targets.tool[end])
+            base, tool = self._other_frames.get((end, line), frames_of_target)
+            read_move = ReadMove(
+                line, targets.names[end], targets.frames[base].name, targets.frames[tool].name, reason, remedy
+            )
             cause = known if known and known.line else Cause(line, reason, remedy)
-            self._left.append((ReadMove(line, targets.names[visited[-1]], base, tool, reason, remedy), cause))
+            self._left.append((read_move, cause))
         return ~is_left
 
     def _fill_targets(self, rows: IndexArray, external_axes: ExternalAxes) -> Targets:
@@ -538,7 +598,6 @@ class Columns:
         """
         source, line, first, _, literal, base, tool = rows
         literals, count = list(self._literals), len(line)
-        ordinals = _arrange_ordinals(literals)
         targets = Targets(
             self._names, source, line, literal, literals, base, tool,
             [frame for _, frame in self._frames.values()],
@@ -547,75 +606,119 @@ class Columns:
         is_out_of_range, is_no_orientation = np.zeros((2, count), dtype=np.bool_)
         # Only as many columns as some target needs: with all of them, large programs take twice the memory.
         width = max((min(len(each.external), _MAX_AXES) for each in literals), default=0)
-        shared_width = max((min(len(each.common), _MAX_COMMON) for each in literals), default=0)
-        axes, common = np.full((count, width), np.nan), np.full((count, shared_width), np.nan)
-        has_many_axes = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
-        for start in range(0, count, BLOCK):
-            for file in np.unique(source[start : start + BLOCK]).tolist():
-                block = start + np.flatnonzero(source[start : start + BLOCK] == file)
-                numerals, indices = self._numerals[file], ordinals[literal[block]]
-                is_written, indices = indices >= 0, indices + first[block, None]
-                indices[~is_written] = 0
-                numbers = np.where(is_written, numerals.values[indices], np.nan)
-                targets.values[block] = numbers[:, :_VALUES_END]
-                for i, places in enumerate((numerals.starts, numerals.ends)):
-                    targets.spans[block, :, i] = np.where(is_written, places[indices], -1)[:, :_VALUES_END]
-                is_too_large = is_written & ~(np.abs(numbers) <= MAX_VALUE)
-                is_out_of_range[block] = is_too_large[:, :NUMBERS].any(axis=1)
-                for notation, positions in targets.group_by_notation(block):
-                    is_no_orientation[block[positions]] = ~notation.is_valid_orientation(numbers[positions])
-                block_axes = numbers[:, _VALUES_END : _VALUES_END + width]
-                axes[block] = np.where(block_axes > _NO_AXIS, np.nan, block_axes)
-                common[block] = numbers[:, _AXES_END : _AXES_END + shared_width]
+        common_width = max((min(len(each.common), _MAX_COMMON) for each in literals), default=0)
+        axes, common = np.full((count, width), np.nan), np.full((count, common_width), np.nan)
+        ordinals = _arrange_ordinals(literals)
+        for file, block in _divide_by_file(source):
+            numbers = self._look_up_numbers(file, block, first, ordinals, targets)
+            is_too_large = np.abs(numbers[:, :NUMBERS]) > MAX_VALUE
+            is_out_of_range[block] = is_too_large.any(axis=1)
+            for notation, positions in targets.group_by_notation(block):
+                is_no_orientation[block[positions]] = ~notation.is_valid_orientation(numbers[positions])
+            block_axes = numbers[:, _VALUES_END : _VALUES_END + width]
+            axes[block] = np.where(block_axes > _NO_AXIS, np.nan, block_axes)
+            common[block] = numbers[:, _AXES_END : _AXES_END + common_width]
         is_away, is_moved = _find_external_axes(axes, external_axes)
-        for faults, reason, remedy in (
-            (is_out_of_range, _OUT_OF_RANGE, _WRITE_ANEW),
-            (is_no_orientation, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
-            (
-                _find_changed_numbers(common),
-                "the tool or the base changes within the table",
-                "send one table for each tool and base",
-            ),
-            (is_away, _AXIS_AWAY, _CARRY_NOTHING),
-            (is_moved | has_many_axes[literal], "an external axis or another group moves", _CARRY_NOTHING),
-        ):
-            for i in np.flatnonzero(faults).tolist():
-                self._unfit.add(i)
-                self._target_causes.setdefault(i, Cause(int(line[i]), reason, remedy))
+        has_many_axes = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
+        is_changed = _find_changed_numbers(common)
+        no_orientation = "a quaternion or an axis is not of unit length"
+        changed, one_frame = (
+            "the tool or the base changes within the table",
+            "send one table for each tool and base",
+        )
+        self._keep_unfit_targets(is_out_of_range, line, _OUT_OF_RANGE, _WRITE_ANEW)
+        self._keep_unfit_targets(is_no_orientation, line, no_orientation, _WRITE_ANEW)
+        self._keep_unfit_targets(is_changed, line, changed, one_frame)
+        self._keep_unfit_targets(is_away, line, _AXIS_AWAY, _CARRY_NOTHING)
+        is_moved = is_moved | has_many_axes[literal]
+        self._keep_unfit_targets(is_moved, line, "an external axis or another group moves", _CARRY_NOTHING)
         return targets
+
+    def _look_up_numbers(
+        self, file: int, block: IndexArray, first: IndexArray, ordinals: IndexArray, targets: Targets
+    ) -> FloatArray:
+        """Return all numbers (b, n) of targets of a file; NaN where a target has no such number.
+
+        The columns are those of `_arrange_ordinals`. Values and spans of position, orientation and
+        configuration are written into `targets`.
+
+        Args:
+            file: index of the file.
+            block: (b,) indices of the targets.
+            first: (t,) index of the first number of each target's statement among those of the file.
+            ordinals: (literals, n) ordinals of the numbers of each literal; -1 for those it does not have.
+            targets: all targets.
+        """
+        numerals = self._numerals[file]
+        ordinals = ordinals[targets.literal[block]]
+        is_written = ordinals >= 0
+        indices = np.where(is_written, ordinals + first[block, None], 0)
+        numbers = np.where(is_written, numerals.values[indices], np.nan)
+        targets.values[block] = numbers[:, :_VALUES_END]
+        targets.spans[block, :, 0] = np.where(is_written, numerals.starts[indices], -1)[:, :_VALUES_END]
+        targets.spans[block, :, 1] = np.where(is_written, numerals.ends[indices], -1)[:, :_VALUES_END]
+        return numbers
+
+    def _keep_unfit_targets(self, is_unfit: BoolArray, line: IndexArray, reason: str, remedy: str) -> None:
+        """Note the targets in a mask (t,) as such whose numbers have to stay; `line` (t,) are their lines."""
+        for index in np.flatnonzero(is_unfit).tolist():
+            self._unfit.add(index)
+            self._target_causes.setdefault(index, Cause(int(line[index]), reason, remedy))
+
+
+def _divide_by_file(source: IndexArray) -> Iterator[tuple[int, IndexArray]]:
+    """Yield blocks of targets of one file: the index of the file, and the indices of the targets (b,).
+
+    `source` (t,) is the index of each target's file.
+    """
+    for start in range(0, len(source), BLOCK):
+        source_of_block = source[start : start + BLOCK]
+        for file in np.unique(source_of_block).tolist():
+            yield file, start + np.flatnonzero(source_of_block == file)
 
 
 def _arrange_ordinals(literals: Sequence[Literal]) -> IndexArray:
     """Return the ordinals of the numbers of each literal as a row; -1 where a literal has no such number.
 
-    A row has the numbers of position and orientation, of the configuration, of external axes, and those that
-    all targets share.
+    An ordinal is the index of a number among those of its statement. A row has the numbers of position and
+    orientation, of the configuration, of external axes, and those that all targets share.
     """
     ordinals = np.full((len(literals), _AXES_END + _MAX_COMMON), -1)
-    for row, each in zip(ordinals, literals, strict=True):
-        row[: len(each.numbers)] = each.numbers
-        row[NUMBERS : NUMBERS + len(each.words)] = [ordinal for _, ordinal in each.words]
-        external, shared = each.external[:_MAX_AXES], each.common[:_MAX_COMMON]
+    for row, literal in zip(ordinals, literals, strict=True):
+        configuration = [ordinal for _, ordinal in literal.words]
+        external, common = literal.external[:_MAX_AXES], literal.common[:_MAX_COMMON]
+        row[: len(literal.numbers)] = literal.numbers
+        row[NUMBERS : NUMBERS + len(configuration)] = configuration
         row[_VALUES_END : _VALUES_END + len(external)] = external
-        row[_AXES_END : _AXES_END + len(shared)] = shared
+        row[_AXES_END : _AXES_END + len(common)] = common
     return ordinals
 
 
 def _find_external_axes(axes: FloatArray, external_axes: ExternalAxes) -> tuple[BoolArray, BoolArray]:
-    """Find the targets at which external axes, with the positions `axes` (t, a), may displace the target.
+    """Find the targets at which external axes may displace the target.
 
-    Return masks (t,) of the targets with an axis away from zero, and of the targets whose axes have other
-    positions than at the first target. If external axes carry nothing, both masks are false; if they are
-    joints of the robot, the first mask is false. An axis without a value (NaN) counts as away from zero if it
-    is away from zero at any target.
+    If external axes carry nothing, there are none. If they are joints of the robot, only their motion counts.
+
+    Args:
+        axes: (t, a) positions of the external axes [mm, °]; NaN where a target states none, which counts as
+            away from zero if the axis is away from zero at any target.
+        external_axes: what the user states on external axes.
+
+    Returns:
+        Mask (t,) of the targets with an axis away from zero; mask (t,) of the targets whose axes have other
+        positions than at the first target.
     """
-    positions, no_targets = np.nan_to_num(axes), np.zeros(len(axes), dtype=np.bool_)
-    axis_away: BoolArray = np.abs(positions) > _AXIS_ROUNDING
-    is_away: BoolArray = np.asarray((axis_away | (np.isnan(axes) & axis_away.any(axis=0))).any(axis=1))
-    is_moved = _find_changed_numbers(positions)
+    nowhere = np.zeros(len(axes), dtype=np.bool_)
     if external_axes is ExternalAxes.CARRY_NOTHING:
-        return no_targets, no_targets
-    return (no_targets if external_axes is ExternalAxes.OF_ROBOT else is_away), is_moved
+        return nowhere, nowhere
+    positions = np.nan_to_num(axes)
+    is_moved = _find_changed_numbers(positions)
+    if external_axes is ExternalAxes.OF_ROBOT:
+        return nowhere, is_moved
+    is_axis_away = np.abs(positions) > _AXIS_ROUNDING
+    is_any_away = is_axis_away.any(axis=0)  # (a,)
+    is_away = is_axis_away | (np.isnan(axes) & is_any_away)
+    return np.asarray(is_away.any(axis=1)), is_moved
 
 
 def _find_changed_numbers(numbers: FloatArray) -> BoolArray:
@@ -630,21 +733,32 @@ def _sort_moves(moves: Moves) -> Moves:
     Routines were interpreted one after the other, so that moves of nested routines were out of order.
     """
     order = np.argsort(moves.line, kind="stable")
-    counts, rank = np.diff(moves.ends, prepend=0), np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    visits = moves.visits[np.argsort(rank[moves.move_of_visit], kind="stable")]
-    return Moves(moves.line[order], moves.motion[order], np.cumsum(counts[order]), visits, moves.feed[order])
+    new_index = np.empty_like(order)  # of each move
+    new_index[order] = np.arange(len(order))
+    order_of_visits = np.argsort(new_index[moves.move_of_visit], kind="stable")
+    visit_counts = np.diff(moves.ends, prepend=0)
+    return Moves(
+        line=moves.line[order],
+        motion=moves.motion[order],
+        ends=np.cumsum(visit_counts[order]),
+        visits=moves.visits[order_of_visits],
+        feed=moves.feed[order],
+    )
 
 
 def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[Moves, Targets]:
     """Return the moves in the mask `selected` (k,), and the targets of these moves, with new indices."""
     visits = moves.visits[selected[moves.move_of_visit]]
-    rows, places = np.unique(visits, return_inverse=True)
-    counts = np.diff(moves.ends, prepend=0)[selected]
+    used_targets, new_visits = np.unique(visits, return_inverse=True)
+    visit_counts = np.diff(moves.ends, prepend=0)
     kept = Moves(
-        moves.line[selected], moves.motion[selected], np.cumsum(counts), places, moves.feed[selected]
+        line=moves.line[selected],
+        motion=moves.motion[selected],
+        ends=np.cumsum(visit_counts[selected]),
+        visits=new_visits,
+        feed=moves.feed[selected],
     )
-    return kept, targets.select(rows)
+    return kept, targets.select(used_targets)
 
 
 def _get_plain_name(label: str) -> str:

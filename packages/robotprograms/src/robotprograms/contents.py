@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robotprograms import language as ir
+from robotprograms.arrays import FloatArray
 from robotprograms.columns import OF_ROUTINE, Cause, WrittenNumbers, get_array_name, get_structure_name
 from robotprograms.declarations import NEVER, UNKNOWN, Changes, Content, Declarations, State
 from robotprograms.errors import quote_text
@@ -23,7 +24,7 @@ class Contents:
     def __init__(
         self, language: Language, numerals: Sequence[Numerals], declarations: Declarations, changes: Changes
     ) -> None:
-        """Prepare to look names up in states.
+        """Prepare to look up the contents of names: numbers, or the cause why the numbers are unknown.
 
         Args:
             language: language of the program.
@@ -34,7 +35,7 @@ class Contents:
         self._language, self._numerals = language, numerals
         self._declarations, self._changes = declarations, changes
         self.named: dict[str, FrameName] = {}  # frames that are known by name
-        self._protected: dict[str, bool] = {}  # whether unknown routines leave a name
+        self._protected: dict[str, bool] = {}  # whether unknown routines leave the content of a name
 
     def forget_judgements(self) -> None:
         """Judge names anew, because all changes are known now."""
@@ -85,35 +86,49 @@ class Contents:
     def _evaluate_stated(self, place: Place, value: ir.Stated, state: State) -> Content:
         """Return the name of a frame that is calculated of numbers and pi; note its pose, if it has one.
 
-        A program may give pi itself: then its number in a state counts.
+        A program may give pi itself: then its number in the state, the contents of all names, counts.
         """
         numbers = (repr(float(place.values[place.first + ordinal])) for ordinal in value.ordinals)
-        expressions = [re.sub("\0", lambda _: next(numbers), each) for each in value.expressions]
-        own = place.qualify("pi")
-        is_given = bool(self._changes.of_name.get(own))
-        elsewhere = self._changes.routines_of_pi - {place.scope.routine}
-        if is_given and elsewhere:  # elsewhere, the name may mean another variable
+        expressions = [re.sub("\0", lambda _: next(numbers), text) for text in value.expressions]
+        pi = place.qualify("pi")
+        is_assigned = bool(self._changes.of_name.get(pi))
+        other_routines = self._changes.routines_of_pi - {place.scope.routine}
+        if is_assigned and other_routines:  # there, the name may mean another variable
             return place.make_cause("the program gives 'pi' in another routine")
-        if is_given or own in self._declarations.initial or own != "pi":
-            pi, _ = self.look_up(state, own)
-            if not isinstance(pi, WrittenNumbers):
+        is_local = pi != "pi"
+        if is_assigned or is_local or pi in self._declarations.initial:
+            content, _ = self.look_up(state, pi)
+            if not isinstance(content, WrittenNumbers):
                 return place.make_cause("the program changes 'pi' while it runs")
-            number = float(self._numerals[pi.source].values[pi.first + pi.literal.numbers[0]])
-            expressions = [re.sub(r"\bpi\b", repr(number), each) for each in expressions]
-        values = [calculate(each) for each in expressions]
+            number = repr(self._read_number(content))
+            expressions = [re.sub(r"\bpi\b", number, text) for text in expressions]
         name = f"{value.name} of line {place.line}"
-        if None not in values:
-            self.named[name] = FrameName(name, value.notation.to_pose([each or 0.0 for each in values]))
+        values = [calculate(text) for text in expressions]
+        known_values = [number for number in values if number is not None]
+        if len(known_values) == len(values):
+            self.named[name] = FrameName(name, value.notation.to_pose(known_values))
         return name
 
+    def _read_number(self, content: WrittenNumbers) -> float:
+        """Return the first of the numbers of a content."""
+        return float(self._read_numbers(content)[0])
+
+    def _read_numbers(self, content: WrittenNumbers) -> FloatArray:
+        """Return the numbers (n,) of a content, from its file."""
+        numbers_of_file = self._numerals[content.source].values
+        return np.asarray(numbers_of_file[content.first + np.array(content.literal.numbers)])
+
     def _follow_copy(self, value: ir.Copy, content: Content, state: State) -> Content:
-        """Return the content of a copied name in a state; with `through`, of the name that it holds."""
+        """Return the content of a copied name in a state, the contents of all names.
+
+        `content` is the name. With `through`, that name only holds a further name, whose content is returned.
+        """
         for _ in range(2 if value.through else 1):
             if isinstance(content, str):
-                content, _line = self.look_up(state, content)
+                content, _at = self.look_up(state, content)
         # The number that is active may be that of a frame whose numbers change.
         if value.through and isinstance(content, str) and self._language.is_frame(content):
-            content, _line = self.look_up(state, content)
+            content, _at = self.look_up(state, content)
         return content
 
     def look_up(self, state: State, name: str) -> tuple[Content, At]:
@@ -145,43 +160,55 @@ class Contents:
 
         Only a variable of the routine, or a constant, is certain: other programs may set any other one.
         """
-        index = place.qualify(value.number)
-        number, _ = self.look_up(state, index)
-        if isinstance(number, Cause) and number.line:
-            return number
-        is_certain = OF_ROUTINE in index or index in self._declarations.fixed
-        if not (is_certain and isinstance(number, WrittenNumbers) and len(number.literal.numbers) == 1):
+        variable = place.qualify(value.number)
+        content, _ = self.look_up(state, variable)
+        if isinstance(content, Cause) and content.line:
+            return content
+        is_of_routine = OF_ROUTINE in variable
+        is_certain = is_of_routine or variable in self._declarations.fixed
+        is_number = isinstance(content, WrittenNumbers) and len(content.literal.numbers) == 1
+        if not (is_certain and is_number and isinstance(content, WrittenNumbers)):
             return place.make_cause(f"the number {quote_text(value.number)} of a frame is not certain")
-        written = float(self._numerals[number.source].values[number.first + number.literal.numbers[0]])
-        if not written.is_integer():
+        number = self._read_number(content)
+        if not number.is_integer():
             return place.make_cause("the number of a frame is not a whole number")
-        return self.look_up(state, value.table % f"{written:g}")[0]
+        element = value.table % f"{number:g}"
+        content_of_element, _ = self.look_up(state, element)
+        return content_of_element
 
     def _find_fixed_content(self, name: str) -> Content | None:
         """Return the content that a name has in all states: of a constant, or of an element; else None.
 
         Where a statement changes an array, whichever element that is, no element is known.
         """
-        if get_structure_name(name) in self._language.constants:
+        is_constant = get_structure_name(name) in self._language.constants
+        if is_constant:
             return name
         array = get_array_name(name)
-        return self._initial_value(name) if array != name and array in self._changes.of_name else None
+        is_element = array != name
+        if is_element and array in self._changes.of_name:
+            return self._initial_value(name)
+        return None
 
     def _initial_value(self, name: str) -> Content:
-        """Return the content of a name when the program begins: data have the values in their file."""
+        """Return the content of a name when the program begins: data have the values in their file.
+
+        If a statement changes the name, the content is unknown: the program may run a second time.
+        """
         changes = self._changes.find(name)
-        if name in self._declarations.initial and not changes:
-            return self._declarations.initial[name]
-        structure, _, ending = name.partition(".")
-        contents = [
-            content for field, content in self._declarations.fields.get(structure, ()) if field == ending
-        ]
-        if len(contents) == 1 and not changes:
-            return contents[0]
-        if contents and not changes:
-            return Cause(0, f"{name} is declared twice")
-        if (active := self._language.active.get(name)) is not None:
-            return active
+        active_frame = self._language.active.get(name)
+        if not changes:
+            if name in self._declarations.initial:
+                return self._declarations.initial[name]
+            structure, _, ending = name.partition(".")
+            fields = self._declarations.fields.get(structure, ())
+            contents = [content for ending_of_field, content in fields if ending_of_field == ending]
+            if len(contents) == 1:
+                return contents[0]
+            if contents:
+                return Cause(0, f"{name} is declared twice")
+        if active_frame is not None:
+            return active_frame
         if changes:
             reason = f"{name} changes while the program runs"
             return changes[0]._replace(reason=reason, remedy="give the value once, in numbers")
@@ -190,10 +217,10 @@ class Contents:
         return Cause(0, f"{quote_text(name)} is not given by constant numbers", self._language.undeclared)
 
     def list_name_and_fields(self, name: str) -> list[str]:
-        """Return a list of a name, and the names of all fields that a structure of this name may have."""
+        """Return a name, and the names of all fields that a structure may have: `P`, `P.UF`, `P.UT`."""
         structure, separator, routine = name.partition(OF_ROUTINE)
-        endings = self._language.field_endings
-        return [name, *(f"{structure}{ending}{separator}{routine}" for ending in endings)]
+        fields = [f"{structure}{ending}{separator}{routine}" for ending in self._language.field_endings]
+        return [name, *fields]
 
     def have_equal_frames(self, name: str, first: Content, second: Content) -> bool:
         """Return whether two contents of an active frame are equal numbers, written at different places."""
@@ -201,8 +228,6 @@ class Contents:
             return False
         if not (isinstance(first, WrittenNumbers) and isinstance(second, WrittenNumbers)):
             return False
-        numbers = (
-            self._numerals[each.source].values[each.first + np.array(each.literal.numbers)]
-            for each in (first, second)
-        )
-        return first.literal.notation == second.literal.notation and bool(np.array_equal(*numbers))
+        if first.literal.notation != second.literal.notation:
+            return False
+        return bool(np.array_equal(self._read_numbers(first), self._read_numbers(second)))

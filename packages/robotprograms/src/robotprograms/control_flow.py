@@ -59,6 +59,7 @@ class ControlFlow:
         self.begins: dict[str, int] = {}  # index of the beginning of each routine
         self.ends: dict[int, str] = {}  # routine that ends at each index
         self.routine_of: list[str] = []  # routine of each operation
+        self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # indices of each routine's operations
         self.anytime_routines: set[str] = set()  # routines that may run at any time
         self.shared_routines: set[str] = set()  # routines that other programs may call
         self.endless: set[int] = set()  # indices of the ends of loops that only a jump leaves
@@ -67,37 +68,47 @@ class ControlFlow:
         self._open_routines = [""]  # routines whose end was not reached yet; "" for text outside of routines
         # indices of labels, by routine and name: a name may occur twice
         self._labels: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
-        self._jumps: list[int] = []
+        self._jumps: list[int] = []  # indices of jumps
         self._ops, self._last = ops, len(ops) - 1  # operations of the text, and the index of the last one
         for i, op in enumerate(ops):
             if isinstance(op, ir.Flow):
                 self._add_operation(i, op)
             self.routine_of.append(self.ends.get(i, self._open_routines[-1]))
         self._append_missing_ends()
-        self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # indices of each routine's operations
         for i, name in enumerate(self.routine_of):
             self.bodies[name].append(i)
         self._link_jumps()
-        self.uncertain |= {
-            self.begins[routine]: fault
-            for routine, fault in self.faulty_routines.items()
-            if routine in self.begins
-        }
-        # A handler without a name handles errors; a handler that resumes ends the routines it interrupted.
-        handlers = (ops[self.begins[name]] for name in self.anytime_routines if not names[self.begins[name]])
-        handles_errors = any(isinstance(op, ir.Flow) and op.kind == "handler" for op in handlers)
-        if handles_errors or any(isinstance(op, ir.Flow) and op.kind == "resume" for op in ops):
+        for routine, fault in self.faulty_routines.items():
+            if routine in self.begins:
+                self.uncertain[self.begins[routine]] = fault
+        if self._can_continue_after_error():
             self._add_error_exits()
+
+    def _can_continue_after_error(self) -> bool:
+        """Return whether a handler of errors, or one that resumes, may end a routine anywhere.
+
+        A handler without a name handles errors; a handler that resumes ends the routines it interrupted.
+        """
+        for name in self.anytime_routines:
+            begin = self.begins[name]
+            op = self._ops[begin]
+            if isinstance(op, ir.Flow) and op.kind == "handler" and not self._names[begin]:
+                return True
+        return any(isinstance(op, ir.Flow) and op.kind == "resume" for op in self._ops)
 
     def _append_missing_ends(self) -> None:
         """Append the ends of routines and blocks that are open at the end of the text, which may be cut."""
         while self._open_blocks:
             block = self._open_blocks[-1]
-            kind = "end" if block.kind == "routine" else "close"
-            if kind == "close":
+            if block.kind == "routine":
+                kind = "end"
+            else:
+                kind = "close"
                 self._note_missing_end(block)
-                for label in chain(*self._labels[self._open_routines[-1]].values()):
-                    self.uncertain.setdefault(label, block.begin)  # what is cut may jump there
+                # What was cut off may jump to any label of the routine: behind labels, no move is certain.
+                labels_by_name = self._labels[self._open_routines[-1]]
+                for label in chain(*labels_by_name.values()):
+                    self.uncertain.setdefault(label, block.begin)
             self._ops.append(ir.Flow(kind))
             end = len(self._ops) - 1
             self._end_block(end, kind)
@@ -106,12 +117,11 @@ class ControlFlow:
     def _link_jumps(self) -> None:
         """Add the label of each jump to its successors; for a computed jump, all labels of its routine."""
         for i in self._jumps:
-            labels = self._labels[self.routine_of[i]]
-            places = labels[self._names[i]] if self._names[i] in labels else [*chain(*labels.values())]
+            routine, name = self.routine_of[i], self._names[i]
+            labels = self._labels[routine]
+            places = labels[name] if name in labels else [*chain(*labels.values())]
             if not places:
-                self._note_fault(
-                    i, self.routine_of[i], "the label of a jump does not exist", "write the label"
-                )
+                self._note_fault(i, routine, "the label of a jump does not exist", "write the label")
             self.successors[i] += places
 
     def _add_error_exits(self) -> None:
@@ -129,25 +139,33 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: the operation is nested too deep.
         """
-        if op.kind in ir.ROUTINES | ir.BLOCKS:
-            if len(self._open_blocks) >= _MAX_DEPTH:
-                reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
-                raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
-            self._open_blocks.append(
-                _OpenBlock(op.kind, i) if op.kind in ir.BLOCKS else self._begin_routine(i, op)
-            )
+        begins_block = op.kind in ir.ROUTINES | ir.BLOCKS
+        if begins_block and len(self._open_blocks) >= _MAX_DEPTH:
+            reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
+            raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
+        if op.kind in ir.BLOCKS:
+            self._open_blocks.append(_OpenBlock(op.kind, i))
+        elif op.kind in ir.ROUTINES:
+            self._open_blocks.append(self._begin_routine(i, op))
         elif op.kind == "label":
             self._labels[self._open_routines[-1]][self._names[i]].append(i)
         elif op.kind == "jump":
             self._jumps.append(i)
-        elif op.kind in ir.JUMPS and op.kind != "stop":  # nothing follows a stop
-            kinds = ir.LOOPS | {"routine"} if op.kind in {"leave", "again"} else {"routine"}
-            enclosing = [block for block in self._open_blocks if block.kind in kinds]
-            for block in enclosing[-1:]:  # the innermost block of these kinds, if any
-                is_repetition = op.kind == "again" and block.kind != "routine"
-                (block.repetitions if is_repetition else block.exits).append(i)
-        elif op.kind != "stop":
+        elif op.kind == "stop":  # nothing follows a stop
+            return
+        elif op.kind in ir.JUMPS:
+            self._leave_block(i, op.kind)
+        else:
             self._end_block(i, op.kind)
+
+    def _leave_block(self, i: int, kind: str) -> None:
+        """Note that the operation with index i leaves the innermost loop or routine, or begins a round."""
+        kinds = ir.LOOPS | {"routine"} if kind in {"leave", "again"} else {"routine"}
+        for block in reversed(self._open_blocks):
+            if block.kind in kinds:
+                begins_next_round = kind == "again" and block.kind != "routine"
+                (block.repetitions if begins_next_round else block.exits).append(i)
+                return
 
     def _begin_routine(self, i: int, op: ir.Flow) -> _OpenBlock:
         """Begin a routine at index i; name a handler that has no name; return the open block."""
@@ -158,8 +176,10 @@ class ControlFlow:
             name = f"{name} again {i}"
             self.faulty_routines[name] = i
         self.begins[name] = i
-        self.anytime_routines |= {name} if op.kind != "routine" else set()
-        self.shared_routines |= {name} if op.shared else set()
+        if op.kind != "routine":  # a handler
+            self.anytime_routines.add(name)
+        if op.shared:
+            self.shared_routines.add(name)
         self._open_routines.append(name)
         return _OpenBlock("routine", i)
 
@@ -168,15 +188,20 @@ class ControlFlow:
 
         The end of a routine ends its branches and loops, too. An end without a beginning does nothing.
         """
+        ends_routine = kind == "end"
         is_in_routine = any(block.kind == "routine" for block in self._open_blocks)
-        while kind == "end" and is_in_routine and self._open_blocks[-1].kind != "routine":
+        while ends_routine and is_in_routine and self._open_blocks[-1].kind != "routine":
             self._note_missing_end(self._open_blocks[-1])
             self._end_block(i, "close")
-        block = self._open_blocks[-1] if self._open_blocks else None
-        if block is None or (kind != "close_or_end" and (kind == "end") != (block.kind == "routine")):
+        if not self._open_blocks:
             self._note_missing_begin(i, kind)
-        else:
+            return
+        block = self._open_blocks[-1]
+        fits = kind == "close_or_end" or ends_routine == (block.kind == "routine")
+        if fits:
             self._end_open_block(i, kind, block)
+        else:
+            self._note_missing_begin(i, kind)
 
     def _note_missing_begin(self, i: int, kind: str) -> None:
         """Note that the end with index i has no beginning, so that no move of the routine is certain.
@@ -186,12 +211,8 @@ class ControlFlow:
         """
         reason = "this line ends a branch, a loop or a routine that does not begin before it"
         remedy = "write both ends of branches, loops and routines"
-        moves = (k for k, op in enumerate(self._ops) if isinstance(op, ir.Move))
-        changes = (
-            isinstance(op, ir.Assign | ir.MakeUnknown) or (isinstance(op, ir.Call) and not op.harmless)
-            for op in self._ops[next(moves, 0) : i]
-        )
-        if kind == "close_or_end" and not self.begins and i == self._last and not any(changes):
+        is_end_of_text = kind == "close_or_end" and not self.begins and i == self._last
+        if is_end_of_text and not self._has_changes_behind_first_move(i):
             self.faults[i] = reason, remedy
             return
         self._note_fault(i, self._open_routines[-1], reason, remedy)
@@ -199,8 +220,21 @@ class ControlFlow:
             for routine in self.begins:
                 self.faulty_routines.setdefault(routine, i)
 
+    def _has_changes_behind_first_move(self, end: int) -> bool:
+        """Return whether an operation between the first move and an index may change a value."""
+        first_move = next((k for k, op in enumerate(self._ops) if isinstance(op, ir.Move)), 0)
+        for op in self._ops[first_move:end]:
+            if isinstance(op, ir.Assign | ir.MakeUnknown):
+                return True
+            if isinstance(op, ir.Call) and not op.harmless:
+                return True
+        return False
+
     def _end_open_block(self, i: int, kind: str, block: _OpenBlock) -> None:
-        """End the innermost block at index i, or begin its next branch there."""
+        """End the innermost block at index i, or begin its next branch there.
+
+        The successors of an operation, by index, are the operations where the program may continue.
+        """
         if kind in {"branch", "default"}:
             block.other_branches.append(i)
             block.has_default |= kind == "default"
@@ -212,16 +246,20 @@ class ControlFlow:
         for place in (*block.other_branches, *block.exits):
             self.successors[place].append(i)
         self.successors[block.begin] += block.other_branches
-        if block.kind in {"if", "switch", "loop"} and not block.has_default:  # the block may be skipped
+        may_be_skipped = block.kind in {"if", "switch", "loop"} and not block.has_default
+        if may_be_skipped:
             self.successors[block.begin].append(i)
         if block.kind in ir.LOOPS:
             self._link_rounds(i, block)
 
     def _link_rounds(self, end: int, loop: _OpenBlock) -> None:
-        """Add the successors of the operations that end a round of a loop, whose end has an index."""
+        """Let each round of a loop continue with the next one, from the loop's end and from jumps to it.
+
+        `end` is the index of the loop's last operation; `loop.repetitions` are those of the jumps.
+        """
         for place in (end, *loop.repetitions):
             self.successors[place].append(loop.begin)
-        if loop.kind == "repeat":  # its condition is at the end
+        if loop.kind == "repeat":  # its condition is at the end, so that a jump may also leave the loop
             for place in loop.repetitions:
                 self.successors[place].append(end)
         if loop.kind == "forever":

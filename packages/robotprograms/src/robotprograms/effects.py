@@ -21,14 +21,15 @@ class Effects:
         self._declarations = statements.declarations
 
     def list_written(self, i: int) -> set[str]:
-        """Return the full names to which operation i gives a new content."""
+        """Return the full names to which operation i gives a new content, fields of positions included."""
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             return {place.qualify(op.name)}
-        if not isinstance(op, ir.MakeUnknown):
-            return set()
-        names = {*map(place.qualify, op.names)} - self._declarations.fixed
-        return {each for name in names for each in self._contents.list_name_and_fields(name)}
+        written = set[str]()
+        if isinstance(op, ir.MakeUnknown):
+            for name in set(map(place.qualify, op.names)) - self._declarations.fixed:
+                written.update(self._contents.list_name_and_fields(name))
+        return written
 
     def apply(self, state: State, i: int) -> None:
         """Apply operation i to a state, the contents of all variables; the state is changed in place.
@@ -49,10 +50,12 @@ class Effects:
             self._call(state, op, place)
 
     def _call(self, state: State, op: ir.Call, place: Place) -> None:
-        """Make unknown in a state what a call of an unknown routine may change."""
-        is_own = op.name in self._flow.begins
-        unknown = None if is_own else self._calls.explain_unknown(place, op)
-        unknown = unknown or self._calls.find_unknown_in_attached(place, op)
+        """Make unknown in a state (contents of all names) what the call of an unknown routine may change."""
+        unknown = None  # the cause why values are unknown behind the call
+        if op.name not in self._flow.begins:
+            unknown = self._calls.explain_unknown(place, op)
+        if unknown is None:
+            unknown = self._calls.find_unknown_in_attached(place, op)
         if unknown is None:
             return
         self._forget_names(state, unknown)
@@ -64,9 +67,10 @@ class Effects:
         cause = place.make_cause(op.reason, op.remedy)
         if not op.names:
             self._forget_names(state, cause)
-        for name in {*map(place.qualify, op.names)} - self._declarations.fixed:
-            for each in self._contents.list_name_and_fields(name):
-                state[each] = (cause, place.at)
+        changed_names = set(map(place.qualify, op.names)) - self._declarations.fixed
+        for name in changed_names:
+            for name_or_field in self._contents.list_name_and_fields(name):
+                state[name_or_field] = (cause, place.at)
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""

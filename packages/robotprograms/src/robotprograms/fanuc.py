@@ -119,51 +119,58 @@ _LOGIC: Final = (
 
 
 def _translate_frame_choice(line: Line) -> list[Op]:
-    """Return the operations of a statement that activates a numbered frame (UFRAME) or tool (UTOOL)."""
-    kind = line["which"]  # FRAME or TOOL; the frames have names such as `UF 3` and `UT 1`
-    return [ir.Assign(f"U{kind}_NUM", ir.Named((f"U{kind[0]} %s", line.first_ordinal("number"))))]
+    """Translate a statement that activates a numbered frame, `UFRAME_NUM=1`, or tool, `UTOOL_NUM=1`."""
+    active = f"U{line['which']}_NUM"
+    letters = "UF" if line["which"] == "FRAME" else "UT"
+    frame = ir.NumberedName(f"{letters} %s", line.first_ordinal("number"))  # such as `UF 3`
+    return [ir.Assign(active, ir.Named(frame))]
 
 
 def _translate_jump(line: Line) -> list[Op]:
-    """Return the operations of a jump to a numbered label, or to a label whose number is computed.
+    """Translate a jump to a numbered label, or to a label whose number is computed.
 
     A jump after a time of waiting may be skipped.
     """
     label = line["label"]
+    is_number = label == ir.A_NUMBER
     # A computed label has the name NUL, which no label has: the jump may lead to each label.
-    name = ("%s", line.first_ordinal("label")) if label == "\0" else "\0"
-    used = [] if label == "\0" else line.read_expression(label)
+    name: ir.Name = ir.NumberedName("%s", line.first_ordinal("label")) if is_number else "\0"
+    uses = [] if is_number else line.read_expression(label)
     jump = ir.Flow("jump", name)
-    return [*used, *([ir.Flow("if"), jump, ir.Flow("close")] if line["wait"] else [jump])]
+    if line["wait"]:
+        return [*uses, ir.Flow("if"), jump, ir.Flow("close")]
+    return [*uses, jump]
 
 
 def _translate_conditional_action(line: Line) -> list[Op]:
-    """Return the operations of an action after IF or SELECT, which may be skipped."""
-    start, end = line.span("action")
-    action = Line(line.language, line["action"], line.ordinals_in(start, end))
-    # SELECT R[1]=2 is not an expression because of its `=`; only the names in it matter.
-    condition = line.read_expression(line["which"].replace("=", "+", 1)) if line["which"] else []
+    """Translate an action after IF or SELECT, which may be skipped."""
+    begin, end = line.span("action")
+    action = Line(line.language, line["action"], line.ordinals_in(begin, end))
+    condition = list[Op]()
+    if line["which"]:
+        # SELECT R[1]=2 is not an expression because of its `=`; only the names in it matter.
+        condition = line.read_expression(line["which"].replace("=", "+", 1))
     return [*condition, ir.Flow("if"), *line.language.apply_rules(action), ir.Flow("close")]
 
 
 def _translate_harmless_instruction(line: Line) -> list[Op]:
-    """Return the operations of an instruction that moves nothing: a use of each variable in its value.
+    """Translate an instruction that moves nothing: a use of each variable in its value.
 
     The value is an expression, `ON`, or a pulse such as `PULSE,0.2sec`, which reads no variable.
 
     Raises:
         Misread: the line also chooses a frame by UFRAME or UTOOL, after the value.
     """
-    value = line["value"].replace("!", "")
     if re.search(r"(?<=.)U(?:FRAME|TOOL)\w*(?:\[[^\[\]]*\])?=", line.text):
         return _refuse_computed_frame(line)
-    # In the line, `\0` replaces each number.
-    return line.read_expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
+    value = line["value"].replace("!", "")
+    is_pulse = re.fullmatch(r"PULSE,\0 ?(?:sec)?", value)  # NUL replaces each number
+    return line.read_expression(value) if value and not is_pulse else []
 
 
 def _translate_position_change(line: Line) -> list[Op]:
     """Return the operation of an assignment to a position P[n], whose numbers become unknown."""
-    name: ir.Name = ("P[%s]", line.first_ordinal("place")) if line["place"] else "P"
+    name: ir.Name = ir.NumberedName("P[%s]", line.first_ordinal("place")) if line["place"] else "P"
     return [ir.MakeUnknown(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
@@ -173,64 +180,102 @@ def _is_known_tail(tail: str) -> bool:
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Return the operations of a move to one position, or of an arc through one position to another.
+    """Translate a move to one position, or an arc through one position to another.
 
     Raises:
         Misread: the number of positions is wrong, or the text after them is unknown.
     """
     letter, skip = line["letter"], _SKIP.search(line["tail"])
-    tail, ordinals = _SKIP.sub("", line["tail"]), list(line.ordinals[:1])  # numbers n of the positions P[n]
-    # An arc has a second position, on the next line; an offset of the first one may come before it.
-    group = "second" if line["second"] or letter != "C" else "tail"
-    second = re.search(rf"{'' if group == 'second' else _OFFSETS} ?(P\[\0\])", line[group])
-    if (second is not None) != (letter == "C"):
-        raise Misread(
-            "an arc needs two positions, the second one on the next line; any other move needs one position"
-        )
-    if second:
-        begin = line.span(group)[0]
-        ordinals += line.ordinals_in(begin + second.start(1), begin + second.end(1))
-        tail = tail.replace(second[1], " ", 1) if group == "tail" else tail
+    ordinals, tail = _read_positions(line)
     offset, is_known = _OFFSET.search(tail), _is_known_tail(tail)
     if not is_known and _MAY_ACT.search(re.sub(r"\[[^\[\]]*\]", "", tail)):
         raise Misread(_UNKNOWN_TAIL)
-    names = tuple(("P[%s]", ordinal) for ordinal in ordinals)
-    bases, tools = (
-        tuple(ir.Copy((f"P[%s].{kind}", ordinal), through=True) for ordinal in ordinals)
-        for kind in ("UF", "UT")
-    )
-    feed = None
-    if stated := _FEED.match(line["tail"] if group == "second" else tail.strip()):
-        place = line.span("tail")[0] + line["tail"].index(stated[0])
-        numbers = line.ordinals_in(place, place + 1)
-        feed = ir.Feed(Literal(_NUMBER, numbers), _FEED_UNITS.get(stated["unit"], 1.0))
-    reason = "" if is_known else f"{ir.quote_statement(line.text, line.ordinals)}: {_UNKNOWN_TAIL}"
-    if offset and is_known:
-        place = line.span("tail")[0] + line["tail"].index(offset[0].strip())
-        quoted = ir.quote_statement(offset[0], line.ordinals_in(place, len(line.text)))
+    reason = ""  # why the move is not corrected
+    if not is_known:
+        reason = f"{ir.quote_statement(line.text, line.ordinals)}: {_UNKNOWN_TAIL}"
+    elif offset:
+        begin = line.span("tail")[0] + line["tail"].index(offset[0].strip())
+        quoted = ir.quote_statement(offset[0], line.ordinals_in(begin, len(line.text)))
         reason = f"{quoted} moves the target"
-    elif skip and is_known:
+    elif skip:
         reason = "Skip may end the move before its target"
-    matched_frames = ("UFRAME_NUM", "UTOOL_NUM")
+    # A position states its own base UF and tool UT, which have to be active.
     move = ir.Move(
-        _MOTIONS[letter], names, bases, tools, matched_frames, reason=reason, remedy=_REMEDY, feed=feed
+        _MOTIONS[letter],
+        targets=tuple(ir.NumberedName("P[%s]", ordinal) for ordinal in ordinals),
+        bases=tuple(ir.Copy(ir.NumberedName("P[%s].UF", ordinal), through=True) for ordinal in ordinals),
+        tools=tuple(ir.Copy(ir.NumberedName("P[%s].UT", ordinal), through=True) for ordinal in ordinals),
+        matched_frames=("UFRAME_NUM", "UTOOL_NUM"),
+        reason=reason,
+        remedy=_REMEDY,
+        feed=_read_feed(line, tail),
     )
-    calls = [ir.Call(name, anytime=True, event=name) for name in re.findall(r"\bCALL ?(\w++)", tail.upper())]
+    called_names = re.findall(r"\bCALL ?(\w++)", tail.upper())  # programs that are called near the target
+    calls = [ir.Call(name, anytime=True, event=name) for name in called_names]
     if skip is None:
         return [*calls, move]
-    place = line.span("tail")[0]
-    numbers = line.ordinals_in(place + skip.start("label"), place + skip.end("label"))
-    label: ir.Name = ("%s", numbers[0]) if skip["label"] == "\0" else "\0"
-    return [*calls, move, ir.Flow("if"), ir.Flow("jump", label), ir.Flow("close")]
+    return [*calls, move, ir.Flow("if"), _jump_after_skip(line, skip), ir.Flow("close")]
+
+
+def _read_positions(line: Line) -> tuple[list[int], str]:
+    """Read the numbers n of the positions P[n] of a move, and the text behind them.
+
+    An arc has a second position, on the next line; an offset of the first one may come before it.
+
+    Returns:
+        Ordinals of the numbers n; the text behind the first position, without Skip and the second position.
+
+    Raises:
+        Misread: an arc has one position, or another move has two.
+    """
+    is_arc = line["letter"] == "C"
+    ordinals = list(line.ordinals[:1])
+    tail = _SKIP.sub("", line["tail"])
+    is_behind_offset = is_arc and not line["second"]
+    group = "tail" if is_behind_offset else "second"
+    pattern = rf"{_OFFSETS} ?(P\[\0\])" if is_behind_offset else r" ?(P\[\0\])"
+    second = re.search(pattern, line[group])
+    if (second is not None) != is_arc:
+        need = "an arc needs two positions, the second one on the next line"
+        raise Misread(f"{need}; any other move needs one position")
+    if second:
+        begin, _ = line.span(group)
+        ordinals += line.ordinals_in(begin + second.start(1), begin + second.end(1))
+        if is_behind_offset:
+            tail = tail.replace(second[1], " ", 1)
+    return ordinals, tail
+
+
+def _read_feed(line: Line, tail: str) -> ir.Feed | None:
+    """Return the feed of a move, such as `100mm/sec`; None if it has another unit or is computed.
+
+    `tail` is the text behind the first position, without the second position.
+    """
+    is_behind_offset = line["letter"] == "C" and not line["second"]
+    feed = _FEED.match(tail.strip() if is_behind_offset else line["tail"])
+    if feed is None:
+        return None
+    place = line.span("tail")[0] + line["tail"].index(feed[0])
+    number = line.ordinals_in(place, place + 1)
+    return ir.Feed(Literal(_NUMBER, number), _FEED_UNITS.get(feed["unit"], 1.0))
+
+
+def _jump_after_skip(line: Line, skip: re.Match[str]) -> ir.Flow:
+    """Return the jump to the label after Skip, which is taken if the condition of Skip is not met."""
+    if skip["label"] != ir.A_NUMBER:  # the label is computed, and may be any label
+        return ir.Flow("jump", "\0")
+    begin, _ = line.span("tail")
+    (ordinal, *_) = line.ordinals_in(begin + skip.start("label"), begin + skip.end("label"))
+    return ir.Flow("jump", ir.NumberedName("%s", ordinal))
 
 
 def _translate_copy_to_register(line: Line) -> list[Op]:
     """Return the use of a position whose numbers a register gets: a correction would change both."""
-    return [ir.Use(frozenset({("P[%s]", line.first_ordinal("place"))}))]
+    return [ir.Use(frozenset({ir.NumberedName("P[%s]", line.first_ordinal("place"))}))]
 
 
 def _translate_pallet_move(line: Line) -> list[Op]:
-    """Return the operations of a move to a place of a pallet, which is not corrected.
+    """Translate a move to a place of a pallet, which is not corrected.
 
     Raises:
         Misread: the text after the place calls a routine.
@@ -247,15 +292,16 @@ def _translate_lasting(line: Line) -> list[Op]:
 
 
 def _translate_call(line: Line) -> list[Op]:
-    """Return the call of a program, whose name may be that in a string register.
+    """Translate the call of a program, whose name may be that in a string register `SR[1]`.
 
     Manual: CALL waits for the end of the called program, RUN and MONITOR do not wait.
     """
     name = line["name"].replace("\0", "n").upper()
-    prefix = "" if name.startswith("SR[") else None
-    if line["verb"] != "CALL":
-        return [ir.Call(name, anytime=True, event=name, prefix=prefix)]
-    return [ir.Call(name, prefix=prefix)]
+    is_in_register = name.startswith("SR[")
+    prefix = "" if is_in_register else None  # with a prefix "", any program may be meant
+    if line["verb"] == "CALL":
+        return [ir.Call(name, prefix=prefix)]
+    return [ir.Call(name, anytime=True, event=name, prefix=prefix)]
 
 
 def _translate_event(line: Line) -> list[Op]:
@@ -265,19 +311,21 @@ def _translate_event(line: Line) -> list[Op]:
 
 
 def _translate_macro(line: Line) -> list[Op]:
-    """Return the call of a macro, whose name may have several words and a number.
+    """Translate the call of a macro, whose name may have several words and a number.
 
     An instruction of the controller with words alone looks like a macro, and may last. Only macros have
     arguments in parentheses; and a macro of the hand, such as `Open hand 1`, is delivered with controllers.
     """
     name = line["name"].replace("\0", "n")
-    is_macro = line.text.endswith(")") or _OF_HAND.search(name) is not None
-    own = ir.Call(name.upper(), harmless=True)  # names have no case
-    return [own, ir.Call(name, may_last=not is_macro or _MAY_LAST.search(name) is not None)]
+    has_arguments = line.text.endswith(")")
+    is_macro = has_arguments or _OF_HAND.search(name) is not None
+    may_last = not is_macro or _MAY_LAST.search(name) is not None
+    own_program = ir.Call(name.upper(), harmless=True)  # names have no case
+    return [own_program, ir.Call(name, may_last=may_last)]
 
 
 def _translate_register_move(line: Line) -> list[Op]:
-    """Return the operations of a move to a register or a computed position; the move is not corrected.
+    """Translate a move to a register or a computed position; the move is not corrected.
 
     Raises:
         Misread: the text after the target is unknown, or calls a routine.
@@ -286,13 +334,16 @@ def _translate_register_move(line: Line) -> list[Op]:
         raise Misread("the target is not a position in /POS, and the text after it is unknown")
     statement = ir.quote_statement(line.text, line.ordinals)
     reason = f"{statement}: the target is not a position in /POS"
+    move = ir.make_uncorrected_move([], reason, _REMEDY)
+    is_to_computed_position = re.match(r"\w P\[", line.text)
+    if not is_to_computed_position:
+        return move
     text = f"{statement}: the move may go to any position in /POS, and then shifts with its correction"
-    shifts: list[Op] = [ir.Note(text)] if re.match(r"\w P\[", line.text) else []
-    return [*shifts, *ir.make_uncorrected_move([], reason, _REMEDY)]
+    return [ir.Note(text), *move]
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Return the operations of an assignment to an unknown name, which can change only what has this name.
+    """Translate an assignment to an unknown name, which can change only what has this name.
 
     Raises:
         Misread: the name is that of something that may move targets, or the value is not understood.
@@ -305,15 +356,15 @@ def _translate_assignment(line: Line) -> list[Op]:
 
 
 def _translate_frame_change(line: Line) -> list[Op]:
-    """Return the operation of a statement that changes one of the controller's frames, or an unknown one.
+    """Translate a statement that changes the numbers of a frame of the controller, such as `UFRAME[1]=PR[2]`.
 
     The frame is unknown also before this statement, because the next run begins with the changed frame.
     """
     reason = f"{ir.quote_statement(line.text, line.ordinals)}: the frame changes while the program runs"
     remedy = "set the frames before the program starts, because all of its moves depend on them"
-    frame: ir.Name = ir.MODE
-    if match := re.match(r"U(?:FRAME|TOOL)\[\0\]=", line.text):
-        frame = f"{match[0][0]}{match[0][1]} %s", line.ordinals[0]
+    frame: ir.Name = ir.MODE  # any frame may be meant
+    if numbered := re.match(r"(UF|UT)(?:RAME|OOL)\[\0\]=", line.text):
+        frame = ir.NumberedName(f"{numbered[1]} %s", line.ordinals[0])
     return [ir.MakeUnknown(frozenset({frame}), reason, remedy, anytime=True)]
 
 
@@ -347,49 +398,60 @@ _Fields: TypeAlias = dict[str, tuple[tuple[int, ...], str]]
 
 
 def _declare_position(line: Line) -> list[Op]:
-    """Return the declarations of `P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … };`.
+    """Translate the declaration of a position into assignments of its numbers, its base and its tool.
 
-    The declarations give the numbers, base and tool of the position. A position that is not understood gets
-    unknown numbers.
+    Such a declaration is `P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … };`. A position that is not
+    understood gets unknown numbers.
     """
     number = line.ordinals[0]
-    name = "P[%s]", number
+    name = ir.NumberedName("P[%s]", number)
     try:
         fields, others = _split_groups(line)
-        ops: list[Op] = [ir.Assign(name, _read_arm_position(fields, others), "variable")]
+        target = _read_arm_position(fields, others)
     except Misread as fault:
         return [ir.MakeUnknown(frozenset({name}), fault.reason, fault.remedy)]
+    ops: list[Op] = [ir.Assign(name, target, "variable")]
     for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
         ordinals, _ = fields[kind]
         # `F` in place of a number means the active frame.
-        frame = (f"{kind} %s", ordinals[0]) if ordinals else active
-        ops.append(ir.Assign((f"P[%s].{kind}", number), ir.Named(frame), "constant"))
+        frame: ir.Name = ir.NumberedName(f"{kind} %s", ordinals[0]) if ordinals else active
+        ops.append(ir.Assign(ir.NumberedName(f"P[%s].{kind}", number), ir.Named(frame), "constant"))
     return ops
 
 
 def _split_groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
-    """Split a position into the fields of the arm's group, and the ordinals of the other groups' numbers.
+    """Split a position `P[n]{ GP1: …, GP2: … };` into the fields of its groups of axes.
+
+    Returns:
+        Fields of the arm's group, which is group 1; ordinals of the numbers of all other groups.
 
     Raises:
         Misread: a field is unknown or occurs twice.
     """
-    groups, group = dict[str, _Fields](), "1"  # fields of each group, and the number of the present group
-    place, ordinals = line.text.index("{") + 1, iter(line.ordinals[1:])
-    while place < len(line.text) - 2:
+    fields_of_group = dict[str, _Fields]()
+    group = "1"
+    ordinals = iter(line.ordinals[1:])  # the first one is that of n
+    place, end = line.text.index("{") + 1, len(line.text) - len("};")
+    while place < end:
         match = _FIELD.match(line.text, place)
         if match is None:
             raise Misread("a field of the position is unknown", _RECORD_AGAIN)
-        group, place = match["group"] or group, match.end()
-        fields = groups.setdefault(group, {})
-        if match["name"] in fields or (match["group"] and fields):
+        place = match.end()
+        group = match["group"] or group
+        fields = fields_of_group.setdefault(group, {})
+        name, is_group_twice = match["name"], match["group"] and fields
+        if name in fields or is_group_twice:
             raise Misread("a field or a group occurs twice in a position", _RECORD_AGAIN)
-        if match["name"]:
+        if name:
             text = (match["unit"] or "").lower() or match["text"] or match["word"] or ""
-            fields[match["name"]] = tuple(islice(ordinals, match[0].count("\0"))), text
-    # Group 1 is the arm.
-    others = (each for key, fields in groups.items() if key != "1" for each in fields.items())
-    other_ordinals = tuple(i for name, (numbers, _) in others if name not in {"UF", "UT"} for i in numbers)
-    return groups.get("1", {}), other_ordinals
+            ordinals_of_field = tuple(islice(ordinals, match[0].count("\0")))
+            fields[name] = ordinals_of_field, text
+    ordinals_of_others = list[int]()
+    for key, fields in fields_of_group.items():
+        for name, (numbers, _) in fields.items():
+            if key != "1" and name not in {"UF", "UT"}:
+                ordinals_of_others += numbers
+    return fields_of_group.get("1", {}), tuple(ordinals_of_others)
 
 
 def _read_arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
@@ -400,26 +462,40 @@ def _read_arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
     Raises:
         Misread: the position was not recorded, is incomplete, or is not in mm and degrees.
     """
-    if any(text.startswith("*") and not name.startswith("E") for name, (_, text) in fields.items()):
-        raise Misread(
-            "the position was not recorded (***)", "record the position, or delete the position and its moves"
-        )
-    if not all(kind in fields and (fields[kind][0] or fields[kind][1] == "F") for kind in ("UF", "UT")):
-        raise Misread("the position has no group GP1 with UF and UT", _RECORD_AGAIN)
+    for name, (_, text) in fields.items():
+        is_external_axis = name.startswith("E")
+        if text.startswith("*") and not is_external_axis:
+            remedy = "record the position, or delete the position and its moves"
+            raise Misread("the position was not recorded (***)", remedy)
+    for kind in ("UF", "UT"):
+        ordinals, text = fields.get(kind, ((), ""))
+        if not ordinals and text != "F":
+            raise Misread("the position has no group GP1 with UF and UT", _RECORD_AGAIN)
     for notation, names, units in _FIELDS:
-        if all(fields.get(name, ((), ""))[0] for name in names):
-            if [fields[name][1] for name in names] != units.split():
-                raise Misread(
-                    "the position is not in mm and deg", "write the program with the controller set to mm"
-                )
-            axes = (fields[name] for name in sorted(fields) if re.fullmatch(r"E\d", name))
-            external = tuple(i for axis_ordinals, _ in axes for i in axis_ordinals)
-            turns, config = fields.get("CONFIG", ((), ""))
-            words = zip(("turn1", "turn4", "turn6"), turns, strict=False) if _CONFIG.fullmatch(config) else ()
-            letters = "".join(config.partition(",")[0].split())  # N U T of `N U T, 0, 0, 0`
-            numbers = tuple(fields[name][0][0] for name in names)
-            return Literal(notation, numbers, external + others, tuple(words), letters)
+        ordinals_and_units = [fields.get(name, ((), "")) for name in names]
+        if not all(ordinals for ordinals, _ in ordinals_and_units):
+            continue
+        if [unit for _, unit in ordinals_and_units] != units.split():
+            remedy = "write the program with the controller set to mm"
+            raise Misread("the position is not in mm and deg", remedy)
+        numbers = tuple(ordinals[0] for ordinals, _ in ordinals_and_units)
+        axes = [fields[name] for name in sorted(fields) if re.fullmatch(r"E\d", name)]
+        external = tuple(ordinal for ordinals, _ in axes for ordinal in ordinals)
+        turns, letters = _read_configuration(fields)
+        return Literal(notation, numbers, external + others, turns, letters)
     raise Misread("the position is neither X, Y, Z, W, P, R nor J1 ... J6", _RECORD_AGAIN)
+
+
+def _read_configuration(fields: _Fields) -> tuple[tuple[tuple[str, int], ...], str]:
+    """Return the configuration of the arm that a position states, such as `N U T, 0, 0, 0`.
+
+    Returns:
+        Names of the turns of joints 1, 4, 6 with the ordinals of their numbers; the letters, such as `NUT`.
+    """
+    ordinals, text = fields.get("CONFIG", ((), ""))
+    letters, _, _ = text.partition(",")
+    turns = ("turn1", "turn4", "turn6") if _CONFIG.fullmatch(text) else ()
+    return tuple(zip(turns, ordinals, strict=False)), "".join(letters.split())
 
 
 _POSITION_LANGUAGE: Final = ir.Language(
@@ -442,19 +518,22 @@ def read_fanuc(statements: Statements, sources: tuple[Source, ...]) -> None:
     Raises:
         ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
     """
-    statements.owners = {i: {"P": f"file{i}"} for i in range(1, len(sources))}  # each has its own positions
+    # Each program has positions P[n] of its own.
+    statements.owners = {index: {"P": f"file{index}"} for index in range(1, len(sources))}
     for index, source in enumerate(sources):
-        section_ends, spans = _find_instructions(statements, index, source)
-        if not index:
+        is_main = index == 0
+        section_ends, instructions = _find_instructions(statements, index, source)
+        end_of_head = section_ends["MN"]
+        if is_main:
             end = section_ends["END"] - len("/END")
-            positions = _find_positions(statements, source, section_ends["POS"], end)
-            statements.add_statements(0, *positions, translate=_POSITION_LANGUAGE.translate)
-        translate = (
-            _translate_other_groups if _OTHER_GROUPS.search(source.text, 0, section_ends["MN"]) else None
-        )
-        statements.add_statements(index, *_spans_to_arrays(spans), translate=translate if index else None)
-        if not index:
-            _note_conveyor(statements, source.text, section_ends["MN"])
+            starts, ends = _find_positions(statements, source, section_ends["POS"], end)
+            statements.add_statements(0, starts, ends, translate=_POSITION_LANGUAGE.translate)
+        is_for_other_groups = _OTHER_GROUPS.search(source.text, 0, end_of_head) is not None
+        translate = _translate_other_groups if is_for_other_groups and not is_main else None
+        starts, ends = _spans_to_arrays(instructions)
+        statements.add_statements(index, starts, ends, translate=translate)
+        if is_main:
+            _note_conveyor(statements, source.text, end_of_head)
 
 
 _OTHER_GROUPS: Final = re.compile(r"(?m)^DEFAULT_GROUP\s*+=\s*+\*")
@@ -462,45 +541,58 @@ _OTHER_GROUPS: Final = re.compile(r"(?m)^DEFAULT_GROUP\s*+=\s*+\*")
 
 
 def _translate_other_groups(masked: str) -> list[tuple[int, Op]]:
-    """Return the operations of an instruction that may act on other groups of axes than the arm's."""
-    reason, remedy = "a program for other groups of axes chooses a frame", _REMEDY
-    return [
-        (offset, ir.MakeUnknown(frozenset({op.name}), reason, remedy))
-        if isinstance(op, ir.Assign) and op.name in LANGUAGE.active
-        else (offset, op)
-        for offset, op in LANGUAGE.translate(masked)
-    ]
+    """Translate an instruction that may act on other groups of axes than the arm's.
+
+    `masked` is the instruction with NUL in place of each number. Each operation is given with its number of
+    lines below the first line.
+    """
+    ops = list[tuple[int, Op]]()
+    for line_offset, op in LANGUAGE.translate(masked):
+        chooses_frame = isinstance(op, ir.Assign) and op.name in LANGUAGE.active
+        if isinstance(op, ir.Assign) and chooses_frame:
+            reason = "a program for other groups of axes chooses a frame"
+            op = ir.MakeUnknown(frozenset({op.name}), reason, _REMEDY)
+        ops.append((line_offset, op))
+    return ops
 
 
 def _find_instructions(
     statements: Statements, index: int, source: Source
 ) -> tuple[dict[str, int], array[int]]:
-    """Return the places behind the heads of sections, and the spans of instructions, heads of /PROG and /POS.
+    """Find the sections of a file, such as /MN, and its instructions.
+
+    Args:
+        statements: statements of the program, which refuse it.
+        index: index of the file.
+        source: the file.
+
+    Returns:
+        Index behind the head of each section, by its name; first and last + 1 character of each instruction,
+        one after the other. The heads of /PROG and /POS are instructions, too.
 
     Raises:
         ProgramError: a section is missing or misplaced.
     """
-    section_ends, section = dict[str, int](), ""  # index behind the head of each section; present section
-    spans = array("q")  # first, and last + 1 character of each instruction
-    for line, (start, end) in enumerate(
-        zip(iterate_integers(source.starts), iterate_integers(source.ends), strict=True), 1
-    ):
+    section_ends = dict[str, int]()
+    section = ""  # the present one
+    spans = array("q")
+    lines = zip(iterate_integers(source.starts), iterate_integers(source.ends), strict=True)
+    for line, (start, end) in enumerate(lines, 1):
         text = source.text[start:end].rstrip("\r\n")
-        if match := _SECTION.match(text):
-            occurs_twice = match[1] in section_ends and match[1] != "APPL"
-            if occurs_twice or _SECTION_ORDER.index(match[1]) < max(
-                map(_SECTION_ORDER.index, section_ends), default=0
-            ):
-                reason = f"the section /{match[1]} occurs twice or in the wrong place"
+        if head := _SECTION.match(text):
+            section = head[1]
+            latest = max(map(_SECTION_ORDER.index, section_ends), default=0)
+            is_behind_later_one = _SECTION_ORDER.index(section) < latest
+            occurs_twice = section in section_ends and section != "APPL"
+            if occurs_twice or is_behind_later_one:
+                reason = f"the section /{section} occurs twice or in the wrong place"
                 statements.refuse(line, reason, "send each program as a file of its own", index)
-            section = match[1]
             section_ends[section] = start + len(text)
             if section in {"PROG", "POS"} and "PROG" in section_ends:
                 spans.extend((start, start + len(text)))
         elif section == "END" and text.strip():
-            statements.refuse(
-                line, "there is text after /END", "send each program as a file of its own", index
-            )
+            remedy = "send each program as a file of its own"
+            statements.refuse(line, "there is text after /END", remedy, index)
         elif section == "MN" and text.strip():
             _add_instruction(source, spans, start, text)
     _check_sections(statements, index, section_ends)
@@ -529,7 +621,7 @@ def _note_conveyor(statements: Statements, text: str, end: int) -> None:
 
 
 def _spans_to_arrays(spans: array[int]) -> tuple[IndexArray, IndexArray]:
-    """Return the starts and the ends of spans as two arrays."""
+    """Return the starts (k,) and the ends (k,) of spans, which are stored one after the other."""
     starts, ends = np.asarray(memoryview(spans), dtype=np.intp).reshape(-1, 2).T
     return starts, ends
 
@@ -538,21 +630,31 @@ def _add_instruction(source: Source, spans: array[int], start: int, text: str) -
     """Add the span of a line of /MN to `spans`; a line without a number continues the line before it.
 
     A line that is not in the controller's form is a statement of its own, which is not understood.
+
+    Args:
+        source: the file.
+        spans: start and end of each instruction so far.
+        start: first character of the line.
+        text: the line.
     """
-    head = _LINE.match(text)
     if text.lstrip().startswith("--"):  # this line only ends a block of logic
         return
-    if head is None and not _SECOND_POSITION.match(text):
-        spans.extend((start, start + len(text)))
+    end = start + len(text)
+    head = _LINE.match(text)  # number of the line and colon
+    has_form_of_controller = head is not None or _SECOND_POSITION.match(text) is not None
+    if not has_form_of_controller:
+        spans.extend((start, end))
         return
     body = head.end() if head else 0
-    if text[body:].lstrip().startswith(("!", "//", "--")):
+    is_comment = text[body:].lstrip().startswith(("!", "//", "--"))
+    if is_comment:
         return
-    last = source.text[spans[-2] : spans[-1]].rstrip() if spans else ";"
-    if not (head and head[1]) and not last.endswith(";"):
-        spans[-1] = start + len(text)
-    else:
-        spans.extend((start + body, start + len(text)))
+    has_number = head is not None and head[1] != ""
+    last_instruction = source.text[spans[-2] : spans[-1]].rstrip() if spans else ";"
+    if has_number or last_instruction.endswith(";"):
+        spans.extend((start + body, end))
+    else:  # the line continues the last instruction
+        spans[-1] = end
 
 
 def _find_positions(
@@ -564,11 +666,12 @@ def _find_positions(
         ProgramError: there is a text between positions, or a position has no end.
     """
     spans = array("q")
-    for match in _POSITION.finditer(source.text, place, end):
-        if match[1] is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", match[1]):
-            reason = f"{quote_text(match[0])} between positions is unknown or has no end"
-            statements.refuse(source.find_line(match.start()), reason, _RECORD_AGAIN)
-        spans.extend(match.span())
+    for found in _POSITION.finditer(source.text, place, end):
+        position = found[1]  # None for other text
+        if position is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", position):
+            reason = f"{quote_text(found[0])} between positions is unknown or has no end"
+            statements.refuse(source.find_line(found.start()), reason, _RECORD_AGAIN)
+        spans.extend(found.span())
     return _spans_to_arrays(spans)
 
 

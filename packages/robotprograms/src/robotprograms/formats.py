@@ -102,21 +102,23 @@ def _choose_format(files: Sequence[tuple[str, bytes]], name: str | None) -> str:
     """
     if not files:
         _refuse("program", None, "no file was sent", "send a program")
-    suffix = PurePath(files[0][0].lower()).suffix
-    by_suffix = (each for each, language in FORMATS.items() if suffix in language.suffixes.split())
-    chosen = name or next(by_suffix, "")
+    first_name, _ = files[0]
+    suffix = PurePath(first_name.lower()).suffix
     if suffix in _UNSUPPORTED_SUFFIXES and name is None:
         remedy = "write the program in the controller's own language, or as a table of targets (CSV)"
-        _refuse(files[0][0], None, "programs in the formats CNC, APT and CLS cannot be read", remedy)
+        _refuse(first_name, None, "programs in the formats CNC, APT and CLS cannot be read", remedy)
+    formats_with_suffix = (each for each in FORMATS if suffix in FORMATS[each].suffixes.split())
+    chosen = name or next(formats_with_suffix, "")
     if chosen not in FORMATS:
         reason = "the file's name does not show the format"
-        _refuse(files[0][0], None, reason, f"give `format`: one of {', '.join(FORMATS)}")
+        _refuse(first_name, None, reason, f"give `format`: one of {', '.join(FORMATS)}")
     if len(files) > _MOST_FILES.get(chosen, 1):
+        last_name, _ = files[-1]
         remedy = (
             "send one program: for KUKA a .src with its .dat and $config.dat, for ABB the modules of one "
             "task, for FANUC the .LS and those that it calls"
         )
-        _refuse(files[-1][0], None, "more files were sent than one program has", remedy)
+        _refuse(last_name, None, "more files were sent than one program has", remedy)
     return chosen
 
 
@@ -152,18 +154,21 @@ def list_moves(
         if not error.left_moves:
             raise
         return list(error.left_moves)
-    targets, moves = program.targets, program.moves
-    last = moves.visits[moves.ends - 1]  # index of the last target of each move
-    stored = [  # moves to positions that are stored in the controller
-        ReadMove(each.line, each.target, "", "", each.text, "") for each in program.left_alone if each.target
+    moves_to_stored_positions = [
+        ReadMove(remark.line, remark.target, "", "", remark.text, "")
+        for remark in program.left_alone
+        if remark.target
     ]
-    read_moves = [*program.left_moves, *stored]
-    for line, target in zip(moves.line.tolist(), last.tolist(), strict=True):
+    read_moves = [*program.left_moves, *moves_to_stored_positions]
+    targets, moves = program.targets, program.moves
+    last_targets = moves.visits[moves.ends - 1]
+    for line, target in zip(moves.line.tolist(), last_targets.tolist(), strict=True):
         numbers = targets.values[target, :NUMBERS]
         shown_numbers = ", ".join(f"{number:g}" for number in numbers[np.isfinite(numbers)].tolist())
-        base, tool = (targets.frames[index[target]].name for index in (targets.base, targets.tool))
-        read_moves.append(ReadMove(line, targets.names[target] or shown_numbers, base, tool, corrected=True))
-    return sorted(read_moves, key=lambda each: each.line)
+        base, tool = targets.frames[targets.base[target]], targets.frames[targets.tool[target]]
+        shown_target = targets.names[target] or shown_numbers
+        read_moves.append(ReadMove(line, shown_target, base.name, tool.name, corrected=True))
+    return sorted(read_moves, key=lambda move: move.line)
 
 
 def _read_source(name: str, content: bytes) -> Source:
@@ -178,10 +183,12 @@ def _read_source(name: str, content: bytes) -> Source:
     if content.count(b"\n") + content.count(b"\r") > MAX_LINES:
         _refuse(name, None, f"the file has more than {MAX_LINES:,} lines", "split the program")
     source = Source.from_bytes(name, content)
-    for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
-        if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:
+    # These lengths count the characters that end a line, too.
+    for index in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
+        line = source.text[source.starts[index] : source.ends[index]].rstrip("\r\n")
+        if len(line) > MAX_LINE:
             reason = f"a line has more than {MAX_LINE} characters"
-            _refuse(name, i + 1, reason, "break the line into several lines")
+            _refuse(name, index + 1, reason, "break the line into several lines")
     return source
 
 
@@ -213,12 +220,15 @@ def insert_comment(kind: str, content: bytes, parts: Sequence[str]) -> bytes:
         content: bytes of the program's first file.
         parts: parts of the comment.
     """
-    language, line_end = FORMATS[kind], "\r\n" if b"\r\n" in content else "\n"
+    language = FORMATS[kind]
     lines = [f"{language.remark} {', '.join(parts)}"]
     if kind == "fanuc":
-        lines = [f"{language.remark}{each} ;" for each in parts]
+        lines = [f"{language.remark}{part} ;" for part in parts]
+    line_end = "\r\n" if b"\r\n" in content else "\n"
     comment = "".join(line + line_end for line in lines).encode("ascii", "replace")
-    head_line = rf"^{language.head}[^\r\n]*+(?:\r\n|\n|\r)".encode()
-    head = re.search(head_line, content, re.MULTILINE) if language.head else None
-    place = head.end() if head else 0
+    place = 0
+    if language.head:
+        head_line = rf"^{language.head}[^\r\n]*+(?:\r\n|\n|\r)".encode()
+        head = re.search(head_line, content, re.MULTILINE)
+        place = head.end() if head else 0
     return content[:place] + comment + content[place:]

@@ -27,15 +27,22 @@ class FrameFinder:
         self._poses: dict[tuple[WrittenNumbers, ...], FloatArray | None] = {}  # products of frames in numbers
 
     def evaluate(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
-        """Return a frame in a state, multiplied if it is a product, or the cause why the frame is unknown."""
+        """Return the base or tool that a move names, or the cause why the frame is unknown.
+
+        Args:
+            place: place of the move.
+            value: the frame, or a product of frames whose poses are multiplied.
+            state: contents of all names at the move.
+        """
         values = [ir.Copy(name) for name in value.names] if isinstance(value, ir.Product) else [value]
-        contents = [self._contents.evaluate(place, "", each, state) for each in values]
-        for each in contents:
-            if isinstance(each, Cause):
-                return each
-        numbers = tuple(each for each in contents if isinstance(each, WrittenNumbers))
-        if len(numbers) < len(contents):
-            names = {get_structure_name(each) for each in contents if isinstance(each, str)}
+        contents = [self._contents.evaluate(place, "", factor, state) for factor in values]
+        for content in contents:
+            if isinstance(content, Cause):
+                return content
+        numbers = tuple(content for content in contents if isinstance(content, WrittenNumbers))
+        are_all_numbers = len(numbers) == len(contents)
+        if not are_all_numbers:
+            names = {get_structure_name(content) for content in contents if isinstance(content, str)}
             if numbers or len(names) > 1:
                 reason = "the frame is only partly in numbers"
                 return place.make_cause(reason, "give the whole frame in numbers")
@@ -44,7 +51,8 @@ class FrameFinder:
             self._poses[numbers] = self._multiply_poses(numbers)
         first, pose = numbers[0], self._poses[numbers]
         label, _, routine = first.label.partition(OF_ROUTINE)
-        if not (routine or self._language.is_frame(label)):
+        is_known_by_name = routine or self._language.is_frame(label)
+        if not is_known_by_name:
             label = f"{label or 'frame'} of line {first.line}"
         if pose is None:
             reason = f"{label} is not a whole frame in numbers"
@@ -62,14 +70,14 @@ class FrameFinder:
     def _multiply_poses(self, frames: Iterable[WrittenNumbers]) -> FloatArray | None:
         """Return the product (4, 4) [m] of poses in numbers; None if some numbers are not a pose."""
         poses = []
-        for each in frames:
-            notation = each.literal.notation
-            values = self._statements.numerals[each.source].values[
-                each.first + np.array(each.literal.numbers)
-            ]
+        for frame in frames:
+            notation = frame.literal.notation
+            numbers_of_file = self._statements.numerals[frame.source].values
+            values = numbers_of_file[frame.first + np.array(frame.literal.numbers)]
             if not notation.has_pose:
                 return None
-            if not (np.abs(values) <= MAX_VALUE).all() or not notation.is_valid_orientation(values):
+            are_in_range = (np.abs(values) <= MAX_VALUE).all()
+            if not are_in_range or not notation.is_valid_orientation(values):
                 return None
             poses.append(notation.to_pose(values))
         return np.asarray(reduce(np.matmul, poses))

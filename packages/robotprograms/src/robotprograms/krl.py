@@ -130,7 +130,7 @@ def _read_feed(line: Line, start: int, end: int) -> ir.Value | None:
 def _read_speed(line: Line, start: int, end: int) -> ir.Value | None:
     """Return the speed that the text between two indices states: a number or a name; None for other texts."""
     text = line.text[start:end].strip()
-    if text == "\0":  # NUL replaces each number
+    if text == ir.A_NUMBER:  # NUL replaces each number
         return Literal(_NUMBER, line.ordinals_in(start, end))
     is_name = re.fullmatch(_NAME, text) and text not in {"TRUE", "FALSE"}
     return ir.Copy(text) if is_name else None
@@ -167,7 +167,7 @@ def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
         if field is None or field[1] in fields:
             return {}
         name, value = field.groups()
-        is_number = value == "\0"
+        is_number = value == ir.A_NUMBER
         fields[name] = next(ordinals) if is_number else value
     return fields
 
@@ -210,7 +210,7 @@ def _set_frame_data(name: ir.Name, numbers: dict[str, int], mode: str) -> list[O
         return [ir.Assign(f"{name}.{field}", unknown) for field in ("BASE", "TOOL", "IPO")]
     ops: list[Op] = []
     for role, ordinal in numbers.items():
-        frame_in_table = (f"{role}_DATA[%s]", ordinal)
+        frame_in_table = ir.NumberedName(f"{role}_DATA[%s]", ordinal)
         ops.append(ir.Assign(f"{name}.{role}", ir.Named(frame_in_table)))
     if mode:
         ops.append(ir.Assign(f"{name}.IPO", ir.Named("")))
@@ -235,7 +235,7 @@ def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op
     is_name = re.fullmatch(_NAME, text) is not None
     if name == "FDAT_ACT" and is_name:
         return _copy_frames("FDAT_ACT", text)
-    if text == "\0":  # a single number
+    if text == ir.A_NUMBER:  # a single number
         return [ir.Assign(name, Literal(_NUMBER, line.ordinals_in(start, end)))]
     if name in {"$BASE", "$TOOL"} and (ops := _activate_frame(line, str(name), start, end)):
         return ops
@@ -256,7 +256,7 @@ def _activate_frame(line: Line, active: str, start: int, end: int) -> list[Op]:
         return [*line.read_expression(index), _copy_element(by_variable["role"], index)]
     by_number = _ELEMENT.fullmatch(text)  # $BASE=FRAMES[3]
     if by_number and by_number["array"] != _OTHER_TABLE[active]:
-        element = (text.replace("\0", "%s"), line.ordinals_in(start, end)[0])
+        element = ir.NumberedName(text.replace("\0", "%s"), line.ordinals_in(start, end)[0])
         return [ir.Use(frozenset({by_number["array"]})), ir.Assign(active, ir.Copy(element))]
     return []
 
@@ -268,7 +268,7 @@ def _copy_element(role: str, index: str) -> Op:
 
 def _forget_name(name: ir.Name) -> Op:
     """Return the operation that makes the value of a name unknown, with the reason and a remedy."""
-    text = name if isinstance(name, str) else name[0] % "i"  # an element of an array as `A[i]`
+    text = name if isinstance(name, str) else name.template % "i"  # an element of an array as `A[i]`
     is_frame = text in {"$BASE", "$TOOL", "FDAT_ACT"} or "_DATA" in text
     remedy = _FRAME_REMEDY if is_frame else _REMEDY
     reason = f"{text} changes while the program runs: it is computed, or set in part"
@@ -302,7 +302,7 @@ def _declare_value(line: Line, name: str, start: int, end: int) -> list[Op]:
     words_before_names = line.text[: line.span("names")[0]]
     is_shared = re.search(r"\bGLOBAL\b", words_before_names) is not None
     is_constant = re.search(r"\bCONST\b", words_before_names) is not None
-    if line.text[start:end] == "\0":  # a single number
+    if line.text[start:end] == ir.A_NUMBER:  # a single number
         if not is_constant:  # other programs may have set a variable of a .dat since then
             return [_forget_name(name)]
         number = Literal(_NUMBER, line.ordinals_in(start, end))
@@ -341,7 +341,7 @@ def _translate_assignment(line: Line) -> list[Op]:
     if name in {"BASE_DATA", "TOOL_DATA"} and not is_index_a_number:
         raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
     if is_index_a_number and not name.startswith("$"):
-        element = (f"{name}[%s]", line.first_ordinal("index"))
+        element = ir.NumberedName(f"{name}[%s]", line.first_ordinal("index"))
         return _assign(line, element, index.removeprefix("[\0]"))
     if field_of_frames := _set_field_of_frames(line):
         return field_of_frames
@@ -391,7 +391,7 @@ def _read_target(line: Line, start: int, end: int) -> Literal | ir.Name | None:
         return text
     if _ELEMENT.fullmatch(text):
         (ordinal_of_index,) = line.ordinals_in(start, end)
-        return text.replace("\0", "%s"), ordinal_of_index
+        return ir.NumberedName(text.replace("\0", "%s"), ordinal_of_index)
     return _find_target_in_fields(_read_struct(line, start, end))
 
 
@@ -533,7 +533,8 @@ def _read_settings(line: Line, begin: int, end: int) -> tuple[list[Op], dict[str
             frame_data[role] = match["data"]
             frames[role] = ir.Copy(f"{match['data']}.{role}", through=True)
         elif match and match["table"] == f"{role}_DATA":  # $BASE=BASE_DATA[1]
-            frames[role] = ir.Copy((f"{role}_DATA[%s]", line.ordinals_in(start, stop)[0]))
+            frame_in_table = ir.NumberedName(f"{role}_DATA[%s]", line.ordinals_in(start, stop)[0])
+            frames[role] = ir.Copy(frame_in_table)
         elif match and match["name"] and role != "IPO_MODE":  # $BASE=MY_FRAME
             found.append(ir.Use(frozenset({match["name"]})))
             frames[role] = ir.Copy(match["name"])
@@ -612,7 +613,7 @@ def _translate_attachment(line: Line) -> list[Op]:
     is_trigger = line.text.startswith("TRIGGER")
     event: ir.Name = "TRIGGER" if is_trigger else ""
     if line["number"]:  # by this number, another statement switches the interrupt on
-        event = "INTERRUPT %s", line.first_ordinal("number")
+        event = ir.NumberedName("INTERRUPT %s", line.first_ordinal("number"))
     action = re.sub(r" ?\bPRIO=", "+", line["action"])
     uses = [*line.read_expression(line["when"]), *line.read_expression(action)]
     ops = list[Op]()
@@ -658,8 +659,8 @@ def _translate_bas(line: Line) -> list[Op]:
         Misread: the function is unknown, or its argument is not a number.
     """
     function, argument = line["function"], line["argument"]
-    if function in {"TOOL", "BASE"} and argument == "\0":  # the argument is a number
-        frame_in_table = (f"{function}_DATA[%s]", line.first_ordinal("argument"))
+    if function in {"TOOL", "BASE"} and argument == ir.A_NUMBER:  # the argument is a number
+        frame_in_table = ir.NumberedName(f"{function}_DATA[%s]", line.first_ordinal("argument"))
         return [ir.Assign(f"${function}", ir.Copy(frame_in_table))]
     if function in {"TOOL", "BASE"} and argument:
         is_variable = re.fullmatch(r"[^\W\d]\w*+", argument)
@@ -1022,7 +1023,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (
             r"INTERRUPT (?:ON|ENABLE) #{number}",
-            lambda line: [ir.Call(("INTERRUPT %s", line.first_ordinal("number")))],
+            lambda line: [ir.Call(ir.NumberedName("INTERRUPT %s", line.first_ordinal("number")))],
         ),
         (rf"{_TRIGGER}(?P<action>{_NAME}\(.*\)(?: ?PRIO=.+)?)", _translate_attachment),
         (rf"{_TRIGGER}(?P<action>{_NAME}(?:\[[^\]=]*+\]|\.\w++)*=(?!=).+)", _translate_triggered_assignment),

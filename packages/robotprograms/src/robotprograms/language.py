@@ -28,8 +28,19 @@ NUMBER: Final = (
     rf"(?<=\d)\d{{0,14}}+{_FRACTION}|(?<=[+-])(?:\d{{1,15}}+{_FRACTION}|\.\d{{1,20}}+)|(?<=\.)\d{{1,20}}+"
     r")(?:[eE][+-]?+\d{1,3}+)?"
 )
-Name: TypeAlias = str | tuple[str, int]
-"""Name of a variable; one with a number in it as a template with `%s`, and the ordinal of the number."""
+A_NUMBER: Final = "\0"
+"""Sign that takes the place of each number in the normal form of a statement."""
+
+
+class NumberedName(NamedTuple):
+    """Name of a variable with a number in it, such as `P[3]`."""
+
+    template: str  # with `%s` in place of the number
+    ordinal: int  # index of the number among those of the statement
+
+
+Name: TypeAlias = str | NumberedName
+"""Name of a variable."""
 
 
 class Copy(NamedTuple):
@@ -196,11 +207,11 @@ class Move(NamedTuple):
 
     @property
     def differs_only_in_target(self) -> bool:
-        """Return whether moves with this masked text can differ only in the numbers of one target."""
+        """Whether moves with the same text apart from numbers differ only in the numbers of one target."""
         if len(self.targets) != 1 or not isinstance(self.targets[0], Literal):
             return False
-        has_other_numbers = any(isinstance(base, Literal) for base in self.bases)
-        return not (self.matched_frames or self.reason or has_other_numbers)
+        has_base_in_numbers = any(isinstance(base, Literal) for base in self.bases)
+        return not (self.matched_frames or self.reason or has_base_in_numbers)
 
 
 class MoveToStored(NamedTuple):
@@ -228,12 +239,17 @@ class Flow(NamedTuple):
     bounds: tuple[int, ...] = ()
 
     def settle_bounds(self, numbers: FloatArray) -> Flow:
-        """Return the `Flow`, of kind `repeat` if the loop runs by its bounds among the numbers (n,)."""
+        """Return this `Flow`, of kind `repeat` if its bounds show that the loop runs at least once.
+
+        `numbers` (n,) are those of the statement, to which the ordinals in `bounds` belong.
+        """
         if not self.bounds:
             return self
-        first, last, step = [*numbers[list(self.bounds)].tolist(), 1.0][:3]
-        runs = first <= last if step > 0 else first >= last and step < 0
-        return self._replace(kind="repeat" if runs else self.kind)
+        first, last, *stated_step = numbers[list(self.bounds)].tolist()
+        step = stated_step[0] if stated_step else 1.0
+        runs_up = step > 0 and first <= last
+        runs_down = step < 0 and first >= last
+        return self._replace(kind="repeat") if runs_up or runs_down else self
 
 
 ROUTINES: Final = frozenset({"routine", "handler", "undo"})
@@ -280,8 +296,9 @@ class Line:
 
         The ordinal of a number is its index among all numbers of the statement.
         """
-        places = _find_numbers(self.text)
-        return self.ordinals[bisect_left(places, begin) : bisect_left(places, end)]
+        places_of_numbers = _find_numbers(self.text)
+        first, last = bisect_left(places_of_numbers, begin), bisect_left(places_of_numbers, end)
+        return self.ordinals[first:last]
 
     def first_ordinal(self, group: str) -> int:
         """Return the ordinal of the first number in the part of the statement that matched a named group."""
@@ -298,7 +315,7 @@ def _find_numbers(text: str) -> tuple[int, ...]:
 
     The result is cached, because each part of a line needs it.
     """
-    return tuple(place for place, character in enumerate(text) if character == "\0")
+    return tuple(place for place, character in enumerate(text) if character == A_NUMBER)
 
 
 Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
@@ -382,14 +399,16 @@ class Language:
 
     @cached_property
     def _rules(self) -> tuple[tuple[re.Pattern[str], Rule], ...]:
-        """Compiled patterns of the rules, with `@{name}` and `#{name}` replaced by groups."""
-        patterns = {"@": rf"(?!(?:{self.reserved})(?![\w$])){self.word}", "#": r"\0"}
+        """Compiled patterns of the rules, with `@{name}` and `#{name}` replaced by groups of these names."""
+        name_that_is_not_reserved = rf"(?!(?:{self.reserved})(?![\w$])){self.word}"
+        number = r"\0"
+
+        def make_group(placeholder: re.Match[str]) -> str:
+            sign, group = placeholder.groups()
+            return f"(?P<{group}>{name_that_is_not_reserved if sign == '@' else number})"
+
         return tuple(
-            (
-                re.compile(_PLACEHOLDER.sub(lambda match: f"(?P<{match[2]}>{patterns[match[1]]})", pattern)),
-                rule,
-            )
-            for pattern, rule in self.rules
+            (re.compile(_PLACEHOLDER.sub(make_group, pattern)), rule) for pattern, rule in self.rules
         )
 
     @cached_property
@@ -408,40 +427,48 @@ class Language:
         )
 
     def normalise(self, masked: str) -> Line:
-        """Return the normal form of a statement; `masked` is its text with NUL in place of each number."""
+        """Return the normal form of a statement: without comments, and with single blanks between words only.
+
+        `masked` is the statement's text with NUL in place of each number.
+        """
         pieces, ordinals = list[str](), list[int]()
-        number, line_offset = 0, 0  # numbers, and line breaks before the statement, that were passed
+        count_of_numbers = 0  # that were passed
+        line_offset = 0  # count of line breaks before the statement
         is_after_word = False
-        for match in self._token.finditer(masked):
-            kind, piece = match.lastgroup, match[0]
-            count = piece.count("\0")
+        for token in self._token.finditer(masked):
+            kind, piece = token.lastgroup, token[0]
             if kind in {"blank", "comment"}:
-                # CR and LF together are one line break.
-                line_offset += 0 if pieces else piece.count("\n") or piece.count("\r")
+                is_before_statement = not pieces
+                if is_before_statement:  # CR and LF together are one line break
+                    line_offset += piece.count("\n") or piece.count("\r")
             else:
-                if piece == "\0":
-                    ordinals.append(number)
-                pieces += [" "] if is_after_word and kind != "sign" else []
+                if piece == A_NUMBER:
+                    ordinals.append(count_of_numbers)
+                is_word = kind != "sign"
+                if is_after_word and is_word:
+                    pieces.append(" ")
                 # A number in a text is not a number of the statement.
                 pieces.append(piece.replace("\0", "0") if kind == "text" else piece)
-                is_after_word = kind != "sign"
-            number += count
+                is_after_word = is_word
+            count_of_numbers += piece.count("\0")
         text = "".join(pieces)
-        text = capitalise(text) if self.ignores_case else text
-        text = re.sub(self.blank, " ", text).strip() if self.blank else text
+        if self.ignores_case:
+            text = capitalise(text)
+        if self.blank:
+            text = re.sub(self.blank, " ", text).strip()
         return Line(self, text, tuple(ordinals), line_offset)
 
     def blank_comments(self, text: str) -> str:
         """Return a text with blanks in place of comments and quotations; line breaks remain."""
-        return self._token.sub(
-            lambda match: (
-                _NO_LINE_BREAK.sub(" ", match[0]) if match.lastgroup in {"comment", "text"} else match[0]
-            ),
-            text,
-        )
+
+        def blank(token: re.Match[str]) -> str:
+            is_blanked = token.lastgroup in {"comment", "text"}
+            return _NO_LINE_BREAK.sub(" ", token[0]) if is_blanked else token[0]
+
+        return self._token.sub(blank, text)
 
     def translate(self, masked: str) -> list[tuple[int, Op]]:
-        """Return the operations of a statement, each with its number of lines below the first line.
+        """Translate a statement into operations, each with its number of lines below the first line.
 
         `masked` is the statement with NUL in place of each number. After a statement that is not understood,
         the values that it may change are unknown.
@@ -450,124 +477,150 @@ class Language:
             Misread: braces are nested too deep.
         """
         line = self.normalise(masked)
-        depths = accumulate((character == "{") - (character == "}") for character in line.text)
-        if max(depths, default=0) > _MAX_DEPTH:
-            reason = f"braces are nested more than {_MAX_DEPTH} deep"
-            raise Misread(reason, "declare inner structures on their own")
+        _refuse_deep_braces(line.text)
         try:
             ops = self.apply_rules(line) if line.text else []
         except Misread as fault:
             lines = self._translate_lines(masked, line, fault) if self.calls_by_name else []
             return lines or self._translate_unknown(masked, line, fault)
         # Each word of a motion must have become a move: no move may be overlooked.
-        moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
-        if len(self._motion.findall(_QUOTED.sub("", line.text))) > moves:
+        count_of_moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
+        words_of_motions = self._motion.findall(_QUOTED.sub("", line.text))
+        if len(words_of_motions) > count_of_moves:
             unexpected = Misread("a move is in a place where no move is expected")
             return self._translate_unknown(masked, line, unexpected)
         return [(line.line_offset, op) for op in ops]
 
     def apply_rules(self, line: Line) -> list[Op]:
-        """Return the operations of a statement, from the first rule that fits the whole statement.
+        """Translate a statement by the first rule whose pattern fits the whole statement.
 
         Raises:
             Misread: no rule fits the statement, or a part of it is not understood.
         """
         for pattern, rule in self._rules:
-            if match := pattern.fullmatch(line.text):
-                # Groups with names are for the rule; the other groups of a pattern match expressions.
-                named = set(pattern.groupindex.values())
-                expressions = [each for k, each in enumerate(match.groups(), 1) if each and k not in named]
-                used = [op for each in expressions for op in self.read_expression(each)]
-                matched = replace(line, match=match)
-                if isinstance(rule, str):
-                    return self._apply_flow_rule(matched, rule, used)
-                return [*used, *rule(matched)]
+            match = pattern.fullmatch(line.text)
+            if match is None:
+                continue
+            # Groups with names are for the rule; the other groups of a pattern match expressions.
+            indices_of_named_groups = set(pattern.groupindex.values())
+            uses = list[Op]()
+            for index, text in enumerate(match.groups(), 1):
+                if text and index not in indices_of_named_groups:
+                    uses += self.read_expression(text)
+            matched = replace(line, match=match)
+            if isinstance(rule, str):  # the kind of a `Flow`
+                return self._apply_flow_rule(matched, rule, uses)
+            return [*uses, *rule(matched)]
         raise Misread(UNKNOWN_STATEMENT)
 
     def _apply_flow_rule(self, line: Line, kind: str, used: list[Op]) -> list[Op]:
         """Return the operations `used` of the statement's expressions, then a `Flow` of this kind, if any."""
-        # The condition of a loop or of a further branch may be computed again, or not at all.
-        used = mark_anytime(used, "\0loop" if kind == "loop" else "") if kind in {"branch", "loop"} else used
+        if kind in {"branch", "loop"}:  # the condition may be computed again, or not at all
+            used = mark_anytime(used, "\0loop" if kind == "loop" else "")
         used = pass_uses(used, RESULT if kind == "return" else CONDITION)
-        # A name that is a number is masked as NUL: the number is looked up by its ordinal.
-        name = ("%s", line.first_ordinal("name")) if line["name"] == "\0" else line["name"]
-        return [*used, *([Flow(kind, name)] if kind else [])]
+        if not kind:
+            return used
+        is_number = line["name"] == A_NUMBER
+        name = NumberedName("%s", line.first_ordinal("name")) if is_number else line["name"]
+        return [*used, Flow(kind, name)]
 
     def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
-        """Return the operations of a statement whose lines are statements without ends; [] if one is none.
+        """Translate a statement of several lines, each of which is a statement without its end.
 
-        Moves in the statement are not corrected. `whole` is its normal form.
+        Moves in the statement are not corrected. The list is empty if a line is no statement.
+
+        Args:
+            masked: the statement with NUL in place of each number.
+            whole: its normal form.
+            fault: why the whole is not understood.
         """
         reason = f"{quote_statement(whole.text, whole.ordinals)}: {fault.reason}"
-        ops, numbers, lines = list[tuple[int, Op]](), 0, 0
-        for text in masked.splitlines(keepends=True):
+        remedy = fault.remedy or self.remedy
+        ops = list[tuple[int, Op]]()
+        texts = masked.splitlines(keepends=True)
+        count_of_numbers = 0  # in the lines before
+        for line_offset, text in enumerate(texts):
             line = self.normalise(text)
-            line = replace(line, ordinals=tuple(numbers + each for each in line.ordinals))
+            line = replace(line, ordinals=tuple(count_of_numbers + ordinal for ordinal in line.ordinals))
             try:
                 found = self.apply_rules(line) if line.text else []
             except Misread:
                 return []
             for op in found:
-                if isinstance(op, Move):
-                    names = tuple(each for each in op.targets if not isinstance(each, Literal))
-                    words = reason, fault.remedy or self.remedy
-                    op = Move(op.motion, (), op.bases[:1], op.tools[:1], (), *words, op.offset_from + names)
-                ops.append((lines, op))
-            numbers, lines = numbers + text.count("\0"), lines + 1
-        return ops if lines > 1 else []
+                ops.append((line_offset, _leave_move(op, reason, remedy) if isinstance(op, Move) else op))
+            count_of_numbers += text.count("\0")
+        return ops if len(texts) > 1 else []
 
     def _translate_unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
-        """Return the operations of a statement that is not understood, and may therefore change values.
+        """Translate a statement that is not understood, and may therefore change values.
 
         Each word of a motion in the statement becomes a move that is not corrected. Each operation has its
         number of lines below the first line of the statement's text.
+
+        Args:
+            masked: the statement with NUL in place of each number.
+            line: its normal form.
+            fault: why it is not understood.
         """
         reason = f"{quote_statement(line.text, line.ordinals)}: {fault.reason}"
         remedy, text = fault.remedy or self.remedy, _QUOTED.sub("_", line.text)
+        may_change_all = re.search(self.forgets, text) is not None
+        is_lasting = re.search(self.lasting, line.text) is not None
+        ops = list[Op]()
+        if may_change_all:  # without names, `MakeUnknown` makes all values unknown
+            ops.append(MakeUnknown(frozenset(), reason, remedy))
+        # The names of the statement are listed as well, because their values change while the program runs;
+        # `_` keeps the list from being empty.
+        ops.append(MakeUnknown(frozenset([*self._find_changed_names(line, text), "_"]), reason, remedy))
+        if is_lasting:
+            ops.append(MakeUnknown(frozenset({MODE}), reason, remedy))
+        if self.calls_by_name or not may_change_all:
+            ops += self._find_calls(text)
+            if not (is_lasting or self._motion.search(text)):
+                assumption = "it is assumed that the statement changes only the values that it names"
+                ops.append(Note(f"{reason}; {assumption}"))
+        placed = [(line.line_offset, op) for op in ops]
+        move = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
+        return [*placed, *((line_offset, move) for line_offset in self._find_lines_of_motions(masked))]
+
+    def _find_changed_names(self, line: Line, text: str) -> set[Name]:
+        """Return the names that a statement may change; `text` is its normal form without quotations."""
         names: set[Name] = set(_NAME.findall(text))
         if self.positions:  # only those elements of the array that the statement names may change
             names.discard(self.positions)
-            for match in re.finditer(rf"(?<![\w$]){self.positions}\[(\0\])?", line.text):
-                ordinals = line.ordinals_in(match.start(), match.end())
-                names.add((f"{self.positions}[%s]", ordinals[0]) if ordinals else self.positions)
-        # Without names, `MakeUnknown` makes all values unknown. The names of the statement are listed as
-        # well, because their values change while the program runs; `_` keeps the list from being empty.
-        ops: list[tuple[int, Op]] = []
-        if re.search(self.forgets, text):
-            ops.append((line.line_offset, MakeUnknown(frozenset(), reason, remedy)))
-        ops.append((line.line_offset, MakeUnknown(frozenset([*names, "_"]), reason, remedy)))
-        is_lasting = re.search(self.lasting, line.text) is not None
-        if is_lasting:
-            ops.append((line.line_offset, MakeUnknown(frozenset({MODE}), reason, remedy)))
-        if self.calls_by_name or not re.search(self.forgets, text):
-            ops += [(line.line_offset, op) for op in self._find_calls(text)]
-            if not (is_lasting or self._motion.search(text)):
-                note = Note(
-                    f"{reason}; it is assumed that the statement changes only the values that it names"
-                )
-                ops.append((line.line_offset, note))
+            for element in re.finditer(rf"(?<![\w$]){self.positions}\[(\0\])?", line.text):
+                ordinals = line.ordinals_in(element.start(), element.end())
+                names.add(NumberedName(f"{self.positions}[%s]", ordinals[0]) if ordinals else self.positions)
+        return names
+
+    def _find_lines_of_motions(self, masked: str) -> Iterator[int]:
+        """Yield for each word of a motion in a statement its number of lines below the first line."""
         plain = self.blank_comments(masked)  # words of motions in comments and texts mean nothing
         line_offset, place = 0, 0
-        for match in self._motion.finditer(plain):
-            line_offset += len(_LINE_END.findall(plain, place, match.start()))
-            place = match.start()
-            ops.append((line_offset, Move(Motion.LINEAR, (), reason=reason, remedy=remedy)))
-        return ops
+        for word in self._motion.finditer(plain):
+            line_offset += len(_LINE_END.findall(plain, place, word.start()))
+            place = word.start()
+            yield line_offset
 
     def _find_calls(self, text: str) -> Iterator[Op]:
         """Yield the operations of the calls in a statement that is not understood.
 
         Each call may be skipped; or it may be an attachment, whose routine runs at any time.
         """
-        for name in dict.fromkeys(match[1] for match in _CALLED.finditer(text)):
-            if not self._motion.fullmatch(name):
-                harmless = self._words[2].fullmatch(name) is not None
-                passed = frozenset() if harmless else frozenset(_NAME.findall(text)) - {name}
-                call = Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
-                yield from (Flow("if"), call, Flow("close"))
+        _, _, functions = self._words
+        names = frozenset(_NAME.findall(text))
+        called_names = dict.fromkeys(called[1] for called in _CALLED.finditer(text))
+        for name in called_names:
+            if self._motion.fullmatch(name):
+                continue
+            harmless = functions.fullmatch(name) is not None
+            passed = frozenset[str]() if harmless else names - {name}
+            yield Flow("if")
+            yield Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
+            yield Flow("close")
 
     def read_expression(self, text: str) -> list[Op]:
-        """Return the operations of an expression: one for all names that it reads, one for each routine call.
+        """Translate an expression: one operation for all names that it reads, one for each routine call.
 
         Operands and operators have to alternate, so that no unknown statement passes for an expression.
 
@@ -580,19 +633,43 @@ class Language:
             raise Misread("this text is not understood, or is not complete")
         names = frozenset(_NAME.findall(plain))
         ops: list[Op] = [Use(names)] if names else []
-        for name in dict.fromkeys(match[1] for match in _CALLED.finditer(plain)):
+        called_names = dict.fromkeys(called[1] for called in _CALLED.finditer(plain))
+        for name in called_names:
             harmless = functions.fullmatch(name) is not None
             passed = names - {name}
-            call = Call(name, passed, harmless=harmless)
-            if re.fullmatch(self.writers, name):  # a routine of the program with this name may write others
-                ops.append(call._replace(harmless=True))
+            if re.fullmatch(self.writers, name):
+                # The controller's function writes its last argument only; a routine of the program with this
+                # name may write others.
+                ops.append(Call(name, passed, harmless=True))
                 passed &= frozenset(_NAME.findall(_find_last_argument(plain, name)))
             reads_frames = re.fullmatch(self.readers, name) is not None
-            call = call._replace(passed=passed, reads_frames=reads_frames)
+            call = Call(name, passed, harmless=harmless, reads_frames=reads_frames)
             is_whole_text = plain.startswith(f"{name}(") and plain.count("(") == 1
-            # A call in a larger expression may be skipped, and several calls may run in any order.
-            ops += [call] if harmless or is_whole_text else [Flow("if"), call, Flow("close")]
+            if harmless or is_whole_text:
+                ops.append(call)
+            else:  # a call in a larger expression may be skipped, and several calls may run in any order
+                ops += [Flow("if"), call, Flow("close")]
         return ops
+
+
+def _refuse_deep_braces(text: str) -> None:
+    """Refuse a statement with braces in braces in braces ...
+
+    Raises:
+        Misread: braces are nested too deep.
+    """
+    depths = accumulate((character == "{") - (character == "}") for character in text)
+    if max(depths, default=0) > _MAX_DEPTH:
+        reason = f"braces are nested more than {_MAX_DEPTH} deep"
+        raise Misread(reason, "declare inner structures on their own")
+
+
+def _leave_move(move: Move, reason: str, remedy: str) -> Move:
+    """Return a move without targets, which is not corrected; corrections of its named targets shift it."""
+    names = tuple(target for target in move.targets if not isinstance(target, Literal))
+    offset_from = move.offset_from + names
+    base, tool = move.bases[:1], move.tools[:1]
+    return Move(move.motion, (), base, tool, reason=reason, remedy=remedy, offset_from=offset_from)
 
 
 def quote_statement(text: str, ordinals: Iterable[int]) -> str:
@@ -600,9 +677,10 @@ def quote_statement(text: str, ordinals: Iterable[int]) -> str:
 
     The interpreter replaces these places by the numbers when it makes a message of the text.
     """
-    numbers = iter(ordinals)
+    ordinals = iter(ordinals)
     # `quote_text` would escape NUL: another text marks the numbers in between.
-    return re.sub("@#@", lambda _: f"\0{next(numbers)}\0", quote_text(text.replace("\0", "@#@")))
+    quoted = quote_text(text.replace("\0", "@#@"))
+    return re.sub("@#@", lambda _: f"\0{next(ordinals)}\0", quoted)
 
 
 def calls_routine(ops: list[Op]) -> bool:
@@ -630,11 +708,10 @@ def mark_anytime(ops: list[Op], event: Name = "") -> list[Op]:
 
 def sets_feed_only(op: Op) -> bool:
     """Return whether an operation changes nothing but the active feed."""
-    match op:
-        case Assign(name=name):
-            return str(name).startswith(FEED)
-        case MakeUnknown(names=names):
-            return bool(names) and all(str(each).startswith(FEED) for each in names)
+    if isinstance(op, Assign):
+        return str(op.name).startswith(FEED)
+    if isinstance(op, MakeUnknown):
+        return bool(op.names) and all(str(name).startswith(FEED) for name in op.names)
     return False
 
 
@@ -659,16 +736,22 @@ def make_uncorrected_move(
 
 
 def begin_counted_loop(line: Line, remedy: str) -> list[Op]:
-    """Return the operations of the beginning of a loop that counts with the variable `name` of a line.
+    """Translate the beginning of a loop, such as `FOR i FROM 1 TO 5 STEP 2`, whose variable counts.
 
-    The loop counts from `first` to `last` in steps of `step`, groups of the line.
+    Groups of the line are the variable `name`, and the expressions `first`, `last` and `step`.
     """
-    bounds = [line.span(each) for each in ("first", "last", "step") if line[each]]
-    are_numbers = all(line.text[slice(*each)].strip() == "\0" for each in bounds)
-    ordinals = tuple(ordinal for each in bounds for ordinal in line.ordinals_in(*each)) if are_numbers else ()
-    used = [op for each in bounds for op in line.read_expression(line.text[slice(*each)])]
-    counter = MakeUnknown(frozenset({line["name"]}), f"{line['name']} counts a loop", remedy)
-    return [*used, Flow("loop", bounds=ordinals), counter]
+    ordinals, uses = list[int](), list[Op]()
+    are_numbers = True
+    for group in ("first", "last", "step"):
+        if not line[group]:
+            continue
+        begin, end = line.span(group)
+        uses += line.read_expression(line.text[begin:end])
+        ordinals += line.ordinals_in(begin, end)
+        are_numbers &= line.text[begin:end].strip() == A_NUMBER
+    name = line["name"]
+    counter = MakeUnknown(frozenset({name}), f"{name} counts a loop", remedy)
+    return [*uses, Flow("loop", bounds=tuple(ordinals) if are_numbers else ()), counter]
 
 
 IS_PARAMETER: Final = "the value is a parameter of the routine"
@@ -678,14 +761,20 @@ IS_PARAMETER: Final = "the value is a parameter of the routine"
 def begin_routine(
     name: str, parameters: Iterable[str], remedy: str, *, handler: bool = False, shared: bool = False
 ) -> list[Op]:
-    """Return the operations of the beginning of a routine, whose parameters have unknown values.
+    """Translate the beginning of a routine, whose parameters are local names with unknown values.
 
-    `handler` marks a routine that may run at any time, `shared` a routine that other programs may call.
-    `remedy` is the advice in messages on the parameters.
+    Args:
+        name: name of the routine.
+        parameters: names of its parameters.
+        remedy: advice in messages on the parameters.
+        handler: whether the routine may run at any time.
+        shared: whether other programs may call the routine.
     """
+    begin = Flow("handler" if handler else "routine", name, shared=shared)
     names = frozenset(parameters)
-    unknown: list[Op] = [Local(names), MakeUnknown(names, IS_PARAMETER, remedy)] if names else []
-    return [Flow("handler" if handler else "routine", name, shared=shared), *unknown]
+    if not names:
+        return [begin]
+    return [begin, Local(names), MakeUnknown(names, IS_PARAMETER, remedy)]
 
 
 # What occurs in no expression. A sign before a number belongs to the number, so that a number may follow an
@@ -738,13 +827,15 @@ def split_outside_brackets(text: str, begin: int = 0, separator: str = ",") -> I
 
     A span is the index of the first character, and of the last + 1. The first part begins at index `begin`.
     """
-    depth, first = 0, begin
-    for match in re.finditer(rf'"[^"]*+"|[()\[\]{{}}]|{re.escape(separator)}', text[begin:]):
-        if match[0] in "([{":
+    depth = 0  # of brackets within one another
+    first = begin
+    signs = rf'"[^"]*+"|[()\[\]{{}}]|{re.escape(separator)}'
+    for sign in re.finditer(signs, text[begin:]):
+        if sign[0] in "([{":
             depth += 1
-        elif match[0] in ")]}":
+        elif sign[0] in ")]}":
             depth -= 1
-        elif match[0] == separator and not depth:
-            yield first, begin + match.start()
-            first = begin + match.end()
+        elif sign[0] == separator and depth == 0:
+            yield first, begin + sign.start()
+            first = begin + sign.end()
     yield first, len(text)

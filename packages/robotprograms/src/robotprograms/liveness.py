@@ -49,13 +49,15 @@ class _Graph:
     """Edges between operations, in both directions."""
 
     def __init__(self, traffic: Traffic, flow: ControlFlow) -> None:
-        self.after: defaultdict[int, list[int]] = defaultdict(list)
-        self.before: defaultdict[int, list[int]] = defaultdict(list)
+        """Build the graph of a program whose nodes are operations, by their indices."""
+        self.after: defaultdict[int, list[int]] = defaultdict(list)  # operations that may follow
+        self.before: defaultdict[int, list[int]] = defaultdict(list)  # operations that may come before
         self._moves = traffic.moves
+        # routine by the index of its last operation, and the other way round
         self.last = {body[-1]: routine for routine, body in traffic.bodies.items() if body}
         self.end_of = {routine: index for index, routine in self.last.items()}
         self.begins = {flow.begins[routine]: routine for routine in traffic.bodies if routine in flow.begins}
-        self.callers: defaultdict[str, list[int]] = defaultdict(list)
+        self.callers: defaultdict[str, list[int]] = defaultdict(list)  # operations that call each routine
         for index, routines in traffic.calls.items():
             for routine in routines:
                 self.callers[routine].append(index)
@@ -82,6 +84,10 @@ class _Name:
     """One name that is followed backwards."""
 
     def __init__(self, name: str, traffic: Traffic, graph: _Graph) -> None:
+        """Prepare to follow a name backwards from the operations that read it.
+
+        A name is live at an operation if its content there may be read later.
+        """
         self.name, self._traffic, self._graph = name, traffic, graph
         self.at: set[int] = set()  # operations before which the name is live
         self.behind: set[int] = set()  # operations behind which the name is live
@@ -136,10 +142,14 @@ class _Name:
 
 
 def find_liveness(traffic: Traffic, flow: ControlFlow) -> Liveness:
-    """Follow the names that get new contents backwards, until there are too many steps."""
-    graph, liveness, steps = _Graph(traffic, flow), Liveness(), 0
-    for each in traffic.writes:
-        name = _Name(each, traffic, graph)
+    """Find the operations behind which nothing reads a name any more, for names that get new contents.
+
+    Each name is followed backwards from where it is read, until there are too many steps.
+    """
+    graph, liveness = _Graph(traffic, flow), Liveness()
+    steps = 0
+    for written_name in traffic.writes:
+        name = _Name(written_name, traffic, graph)
         name.follow()
         steps += len(name.at) + len(name.behind)
         if steps > MAX_STEPS:

@@ -37,10 +37,10 @@ _MAX_LISTED: Final = 10
 
 
 def _identify(frames: Frames) -> tuple[object, ...]:
-    """Return what two pairs of base and tool have in common if they are the same frames."""
+    """Return a key of a base and a tool, which is equal for equal frames: name and numbers of each."""
     parts: list[object] = []
     for frame in frames:
-        if isinstance(frame, FrameName) and frame.pose is not None:
+        if isinstance(frame, FrameName) and frame.pose is not None:  # arrays have no hash
             parts.append((frame.name, frame.pose.tobytes()))
         else:
             parts.append(frame)
@@ -93,19 +93,28 @@ class MoveRecorder:
         return [place.qualify(each) for each in op.targets if not isinstance(each, Literal)]
 
     def _is_near_target(self, place: Place, op: ir.Move) -> bool:
-        """Return whether a move goes to an offset from a target, and not to numbers in a frame."""
+        """Return whether a move goes to an offset from a target, and not to numbers in a frame.
+
+        Both are written alike: which one is meant depends on whether the name is that of a target.
+        """
         if op.near_target is None:
             return False
-        names = map(place.qualify, op.near_target.offset_from)
-        return any(each in self._targets or each in self._offsets_of for each in names)
+        names = {place.qualify(name) for name in op.near_target.offset_from}
+        is_offset_of_offset = not names.isdisjoint(self._offsets_of)
+        return is_offset_of_offset or not names.isdisjoint(self._targets)
 
     def _list_offsets(self, place: Place, op: ir.Move, frames: list[Frames]) -> list[str]:
-        """Return the names of targets near which a move goes; calculated ones once for the same frames."""
-        own = [place.qualify(each) for each in op.offset_from]
-        names = [*own, *self._list_named_targets(place, op)]
-        if not self._offsets_of.keys().isdisjoint(names):
-            own += self._trace_offsets(names, self._noted_offsets[_identify(frames[0])])
-        return own
+        """Return the names of targets near which a move goes; calculated ones once for the same frames.
+
+        `frames` are base and tool of each target of the move.
+        """
+        near = [place.qualify(name) for name in op.offset_from]
+        names = [*near, *self._list_named_targets(place, op)]
+        are_any_calculated = not self._offsets_of.keys().isdisjoint(names)
+        if are_any_calculated:
+            known = self._noted_offsets[_identify(frames[0])]
+            near += self._trace_offsets(names, known)
+        return near
 
     def _trace_offsets(self, names: Iterable[str], known: set[str]) -> list[str]:
         """Return the names of all targets from which poses with these names are at an offset.
@@ -119,7 +128,13 @@ class MoveRecorder:
         return sorted(self._offsets_of.get(name, ()))
 
     def record(self, op: ir.Move | ir.MoveToStored, i: int, state: State | None) -> None:
-        """Add the moves of operation i to the columns, or the cause why they cannot be corrected."""
+        """Add the moves of an operation to the columns, or the cause why they cannot be corrected.
+
+        Args:
+            op: the operation.
+            i: its index.
+            state: contents of all names at the operation; None if the program never reaches it.
+        """
         place = self._places[i]
         if isinstance(op, ir.MoveToStored):
             text = f"a move to {op.name}, a position stored in the controller"
@@ -129,7 +144,9 @@ class MoveRecorder:
             state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), At())}
         if self._is_near_target(place, op) and op.near_target:
             op = op.near_target
-        lines, numbers = np.asarray(self._statements.repeats.get(i, ()), dtype=np.intp).reshape(-1, 2).T
+        # Lines and first numbers of the moves behind this one that differ from it in their numbers only
+        repeats = np.asarray(self._statements.repeats.get(i, ()), dtype=np.intp)
+        lines, numbers = repeats.reshape(-1, 2).T
         if len(lines) and op.differs_only_in_target:
             frames, cause = self._evaluate_frames(op, place, state)
             if cause is None:
@@ -142,14 +159,20 @@ class MoveRecorder:
             self._add_move(op, replace(place, line=line, first=number), state)
 
     def _evaluate_frames(self, op: ir.Move, place: Place, state: State) -> tuple[list[Frames], Cause | None]:
-        """Return base and tool of each target of a move, and the cause, if any, against its correction."""
-        frames = [
-            (self._frames.evaluate(place, base, state), self._frames.evaluate(place, tool, state))
-            for base, tool in zip(op.bases, op.tools, strict=True)
-        ]
+        """Find the frames of a move at a place of the program, where names have the contents in `state`.
+
+        Returns:
+            Base and tool of each target; the cause why the move cannot be corrected, None if it can be.
+        """
+        frames = list[Frames]()
+        for base, tool in zip(op.bases, op.tools, strict=True):
+            base_frame = self._frames.evaluate(place, base, state)
+            frames.append((base_frame, self._frames.evaluate(place, tool, state)))
         cause = self._find_obstacle(place, op, frames, state)
+        # Behind the call of a routine of another file, the move is certain under an assumption only.
         is_behind_unknown = UNKNOWN in state or UNKNOWN in self._changes.anytime
-        self._needs_assumption |= cause is None and is_behind_unknown and bool(self._calls.unknown_routines)
+        if cause is None and is_behind_unknown and self._calls.unknown_routines:
+            self._needs_assumption = True
         return frames, cause
 
     def _find_feeds(self, op: ir.Move, place: Place, first: IndexArray, state: State) -> FloatArray:
@@ -161,25 +184,31 @@ class MoveRecorder:
             first: (k,) index of the first number of each statement among those of the file.
             state: contents of all names at these moves.
         """
-        unknown, feed = np.full(len(first), np.nan), op.feed
+        feed = op.feed
         if feed is None or op.motion is Motion.JOINT:
-            return unknown
+            return np.full(len(first), np.nan)
         if isinstance(feed.value, Literal):
-            found = place.values[first + feed.value.numbers[0]]
+            (ordinal, *_) = feed.value.numbers
+            numbers = place.values[first + ordinal]
         else:
-            content = self._contents.evaluate(place, "", feed.value, state)
-            if not isinstance(content, WrittenNumbers):
-                found = np.full(
-                    len(first), np.nan if self._has_data(place, feed.value.name) else feed.otherwise
-                )
-            else:
-                found = np.full(len(first), self._read_number(content))
-        found = found * feed.unit * self._find_number(place, feed.percentage, 100.0, state) / 100.0
-        found = np.minimum(found, self._find_number(place, feed.greatest, np.inf, state))
-        counts = (found > 0.0) & (found <= MAX_VALUE)
-        if feed.time is not None:
-            counts &= place.values[first + feed.time] == 0.0
-        return np.where(counts, found, np.nan)
+            numbers = np.full(len(first), self._find_named_feed(place, feed, feed.value, state))
+        percentage = self._find_number(place, feed.percentage, 100.0, state)
+        greatest = self._find_number(place, feed.greatest, np.inf, state)
+        speeds = np.minimum(numbers * feed.unit * percentage / 100.0, greatest)
+        is_stated = (speeds > 0.0) & (speeds <= MAX_VALUE)
+        if feed.time is not None:  # a time in place of the speed
+            is_stated &= place.values[first + feed.time] == 0.0
+        return np.where(is_stated, speeds, np.nan)
+
+    def _find_named_feed(self, place: Place, feed: ir.Feed, value: ir.Copy, state: State) -> float:
+        """Return the number of the feed that a move states by a name; NaN if it is unknown.
+
+        A name that the program does not declare means data of the controller, such as `v100` of ABB.
+        """
+        content = self._contents.evaluate(place, "", value, state)
+        if isinstance(content, WrittenNumbers):
+            return self._read_number(content)
+        return np.nan if self._has_data(place, value.name) else feed.otherwise
 
     def _find_number(self, place: Place, name: str, default: float, state: State) -> float:
         """Return the number of a name in a state: a default if no statement sets it, NaN if it is unknown."""
@@ -248,25 +277,33 @@ class MoveRecorder:
         return list(self._uses.origins.get(name, ()))
 
     def _find_point(self, name: str) -> Content | None:
-        """Return the numbers that a name has on any path, if there are some."""
-        if name in self._declarations.initial and not self._changes.of_name.get(name):
+        """Return the numbers that a name has on any path of execution; None if it never has numbers."""
+        is_never_changed = not self._changes.of_name.get(name)
+        if name in self._declarations.initial and is_never_changed:
             return self._declarations.initial[name]
         if self._assigned is None:
-            self._assigned = {
-                place.qualify(op.name): WrittenNumbers("", place.source, place.line, place.first, op.value)
-                for place, op in zip(self._places, self._ops, strict=True)
-                if isinstance(op, ir.Assign) and isinstance(op.value, Literal)
-            }
+            self._assigned = {}
+            for place, op in zip(self._places, self._ops, strict=True):
+                if isinstance(op, ir.Assign) and isinstance(op.value, Literal):
+                    numbers = WrittenNumbers("", place.source, place.line, place.first, op.value)
+                    self._assigned[place.qualify(op.name)] = numbers
         return self._assigned.get(name)
 
     def _find_obstacle(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
-        """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""
+        """Return the cause why a move cannot be corrected, apart from its targets; None without a cause.
+
+        Args:
+            place: place of the move.
+            op: the move.
+            frames: base and tool of each target; a `Cause` in place of a frame that is not known.
+            state: contents of all names at the move.
+        """
         if op.reason:
             return place.make_cause(op.reason, op.remedy)
         for target in op.targets:
             if isinstance(target, Literal) and (cause := self._find_axes(place, target, state)):
                 return cause
-        for name in self._changes.lasting:
+        for name in self._changes.lasting:  # offsets, tracking, force control
             content, _ = self._contents.look_up(state, name)
             if isinstance(content, Cause):
                 return content
@@ -292,17 +329,17 @@ class MoveRecorder:
         return None
 
     def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> WrittenNumbers | Cause:
-        """Return the numbers of a target in a state, or the cause why these numbers are unknown."""
+        """Return the numbers of a target, or the cause why these numbers are unknown.
+
+        `state` has the contents of all names at `place`.
+        """
         if isinstance(target, Literal):
             return WrittenNumbers("", place.source, place.line, place.first, target)
         name = place.qualify(target)
         content, _ = self._contents.look_up(state, name)
         unknown = f"the target {quote_text(name)} is not given by constant numbers"
         if not isinstance(content, WrittenNumbers):
-            reason = content.reason if isinstance(content, Cause) and content.line else ""
-            changes = self._changes.of_name.get(name, [])
-            if len(changes) + (name in self._declarations.initial) > 1:
-                reason = changes[-1].reason
+            reason = self._explain_unknown_content(name, content)
         elif content.literal.notation.orientation is Orientation.NONE:
             reason = "it is no pose"
         elif name in self._declarations.stored:  # other programs, or a computer, may set it at any time
@@ -311,26 +348,45 @@ class MoveRecorder:
             return self._settle_target(place, name, content._replace(label=name), unknown)
         return place.make_cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
 
+    def _explain_unknown_content(self, name: str, content: Cause | str) -> str:
+        """Return why the content of a name is not known at a move; empty if there is no certain reason."""
+        changes = self._changes.of_name.get(name, [])
+        count_of_contents = len(changes) + (name in self._declarations.initial)
+        if count_of_contents > 1:
+            return changes[-1].reason
+        return content.reason if isinstance(content, Cause) and content.line else ""
+
     def _find_axes(self, place: Place, target: Literal, state: State) -> Cause | None:
-        """Return the cause against a correction if a variable holds external axes that may carry the arm."""
+        """Return the cause against a correction if a variable holds external axes that may carry the arm.
+
+        Axes whose numbers are known and zero carry nothing, and give no cause.
+        """
         if not target.axes_name:
             return None
         content, _ = self._contents.look_up(state, place.qualify(target.axes_name))
         if isinstance(content, WrittenNumbers):
-            values = self._statements.numerals[content.source].values
-            if is_without_axes(values[content.first + np.array(content.literal.numbers)]):
+            numbers_of_file = self._statements.numerals[content.source].values
+            axes = numbers_of_file[content.first + np.array(content.literal.numbers)]
+            if is_without_axes(axes):
                 return None
-        reason = (
-            f"the external axes are in the variable {quote_text(target.axes_name)}, and may carry the arm"
-        )
+        variable = quote_text(target.axes_name)
+        reason = f"the external axes are in the variable {variable}, and may carry the arm"
         return place.make_cause(reason, "write the numbers of the external axes at the target")
 
     def _settle_target(
         self, place: Place, name: str, numbers: WrittenNumbers, unknown: str
     ) -> WrittenNumbers:
-        """Return the numbers of a target at a move; note why the numbers in its declaration have to stay."""
+        """Return the numbers of a target at a move; note why the numbers in its declaration have to stay.
+
+        Args:
+            place: place of the move.
+            name: full name of the target.
+            numbers: numbers of the target.
+            unknown: beginning of the reason if the target gets numbers more than once.
+        """
         changes = self._changes.of_name.get(name, [])
-        if len(changes) + (name in self._declarations.initial) > 1:  # the target gets numbers more than once
+        count_of_contents = len(changes) + (name in self._declarations.initial)
+        if count_of_contents > 1:
             self._keep_numbers(place, numbers, f"{unknown}: {changes[-1].reason}")
         elif name in self._declarations.shared and name not in self._noted:
             self._noted.add(name)
@@ -344,26 +400,29 @@ class MoveRecorder:
         self._columns.keep_numbers(numbers, cause, place.line)
 
     def trace_uses(self) -> None:
-        """Let what is calculated of numbers be used where the result is used.
+        """Mark the numbers from which a value is calculated as used, wherever the value is used.
 
-        The use of a result is not known if its name is that of a routine of another file, or of data that the
-        program does not declare.
+        The use of a value is not known, and counts as one, if its name is that of a routine of another file,
+        or of data that the program does not declare.
         """
-        declared, used, origins = self._declarations.names, self._uses.used, self._uses.origins
+        used, origins = self._uses.used, self._uses.origins
         starts = []
         for name in origins.keys() - {ir.CONDITION}:
-            is_own = name in declared or name in self._flow.begins or OF_ROUTINE in name
+            is_declared = name in self._declarations.names
+            is_own = is_declared or name in self._flow.begins or OF_ROUTINE in name
             if name in used or not is_own:
                 starts.append(name)
-        for name, origin in reach(starts, self._list_origins, {*used}):
+        for name, origin in reach(starts, self._list_origins, set(used)):
             used[origin] = origins[name][origin]
 
     def remark_conditions(self) -> None:
         """Add a remark for each target that is corrected and whose numbers decide a condition."""
+        # Names that decide conditions, also through values that are calculated of them, with the place
         places = dict(self._uses.origins[ir.CONDITION])
-        for name, origin in reach([*places], self._list_all_origins, {*places}):
+        for name, origin in reach([*places], self._list_all_origins, set(places)):
             places[origin] = places[name]
-        for name in sorted((places.keys() & self._targets) - self._uses.used.keys()):
+        corrected_targets = (places.keys() & self._targets) - self._uses.used.keys()
+        for name in sorted(corrected_targets):
             target, _, _ = name.partition(OF_ROUTINE)
             text = f"numbers of the target {quote_text(target)} decide here, and the correction changes them"
             self._columns.add_remark(places[name], text)

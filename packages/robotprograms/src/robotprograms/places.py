@@ -27,9 +27,14 @@ class Scope:
     owners: Mapping[str, str] = field(default_factory=dict)
 
     def qualify(self, name: str) -> str:
-        """Return a name, with its routine appended if it is a local variable, or with its owner."""
-        variable = get_array_name(get_structure_name(name))
-        owner = self.routine if variable in self.names else self.owners.get(variable, "")
+        """Return the full name of a variable, which other routines and files do not use for another one.
+
+        The name of its routine is appended to a local variable, and that of its owner to a variable of
+        another file.
+        """
+        variable = get_array_name(get_structure_name(name))  # `P` of `P[1].X`
+        is_local = variable in self.names
+        owner = self.routine if is_local else self.owners.get(variable, "")
         return f"{name}{OF_ROUTINE}{owner}" if owner else name
 
 
@@ -49,25 +54,29 @@ class Place:
         return At(self.line, self.source)
 
     def make_cause(self, reason: str, remedy: str = WRITE_NUMBERS) -> Cause:
-        """Return a cause at this place; in `reason`, numbers replace the ordinals (NUL, ordinal, NUL)."""
-        reason_with_numbers = re.sub(
-            "\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason
-        )
-        return Cause(self.line, reason_with_numbers, remedy, self.source)
+        """Return the cause at this place why something is not known or not corrected.
+
+        In `reason`, a number of the statement is given as NUL, its ordinal, NUL: the number replaces it.
+        """
+
+        def show_number(ordinal: re.Match[str]) -> str:
+            return f"{self.values[self.first + int(ordinal[1])]:g}"
+
+        return Cause(self.line, re.sub("\0(\\d+)\0", show_number, reason), remedy, self.source)
 
     def qualify(self, name: Name) -> str:
-        """Return the full name of a variable.
+        """Return the full name of a variable, with its routine appended if it is a local variable.
 
-        A number is inserted in a name that is a template, or NUL if the number is not whole. The name of the
-        routine is appended to the name of a local variable.
+        A number is inserted in a name that is a template such as `P[%s]`, or NUL if the number is not whole.
         """
         if isinstance(name, str):
             return self.scope.qualify(name)
-        value = float(self.values[self.first + name[1]])
-        template, _ = name
-        name_with_number = self.scope.qualify(template % (f"{value:g}" if value.is_integer() else "\0"))
+        number = float(self.values[self.first + name.ordinal])
+        text = f"{number:g}" if number.is_integer() else "\0"
+        full_name = self.scope.qualify(name.template % text)
         # One copy of each name; names of fields are used once or twice, and are not stored.
-        return name_with_number if "." in template else intern(name_with_number)
+        is_field = "." in name.template
+        return full_name if is_field else intern(full_name)
 
 
 def find_place(cause: Cause) -> At:

@@ -99,17 +99,22 @@ class Propagation:
             self._propagate_through(name, body)
 
     def _enter_routines(self, callers: Mapping[str, Set[str]]) -> None:
-        """Set the states in which the main routine, and routines that other programs may call, begin."""
+        """Set the states in which the main routine, and routines that other programs may call, begin.
+
+        `callers` are the names of the routines that call each routine.
+        """
         self._contents.forget_judgements()  # from here on, all changes are known
         main = next((name for name in self._flow.begins if name not in self._flow.anytime_routines), "")
         # The program does not show when statements outside of its routines run: they may run at any time.
         if main and (self._language.callable_from_outside or main not in callers):
             self._changes.anytime.update(self._changes.of_routine[""])
         for name, begin in self._flow.begins.items():
-            is_called = not callers.get(name, set()) <= {name}  # by others: it may call itself
-            if self._language.callable_from_outside or (name == main and not is_called):
+            calls_itself_at_most = callers.get(name, set()) <= {name}
+            is_entry = name == main and calls_itself_at_most
+            may_be_called = name in self._flow.anytime_routines | self._flow.shared_routines
+            if self._language.callable_from_outside or is_entry:
                 self._incoming[begin] = {}
-            elif not is_called or name in self._flow.anytime_routines | self._flow.shared_routines:
+            elif calls_itself_at_most or may_be_called:
                 reason = f"another program may call {quote_text(name)} while other frames are active"
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
                 self._incoming[begin] = {UNKNOWN: (cause, At())}
@@ -117,12 +122,13 @@ class Propagation:
     def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
         """Propagate states through the operations `indices` of a routine once; record their moves.
 
-        A state has the content of each variable, as it is on all paths to an operation.
+        A state has the content of each variable, as it is on all paths to an operation; it is None where no
+        path leads to the operation.
         """
-        state: State | None = {}  # None where no path leads to the operation
+        state: State | None = {}
         if not routine and routine in self._flow.faulty_routines:
             state = self._add_fault(self._flow.faulty_routines[routine], state)
-        shared = False  # whether the state is stored elsewhere, so that it must be copied before a change
+        is_shared = False  # whether the state is stored elsewhere, so that it must be copied before a change
         self._entered_routines.append(routine)
         for i in indices:
             op = self._ops[i]
@@ -130,13 +136,16 @@ class Propagation:
                 self._record(op, i, state)
                 continue
             self._work.count(1)
-            if state is not None and (dead := self._liveness.dead.get(i)):
-                left = self._leave_out(dead, state)
-                state, shared = left, shared and left is state
+            unread_names = self._liveness.dead.get(i)  # nothing reads them from here on
+            if state is not None and unread_names:
+                left = self._leave_out(unread_names, state)
+                is_shared = is_shared and left is state
+                state = left
             if isinstance(op, ir.Flow):
-                state, shared = self._pass_to_successors(op, i, state), True
+                state = self._pass_to_successors(op, i, state)
+                is_shared = True
             elif state is not None:
-                state, shared = self._operate(op, i, state, shared=shared)
+                state, is_shared = self._operate(op, i, state, shared=is_shared)
         self._entered_routines.pop()
         if state is not None:
             state = self._keep_live(self._liveness.at_exit.get(routine, set()), state)
@@ -190,10 +199,19 @@ class Propagation:
         return self._add_fault(fault, self._join_states(self._incoming.get(i), state))
 
     def _add_fault(self, fault: int | None, state: State | None) -> State | None:
-        """Return a state in which no move is certain because of a fault, if there is one."""
-        if fault is None or state is None or isinstance(self._contents.look_up(state, ir.MODE)[0], Cause):
+        """Return a state in which no move is certain because of a fault of the program.
+
+        Without a fault, or if no move is certain already, the state itself is returned. `fault` is the index
+        of an operation that does not fit, such as an end without a beginning.
+        """
+        if fault is None or state is None:
             return state
-        return {**state, ir.MODE: (self._faults[fault], find_place(self._faults[fault]))}
+        content, _ = self._contents.look_up(state, ir.MODE)
+        is_uncertain_already = isinstance(content, Cause)
+        if is_uncertain_already:
+            return state
+        cause = self._faults[fault]
+        return {**state, ir.MODE: (cause, find_place(cause))}
 
     def _follow_calls(self, op: ir.Call, i: int, routines: list[str], state: State) -> State | None:
         """Return the state after operation i, which calls one of these routines of the program.
@@ -220,6 +238,8 @@ class Propagation:
     def _return_from(self, routine: str, i: int, state: State, returned: State) -> State:
         """Return the state behind operation i, which calls a routine.
 
+        A state has the content of each variable.
+
         Args:
             routine: the called routine.
             i: index of the call.
@@ -227,11 +247,13 @@ class Propagation:
             returned: state at the end of the routine.
         """
         changed = self._changes.of_routine[routine]
-        names = [*self._always_returned[routine]]
-        names += [name for name in self._liveness.returned.get(i, ()) if name in changed]
+        read_behind_call = [name for name in self._liveness.returned.get(i, ()) if name in changed]
+        names = [*self._always_returned[routine], *read_behind_call]
         self._work.count(len(names))
-        after = dict(returned)  # of a routine that may change any name
-        if UNKNOWN not in changed:
+        may_change_all = UNKNOWN in changed
+        if may_change_all:
+            after = dict(returned)
+        else:
             after = dict(state)
             for name in names:
                 after[name] = self._contents.look_up(returned, name)
@@ -257,10 +279,13 @@ class Propagation:
         Equal contents are kept; a cause why the content is unknown replaces contents that differ. None is the
         state of a place that no path reaches. If nothing changes, the object `first` is returned.
         """
-        if first is None or second is None or first == second:
-            return second if first is None else first
-        if (NEVER in first) != (NEVER in second):
-            return second if NEVER in first else first
+        if first is None:
+            return second
+        if second is None or first == second:
+            return first
+        is_first_never, is_second_never = NEVER in first, NEVER in second  # behind a jump
+        if is_first_never != is_second_never:
+            return second if is_first_never else first
         joined = dict(first)
         self._work.count(len(second) + len(first))
         for name in {**first, **second}:
@@ -268,22 +293,25 @@ class Propagation:
                 continue
             first_content, first_place = self._contents.look_up(first, name)
             second_content, second_place = self._contents.look_up(second, name)
-            if first_content == second_content or self._contents.have_equal_frames(
+            are_equal = first_content == second_content or self._contents.have_equal_frames(
                 name, first_content, second_content
-            ):
+            )
+            if are_equal or isinstance(first_content, Cause):
                 continue
-            if not isinstance(first_content, Cause):
-                at = max(first_place, second_place)
-                cause = second_content if isinstance(second_content, Cause) else _explain_change(name, at)
-                joined[name] = (cause, at)
+            at = max(first_place, second_place)
+            cause = second_content if isinstance(second_content, Cause) else _explain_change(name, at)
+            joined[name] = (cause, at)
         return first if joined == first else joined
 
     def _find_what_outlasts_routines(self) -> None:
-        """Let what lasts when a routine ends last at any time: the next one may be called from outside."""
+        """Let force control and the like, if it is on where a routine ends, be on at any time.
+
+        The next routine may then be called from outside of the program.
+        """
         if not self._language.callable_from_outside:
             return
-        _, *ended = self._changes.lasting
-        for name in ended:
+        _, *names_with_end = self._changes.lasting  # the first one is of what no statement ends
+        for name in names_with_end:
             for state in self.exits.values():
                 content, _ = (state or {}).get(name, ("", At()))
                 if isinstance(content, Cause):

@@ -210,7 +210,7 @@ def _translate_speeds(line: Line) -> list[Op]:
         value: ir.Value = ir.Unknown("VelSet is computed", _REMEDY)
         if index < len(spans):
             start, end = spans[index]
-            is_number = line.text[start:end].strip() == "\0"
+            is_number = line.text[start:end].strip() == ir.A_NUMBER
             if is_number:
                 value = Literal(_NUMBERS, line.ordinals_in(start, end))
         ops.append(ir.Assign(name, value))

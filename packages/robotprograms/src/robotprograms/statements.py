@@ -35,13 +35,16 @@ _LEFT: Final = ir.Note("")
 
 
 def _leave_moves(op: Op) -> list[Op]:
-    """Return an operation of a further file: its moves are not corrected, so that their targets must stay."""
+    """Return what stays of an operation of a further file, whose moves are not corrected.
+
+    A move becomes a mark that it is left, and a use of its targets, whose numbers have to stay.
+    """
     if isinstance(op, ir.MoveToStored | ir.Note):
         return []
     if not isinstance(op, ir.Move):
         return [op]
-    used = (*op.targets, *op.offset_from)
-    names = frozenset(each for each in used if not isinstance(each, Literal))
+    targets = (*op.targets, *op.offset_from)
+    names = frozenset(target for target in targets if not isinstance(target, Literal))
     return [ir.Use(names), _LEFT] if names else [_LEFT]
 
 
@@ -145,21 +148,34 @@ class Statements:
     def _add_with_held(
         self, ops: Operations, source: int, line: int, number: int, declares: str, held: list[Held]
     ) -> Operations | None:
-        """Add a statement, with the statements that act behind the next move before or behind it.
+        """Add a statement, with the statements in `held`, which act behind the next move.
+
+        The held statements are added behind a move, or before any other statement that has an effect.
+
+        Args:
+            ops: operations of the statement, each with its number of lines below the first line.
+            source: index of the file.
+            line: first line of the statement.
+            number: index of the statement's first number.
+            declares: kind of the declarations in a file of data; else "".
+            held: statements that act behind the next move; the list is emptied where they are added.
 
         Returns:
             The operations, if a repetition of the statement can differ in numbers only.
         """
         effects = [op for _, op in ops if not (isinstance(op, ir.Use) or ir.sets_feed_only(op))]
-        is_move = len(effects) == 1 and isinstance(effects[0], ir.Move)
-        if effects and not is_move:
-            self._add_held(held, source)
+        move = effects[0] if len(effects) == 1 else None
+        if not isinstance(move, ir.Move):
+            if effects:
+                self._add_held(held, source)
+            self._add_operations(ops, source, line, number, declares)
+            return None
         self._add_operations(ops, source, line, number, declares)
-        if is_move and held:
+        if held:
             self._add_held(held, source)
-        elif is_move and not declares and isinstance(effects[0], ir.Move):
-            return ops if len(ops) == 1 or effects[0].differs_only_in_target else None
-        return None
+            return None
+        can_repeat = len(ops) == 1 or move.differs_only_in_target
+        return ops if can_repeat and not declares else None
 
     def _translate(
         self, translate: Callable[[str], Operations], masked: str, line: int, source: int
@@ -221,11 +237,11 @@ class Statements:
             self.declarations.names.update(op.names)
 
     def _note_use(self, place: Place, op: ir.Use) -> None:
-        """Note that the numbers of names are used, or that another name is calculated of them."""
-        into = place.scope.routine if op.into == ir.RESULT else place.qualify(op.into)
-        noted = self.uses.origins[into] if into else self.uses.used
+        """Note that the numbers of names are used, or that another name gets what is calculated of them."""
+        result = place.scope.routine if op.into == ir.RESULT else place.qualify(op.into)
+        uses = self.uses.origins[result] if result else self.uses.used
         for name in op.names:
-            noted[place.qualify(name)] = place.at
+            uses[place.qualify(name)] = place.at
 
     def forget_anytime(self, names: frozenset[str], reason: str, remedy: str) -> None:
         """Make the values of names unknown anywhere in the program, for a reason."""
@@ -238,8 +254,10 @@ class Statements:
 
         `owners` are the owners of names in the file.
         """
-        if op.kind in ir.ROUTINES:  # a handler without a name shares the scope of its routine
-            self._scopes.append(Scope(str(op.name), owners=owners) if op.name else self._last_scope)
+        if op.kind in ir.ROUTINES and op.name:
+            self._scopes.append(Scope(str(op.name), owners=owners))
+        elif op.kind in ir.ROUTINES:  # a handler without a name shares the scope of its routine
+            self._scopes.append(self._last_scope)
         elif op.kind in ir.BLOCKS:
             self._scopes.append(self._scopes[-1])
         elif op.kind in {"close", "end", "close_or_end"} and len(self._scopes) > 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate
@@ -48,16 +49,22 @@ _REMEDY: Final = (
 
 def read_table(statements: Statements, sources: tuple[Source, ...]) -> None:
     """Add each row of a table of targets as a move; an empty table adds nothing."""
-    source, masked_texts = (
-        sources[0],
-        statements.numerals[0].masked_texts(sources[0].starts, sources[0].ends)[0],
+    source = sources[0]
+    masked_texts, _ = statements.numerals[0].masked_texts(source.starts, source.ends)
+    rows = ((index, masked) for index, masked in enumerate(masked_texts) if _is_row(masked))
+    header_index, _ = next(rows, (0, ""))
+    _, first_row = next(rows, (0, ""))
+    if not first_row:
+        return
+    header = show_text(source.text[source.starts[header_index] : source.ends[header_index]])
+    columns = _parse_header(statements, header_index + 1, header, first_row)
+    behind_header = slice(header_index + 1, None)
+    statements.add_statements(
+        0,
+        source.starts[behind_header],
+        source.ends[behind_header],
+        translate=partial(_translate_row, columns),
     )
-    rows = ((i, masked) for i, masked in enumerate(masked_texts) if _is_row(masked))
-    (head, _), (_, first) = next(rows, (0, "")), next(rows, (0, ""))  # header, and first row of targets
-    if first:
-        header = show_text(source.text[source.starts[head] : source.ends[head]])
-        translate = partial(_translate_row, _parse_header(statements, head + 1, header, first))
-        statements.add_statements(0, source.starts[head + 1 :], source.ends[head + 1 :], translate=translate)
 
 
 def _is_row(line: str) -> bool:
@@ -77,71 +84,102 @@ class _TableColumns(NamedTuple):
 
 
 def _translate_row(columns: _TableColumns, masked: str) -> list[tuple[int, Op]]:
-    """Return the operations of a row, each with its number of lines below the row's line, which is 0.
+    """Translate a row of a table into a move, with its number of lines below the row's line, which is 0.
 
-    A row is one move; an empty line gives no move. If a cell is not a number or the tool changes, the move
-    has a reason and is not corrected. `masked` is the row's text with NUL in place of each number.
+    An empty line gives no move. If a cell is not a number or the tool changes, the move has a reason and is
+    not corrected. `masked` is the row's text with NUL in place of each number.
     """
     if not _is_row(masked):
         return []
-    cells, reason, remedy = masked.split(columns.delimiter), "", ""
-    ends = [0, *accumulate(cell.count("\0") for cell in cells)]  # count of numbers before each cell
-    wrong = next((k for k in columns.places if k < len(cells) and not _NUMBER.fullmatch(cells[k])), None)
+    cells = masked.split(columns.delimiter)
+    # Ordinals of the numbers in cell k: from first_number[k] to first_number[k + 1]
+    first_number = [0, *accumulate(cell.count("\0") for cell in cells)]
+    reason, remedy = _find_fault_of_row(columns, cells, first_number)
+    target = Literal(columns.notation, ())
+    if not reason:
+        numbers = tuple(first_number[k] for k in columns.places)
+        external = [i for k in columns.external for i in range(first_number[k], first_number[k + 1])]
+        common = [i for k in columns.frame_columns for i in range(first_number[k], first_number[k + 1])]
+        target = Literal(columns.notation, numbers, tuple(external), common=tuple(common))
+    tools = (ir.Named("tool"),)
+    if columns.notation.is_joints:
+        base = ir.Named("base")
+        return [(0, ir.Move(Motion.JOINT, (target,), (base,), tools, reason=reason, remedy=remedy))]
+    base = ir.Named("part")
+    return [(0, ir.Move(Motion.LINEAR, (target,), (base,), tools, reason=reason, remedy=remedy))]
+
+
+def _find_fault_of_row(columns: _TableColumns, cells: list[str], first_number: list[int]) -> tuple[str, str]:
+    """Return why a row cannot be corrected, and the remedy; two empty texts if it can be.
+
+    `first_number` is the ordinal of the first number in each cell, and the count of all numbers.
+    """
     if len(cells) != columns.width:
         reason = f"the row has {len(cells)} columns instead of {columns.width}"
-        remedy = "give every row as many columns as the header"
-    elif wrong is not None:
-        cell = ir.quote_statement(cells[wrong], range(ends[wrong], ends[-1]))
-        reason = f"{cell} in column {wrong + 1} is not a number"
-        remedy = "write numbers with decimal points" if "," in cell else "write a number"
-    elif any(cells[k].strip() != text for k, text in columns.frame_columns.items()):
-        reason, remedy = (
-            "the tool or the base changes within the table",
-            "send one table for each tool and base",
-        )
-    numbers = () if reason else tuple(ends[k] for k in columns.places)
-    external, common = (
-        () if reason else tuple(i for k in column_indices for i in range(ends[k], ends[k + 1]))
-        for column_indices in (columns.external, columns.frame_columns)
-    )
-    target = Literal(columns.notation, numbers, external, common=common)
-    motion, base = (Motion.JOINT, "base") if columns.notation.is_joints else (Motion.LINEAR, "part")
-    bases, tools = (ir.Named(base),), (ir.Named("tool"),)
-    return [(0, ir.Move(motion, (target,), bases, tools, reason=reason, remedy=remedy))]
+        return reason, "give every row as many columns as the header"
+    for k in columns.places:
+        if not _NUMBER.fullmatch(cells[k]):
+            cell = ir.quote_statement(cells[k], range(first_number[k], first_number[-1]))
+            remedy = "write numbers with decimal points" if "," in cell else "write a number"
+            return f"{cell} in column {k + 1} is not a number", remedy
+    for k, text_in_first_row in columns.frame_columns.items():
+        if cells[k].strip() != text_in_first_row:
+            return "the tool or the base changes within the table", "send one table for each tool and base"
+    return "", ""
 
 
 def _parse_header(statements: Statements, line: int, header: str, first: str) -> _TableColumns:
-    """Return the columns of a table; `first` is the first row with NUL in place of each number.
+    """Parse the header of a table, such as `x [mm];y [mm];z [mm];tool`.
+
+    Args:
+        statements: statements of the program, which refuse it.
+        line: line of the header.
+        header: text of the header.
+        first: first row of targets, with NUL in place of each number.
 
     Raises:
-        ProgramError: the header does not name coordinates with their units, on its line `line`.
+        ProgramError: the header does not name coordinates with their units.
     """
-    delimiter = max(";\t,", key=header.count)
+    delimiter = max(";\t,", key=header.count)  # the most frequent one
     texts = header.split(delimiter)
-    cells = [cell.strip().strip('"').strip().removeprefix("\xef\xbb\xbf") for cell in texts]
-    matches = [_COLUMN_NAME.fullmatch(cell) for cell in cells]
-    column_of_name = {m[1].lower(): i for i, m in enumerate(matches) if m}
-    units = {m[1].lower(): (m[2] or "").lower() for m in matches if m}
-    if len(column_of_name) < sum(map(bool, matches)):
-        statements.refuse(line, "two columns have the same name", _REMEDY)
-    fitting = [each for each in _TARGET_COLUMNS if column_of_name.keys() >= set(each.split())]
-    if len({_TARGET_COLUMNS[each][0] is Orientation.JOINTS for each in fitting}) > 1:
-        statements.refuse(
-            line, "the table has both poses and joint angles", "omit the poses or the joint angles"
-        )
-    if not fitting:
-        reason = f"the header {quote_text(header)} does not name the coordinates of the targets"
-        statements.refuse(line, reason, _REMEDY)
-    names = fitting[0].split()  # the first fit has the most columns: x, y, z alone come last
-    notation = _choose_notation(*_TARGET_COLUMNS[fitting[0]], [units[name] for name in names])
+    column_of_name, unit_of_name = dict[str, int](), dict[str, str]()
+    for column, text in enumerate(texts):
+        cell = text.strip().strip('"').strip().removeprefix("\xef\xbb\xbf")  # mark of UTF-8
+        if match := _COLUMN_NAME.fullmatch(cell):
+            name, unit = match[1].lower(), (match[2] or "").lower()
+            if name in column_of_name:
+                statements.refuse(line, "two columns have the same name", _REMEDY)
+            column_of_name[name], unit_of_name[name] = column, unit
+    names = _find_coordinates(statements, line, header, column_of_name)
+    orientation, quantities = _TARGET_COLUMNS[names]
+    notation = _choose_notation(orientation, quantities, [unit_of_name[name] for name in names.split()])
     if notation is None:
         reason = "the columns of the targets have no units, different units, or units of another quantity"
         statements.refuse(line, reason, _REMEDY)
     first_row = dict(enumerate(cell.strip() for cell in first.split(delimiter)))
     frame_columns = {k: first_row.get(k, "") for k, text in enumerate(texts) if _FRAME_COLUMN.match(text)}
     external = [k for k, text in enumerate(texts) if _EXTERNAL.match(text)]
-    places = [column_of_name[name] for name in names]
-    return _TableColumns(delimiter, len(cells), notation, places, frame_columns, external)
+    places = [column_of_name[name] for name in names.split()]
+    return _TableColumns(delimiter, len(texts), notation, places, frame_columns, external)
+
+
+def _find_coordinates(
+    statements: Statements, line: int, header: str, column_of_name: Mapping[str, int]
+) -> str:
+    """Return the names of the coordinates of targets in a table, as a key of `_TARGET_COLUMNS`.
+
+    Raises:
+        ProgramError: the table has no coordinates, or both poses and joint angles.
+    """
+    complete = [names for names in _TARGET_COLUMNS if column_of_name.keys() >= set(names.split())]
+    are_joints = {_TARGET_COLUMNS[names][0] is Orientation.JOINTS for names in complete}
+    if len(are_joints) > 1:
+        reason = "the table has both poses and joint angles"
+        statements.refuse(line, reason, "omit the poses or the joint angles")
+    if not complete:
+        reason = f"the header {quote_text(header)} does not name the coordinates of the targets"
+        statements.refuse(line, reason, _REMEDY)
+    return complete[0]  # the first one has the most columns: x, y, z alone come last
 
 
 def _choose_notation(orientation: Orientation, quantities: str, units: list[str]) -> Notation | None:
@@ -149,15 +187,17 @@ def _choose_notation(orientation: Orientation, quantities: str, units: list[str]
 
     `quantities` has one letter for each column: l for length, a for angle, 1 for a ratio.
     """
-    pairs = list(zip(quantities, units, strict=True))
-    lengths, angles, ratios = ({unit for quantity, unit in pairs if quantity == each} for each in "la1")
-    if not (lengths <= _LENGTHS.keys() and angles <= _ANGLES.keys() and ratios <= {""}):
+    units_of: dict[str, set[str]] = {"l": set(), "a": set(), "1": set()}
+    for quantity, unit in zip(quantities, units, strict=True):
+        units_of[quantity].add(unit)
+    lengths, angles, ratios = units_of.values()
+    are_known = lengths <= _LENGTHS.keys() and angles <= _ANGLES.keys() and ratios <= {""}
+    if not are_known or len(lengths) > 1 or len(angles) > 1:
         return None
-    if len(lengths) > 1 or len(angles) > 1:
-        return None
-    # Each set has one unit at most; the default is without effect, as then no column has the quantity.
-    length, angle = _LENGTHS[[*lengths, "mm"][0]], _ANGLES[[*angles, "rad"][0]]
-    return Notation(orientation, length, angle, 6 if lengths == {"mm"} else 9, 9)
+    # Each set has one unit at most; without a unit no column has the quantity, and any unit serves.
+    length_unit, angle_unit = next(iter(lengths), "mm"), next(iter(angles), "rad")
+    length_decimals = 6 if lengths == {"mm"} else 9
+    return Notation(orientation, _LENGTHS[length_unit], _ANGLES[angle_unit], length_decimals, 9)
 
 
 LANGUAGE: Final = ir.Language(

@@ -19,11 +19,12 @@ from robotprograms.statements import Statements
 
 
 def _list_values(op: Op) -> tuple[Value | ir.Product, ...]:
-    """Return the values of an assignment, or of the frames of a move."""
+    """Return the value that an assignment gives, or the bases and tools of a move; () for others."""
     if isinstance(op, ir.Assign):
         return (op.value,)
     if not isinstance(op, ir.Move):
         return ()
+    # The move that takes the place of this one if its target is at an offset from another target
     near = op.near_target or op
     return (*op.bases, *op.tools, *near.bases, *near.tools)
 

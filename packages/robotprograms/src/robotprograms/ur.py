@@ -84,27 +84,31 @@ _LITERALS: Final = (
 
 
 def _translate_routine(line: Line) -> list[Op]:
-    """Return the operations that begin a routine and declare its parameters, with their default values."""
-    defaults = [f"({each})" for each in re.findall(r"=([^,]+(?:\([^()]*\))?)", line["parameters"])]
-    used = [op for each in defaults for op in line.read_expression(each)]
+    """Translate the head of a function, `def f(a, b=1):`, or of a thread, which may run at any time."""
+    uses = list[Op]()
+    for default_value in re.findall(r"=([^,]+(?:\([^()]*\))?)", line["parameters"]):
+        uses += line.read_expression(f"({default_value})")
     parameters = re.findall(rf"(?:^|,)({_WORD})", line["parameters"])
+    is_thread = line["kind"] != "def"
     return [
-        *ir.mark_anytime(used),
-        *ir.begin_routine(line["name"], parameters, _REMEDY, handler=line["kind"] != "def"),
+        *ir.mark_anytime(uses),
+        *ir.begin_routine(line["name"], parameters, _REMEDY, handler=is_thread),
     ]
 
 
 def _translate_calculated_tool(line: Line) -> list[Op]:
-    """Return the operation that activates a tool whose numbers are calculated of numbers and pi.
+    """Translate `set_tcp(p[...])` with a pose that is calculated of numbers and pi.
 
     Raises:
         Misread: the pose has not six numbers.
     """
     begin, end = line.span("pose")
-    expressions = tuple(line.text[slice(*each)] for each in split_outside_brackets(line.text[:end], begin))
+    spans = split_outside_brackets(line.text[:end], begin)
+    expressions = tuple(line.text[first:last] for first, last in spans)
     if len(expressions) != _COUNT:
         return _refuse_unknown_tool(line)
-    return [ir.Assign(_ACTIVE, ir.Stated(_ACTIVE, POSE, expressions, line.ordinals_in(begin, end)))]
+    tool = ir.Stated(_ACTIVE, POSE, expressions, line.ordinals_in(begin, end))
+    return [ir.Assign(_ACTIVE, tool)]
 
 
 def _refuse_unknown_tool(_line: Line) -> list[Op]:
@@ -117,20 +121,21 @@ def _refuse_unknown_tool(_line: Line) -> list[Op]:
 
 
 def _translate_call(line: Line) -> list[Op]:
-    """Return the operations of a call; a call that moves the robot becomes an uncorrected move."""
+    """Translate a call; that of a function of the controller which moves the robot is an uncorrected move."""
     name = line["name"]
     found = line.read_expression(line.text)
-    own = ir.Call(name, harmless=True)  # of the program itself
+    # The program itself may define a routine with this name. No function of the controller sets the tool.
+    own_routine = ir.Call(name, harmless=True)
+    others = [op for op in found if not _is_call_of(name, op)]
     if _END_OF_LASTING.fullmatch(name):
-        return [own, *(op for op in found if not _is_call_of(name, op)), ir.end_lasting(_find_kind(name))]
+        return [own_routine, *others, ir.end_lasting(_find_kind(name))]
     if not _MOVES_WITHOUT_TARGET.fullmatch(name):
         return found
-    # No function of the controller sets the tool.
-    found = [own, *(op for op in found if not _is_call_of(name, op))]
     reason, remedy = f"{name} moves the robot without a target", "use movej, movel, movep or movec"
+    ops: list[Op] = [own_routine, *others]
     if _LASTING.fullmatch(name):
-        found.append(ir.begin_lasting(_find_kind(name), reason, remedy))
-    return ir.make_uncorrected_move(found, reason, remedy)
+        ops.append(ir.begin_lasting(_find_kind(name), reason, remedy))
+    return ir.make_uncorrected_move(ops, reason, remedy)
 
 
 def _find_kind(name: str) -> str:
@@ -158,87 +163,105 @@ def _read_value(line: Line, text: str) -> list[Op]:
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Return the operations of an assignment: a name gets a target in numbers or an unknown value."""
-    name, index = line["name"], line["index"]
+    """Translate an assignment: a name gets a target in numbers, one number or an unknown value."""
+    name, index, value = line["name"], line["index"], line["value"]
     declaration: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
-    literal = None if index else _read_literal(line, *line.span("value"))
-    if literal is None and not index and line["value"] == "\0":  # pi, or a speed
-        literal = Literal(_NUMBER, line.ordinals_in(*line.span("value")))
-    if literal is not None:
-        return [*declaration, ir.Assign(name, literal)]
-    found = line.read_expression(index.strip("[]").replace("][", ",")) if "[" in index else []
-    offset = None if index else _OFFSET.fullmatch(line["value"])
-    found += [ir.Offset(name, offset["target"])] if offset else []
+    if not index:
+        literal = _read_literal(line, *line.span("value"))
+        if value == ir.A_NUMBER:  # pi, or a speed
+            literal = Literal(_NUMBER, line.ordinals_in(*line.span("value")))
+        if literal is not None:
+            return [*declaration, ir.Assign(name, literal)]
+    ops = declaration
+    if "[" in index:
+        ops = [*ops, *line.read_expression(index.strip("[]").replace("][", ","))]
+    offset = _OFFSET.fullmatch(value) if not index else None  # such as pose_add(target, offset)
+    if offset:
+        ops = [*ops, ir.Offset(name, offset["target"])]
+        value = offset["offset"]
     unknown = ir.MakeUnknown(frozenset({name}), f"{name} gets a value that is not a number", _REMEDY)
-    value = offset["offset"] if offset else line["value"]
-    return [*declaration, *found, *_read_value(line, value), unknown]
+    return [*ops, *_read_value(line, value), unknown]
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Return the operations of a move; a move whose target is not understood is not corrected.
+    """Translate a move, such as `movel(p[...], a=1.2, v=0.1)`; without known target it is not corrected.
 
     Raises:
         Misread: a target is missing, or the move calls a routine.
     """
     motion = _MOTIONS[line["motion"]]
     # Names of the arguments with the targets, which a call may state or omit
-    names = ("pose_via", "pose_to") if motion is Motion.CIRCULAR else ("pose|q",)
+    target_names = ("pose_via", "pose_to") if motion is Motion.CIRCULAR else ("pose|q",)
     begin, end = line.span("arguments")
     spans = list(split_outside_brackets(line.text[:end], begin))
     found: list[Op] = []
     targets: list[Literal | ir.Name] = []
     bases: list[ir.Value] = []
-    tools: tuple[ir.Value, ...] = (ir.Copy(_ACTIVE),) * len(names)
-    for name, (start, stop) in zip(names, spans, strict=False):
+    for name, (start, stop) in zip(target_names, spans, strict=False):
         prefix = re.compile(f"(?:{name})=").match(line.text, start, stop)
         try:
             target, base = _read_target(line, prefix.end() if prefix else start, stop, found)
         except Misread as fault:
-            return ir.make_uncorrected_move(
-                _read_value(line, line["arguments"]), fault.reason, _REMEDY, motion
-            )
+            uses = _read_value(line, line["arguments"])
+            return ir.make_uncorrected_move(uses, fault.reason, _REMEDY, motion)
         targets.append(target)
         bases.append(base)
-    if len(targets) < len(names):
+    if len(targets) < len(target_names):
         raise Misread("a target is not given by numbers")
-    arguments = dict[str, tuple[int, int]]()
-    for (start, stop), name in zip(spans[len(names) :], _ARGUMENTS[line["motion"]], strict=False):
-        match = re.compile("(a|v|t|r|mode)=").match(line.text, start, stop)
-        begin = match.end() if match else start
-        arguments[match[1] if match else name] = begin, stop
-        found += line.read_expression(line.text[begin:stop])
+    arguments = _find_arguments(line, spans[len(target_names) :])
+    for _, (start, stop) in arguments:
+        found += line.read_expression(line.text[start:stop])
     if ir.calls_routine(found):
         raise Misread("the arguments of the move call a routine")
-    feed = _read_feed(line, arguments)
+    feed = _read_feed(line, dict(arguments))
+    tools = (ir.Copy(_ACTIVE),) * len(targets)
     move = ir.Move(motion, tuple(targets), tuple(bases), tools, feed=feed)
-    named = _find_named_bases(bases)
-    if named:  # a base that is a target itself: the move goes near this target, and shifts with it
+    near_targets = _find_named_bases(bases)
+    if near_targets:  # a base that is a target itself: the move goes near this target, and shifts with it
         reason = "the target is at an offset from another one"
         near = ir.Move(
-            motion, (), (_ROBOT_BASE,), tools[:1], reason=reason, remedy=_REMEDY, offset_from=named
+            motion, (), (_ROBOT_BASE,), tools[:1], reason=reason, remedy=_REMEDY, offset_from=near_targets
         )
         move = move._replace(near_target=near)
     return [*found, move]
 
 
-def _read_feed(line: Line, arguments: Mapping[str, tuple[int, int]]) -> ir.Feed | None:
-    """Return the feed of a move by the places of its arguments; None if it states none in numbers.
+def _find_arguments(line: Line, spans: list[tuple[int, int]]) -> list[tuple[str, tuple[int, int]]]:
+    """Return name and place of the value of each argument behind the targets of a move.
 
+    An argument has its name before it, as in `v=0.1`, or the name that belongs to its place.
+    """
+    arguments = list[tuple[str, tuple[int, int]]]()
+    for (start, stop), name_of_place in zip(spans, _ARGUMENTS[line["motion"]], strict=False):
+        stated_name = re.compile("(a|v|t|r|mode)=").match(line.text, start, stop)
+        if stated_name:
+            arguments.append((stated_name[1], (stated_name.end(), stop)))
+        else:
+            arguments.append((name_of_place, (start, stop)))
+    return arguments
+
+
+def _read_feed(line: Line, arguments: Mapping[str, tuple[int, int]]) -> ir.Feed | None:
+    """Return the feed of a move; None if it states none in numbers or by a name.
+
+    `arguments` are the places of the values of the arguments, by their names.
     URScript manual: a time `t` that is not zero counts in place of speed and acceleration.
     """
     if "v" not in arguments:
         return None
-    start, end = arguments["v"]
-    time = None
+    ordinal_of_time = None
     if "t" in arguments:
-        begin, stop = arguments["t"]
-        if line.text[begin:stop] != "\0":
+        start, end = arguments["t"]
+        if line.text[start:end] != ir.A_NUMBER:  # the time is not a number
             return None
-        (time,) = line.ordinals_in(begin, stop)
-    text = line.text[start:end]
-    if text == "\0":
-        return ir.Feed(Literal(_NUMBER, line.ordinals_in(start, end)), _M_PER_S, time=time)
-    return ir.Feed(ir.Copy(text), _M_PER_S, time=time) if re.fullmatch(_WORD, text) else None
+        (ordinal_of_time,) = line.ordinals_in(start, end)
+    start, end = arguments["v"]
+    speed = line.text[start:end]
+    if speed == ir.A_NUMBER:
+        number = Literal(_NUMBER, line.ordinals_in(start, end))
+        return ir.Feed(number, _M_PER_S, time=ordinal_of_time)
+    is_name = re.fullmatch(_WORD, speed)
+    return ir.Feed(ir.Copy(speed), _M_PER_S, time=ordinal_of_time) if is_name else None
 
 
 def _find_named_bases(bases: Iterable[ir.Value]) -> tuple[ir.Name, ...]:
@@ -258,21 +281,25 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
     text = line.text[start:end]
     call = re.match(r"(get_inverse_kin|pose_trans)\(", text)
     if call and text.endswith(")"):
-        first, *more = list(split_outside_brackets(line.text[: end - 1], start + call.end()))
+        begin_of_arguments = start + call.end()
+        first, *others = list(split_outside_brackets(line.text[: end - 1], begin_of_arguments))
         if call[1] == "get_inverse_kin":
-            if len(more) > 3 or "tcp=" in text:  # the fifth argument is a tool
+            if len(others) > 3 or "tcp=" in text:  # the fifth argument is a tool
                 raise Misread("the call of get_inverse_kin states a tool")
-            for each in more:  # angles near the answer, and tolerances
-                found += line.read_expression(line.text[slice(*each)].removeprefix("qnear="))
+            for begin, stop in others:  # angles near the answer, and tolerances
+                found += line.read_expression(line.text[begin:stop].removeprefix("qnear="))
             return _read_target(line, *first, found)
-        if len(more) == 1 and "(" not in text[call.end() :]:  # pose_trans(base, target in the base)
+        has_inner_call = "(" in text[call.end() :]
+        if len(others) == 1 and not has_inner_call:  # pose_trans(base, target in the base)
             base, _ = _read_target(line, *first, found)
-            target, _ = _read_target(line, *more[0], found)
+            target, _ = _read_target(line, *others[0], found)
             return target, base if isinstance(base, Literal) else ir.Copy(base)
     literal = _read_literal(line, start, end)
-    if literal is None and not re.fullmatch(_WORD, text):
+    if literal is not None:
+        return literal, _ROBOT_BASE
+    if not re.fullmatch(_WORD, text):
         raise Misread("a target is not given by numbers")
-    return text if literal is None else literal, _ROBOT_BASE
+    return text, _ROBOT_BASE
 
 
 _BRACKET_OR_LINE_END: Final = re.compile(r"\"[^\"\r\n]*+\"|#[^\r\n]*+|([(\[{])|([)\]}])|(\r\n?+|\n)")
@@ -287,27 +314,38 @@ def read_urscript(statements: Statements, sources: tuple[Source, ...]) -> None:
     Where a word begins a statement before the bracket is closed, or the text is too long, each line is a
     statement of its own: then only the line with the open bracket is not understood.
     """
-    text, starts, ends = sources[0].text, array("q"), array("q")
-    lines, depth = [0], 0  # first characters of the statement's lines; count of its open brackets
+    text = sources[0].text
+    starts, ends = array("q"), array("q")
+    lines = [0]  # first characters of the statement's lines
+    depth = 0  # count of its open brackets
 
     def end_statement(end: int) -> None:
         """Add the statement that ends before a character; its lines one by one if a bracket is open."""
-        starts.extend(lines if depth else lines[:1])
-        ends.extend([*lines[1:], end] if depth else [end])
+        if depth > 0:
+            starts.extend(lines)
+            ends.extend([*lines[1:], end])
+        else:
+            starts.append(lines[0])
+            ends.append(end)
 
     for match in _BRACKET_OR_LINE_END.finditer(text):
-        if match[1] or match[2]:
-            depth = max(depth + (1 if match[1] else -1), 0)
-        elif match[3]:
+        opening, closing, line_end = match[1], match[2], match[3]
+        if opening:
+            depth += 1
+        elif closing:
+            depth = max(depth - 1, 0)
+        elif line_end:
             end = match.end()
-            goes_on = end - lines[0] <= _MAX_JOINED and not _BEGINS_STATEMENT.match(text, end)
-            if depth and goes_on:
-                lines.append(end)
+            is_short = end - lines[0] <= _MAX_JOINED
+            if depth > 0 and is_short and not _BEGINS_STATEMENT.match(text, end):
+                lines.append(end)  # the statement goes on
                 continue
             end_statement(end)
             lines, depth = [end], 0
     end_statement(len(text))
-    statements.add_statements(0, *(np.asarray(memoryview(each), dtype=np.intp) for each in (starts, ends)))
+    statements.add_statements(
+        0, np.asarray(memoryview(starts), dtype=np.intp), np.asarray(memoryview(ends), dtype=np.intp)
+    )
 
 
 LANGUAGE: Final = ir.Language(
