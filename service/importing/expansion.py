@@ -1,8 +1,8 @@
 """Expand files of xacro by their package, in a process of its own with limits.
 
 Expressions of xacro are Python: `${9**9**9}` never ends, and macros may call themselves. ROS need not be
-installed: `$(find PACKAGE)` is the folder whose `package.xml` has that name. This folder contains the file, is
-next to the package that contains the file, or is in a folder of `ROS_PACKAGE_PATH`.
+installed: `$(find PACKAGE)` is the folder whose `package.xml` has that name. This folder contains the file,
+is next to the package that contains the file, or is in a folder of `ROS_PACKAGE_PATH`.
 `python -P -m jointstiff.service.importing.expansion FILE` writes one JSON document.
 """
 
