@@ -223,11 +223,16 @@ class Trial:
     hypothesis: Hypothesis
     places: FloatArray  #: (T, 3) places of the targets on the flange [m]
     distances: FloatArray  #: (M,) greatest distance of a target from its place in each corrected row [m]
+    movement: float  #: largest standard deviation of a coordinate of all corrected positions [m]
 
     @property
     def explained(self) -> BoolArray:
-        """Mask (M,) of the corrected rows whose targets are near their places."""
-        return np.asarray(self.distances <= LARGEST_MODEL_ERROR)
+        """Mask (M,) of the corrected rows whose targets are near their places.
+
+        Targets that hardly move have the same places with an arm that hardly moves: they explain nothing.
+        """
+        moves = self.movement > LARGEST_MODEL_ERROR
+        return np.asarray((self.distances <= LARGEST_MODEL_ERROR) & moves)
 
     @property
     def rank(self) -> tuple[int, float]:
@@ -262,7 +267,8 @@ def _try(view: View, sample: IndexArray, hypothesis: Hypothesis) -> Trial:
     position = hypothesis.length * view.measurements.position[chosen]
     corrected = transform_to_flange(postures, position, view.measured[chosen])
     places = find_consensus_places(corrected)
-    return Trial(hypothesis, places, greatest_distances(corrected, places))
+    movement = float(position[view.measured[chosen]].std(axis=0).max())
+    return Trial(hypothesis, places, greatest_distances(corrected, places), movement)
 
 
 def report_trial(view: View, trial: Trial, agreeing: BoolArray, rows: IndexArray) -> Finding:
