@@ -166,6 +166,9 @@ FindingCode = Literal[
     "duplicated_observation",
     "joint_sign_suspect",
     "joints_swapped",
+    "joints_counted_otherwise",
+    "frame_mistaken",
+    "lengths_differ",
     "length_unit_suspect",
     "force_unit_suspect",
     "force_sign_suspect",
@@ -266,7 +269,13 @@ FindingCode = Literal[
 
 
 ROOT_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
-    {"length_unit_suspect", "angle_unit_suspect", "force_unit_suspect", "another_robot_fits"}
+    {
+        "length_unit_suspect",
+        "angle_unit_suspect",
+        "force_unit_suspect",
+        "another_robot_fits",
+        "frame_mistaken",
+    }
 )
 """Codes of findings that cause other findings: an assessment with one of them lists no other reason."""
 

@@ -15,13 +15,20 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "the same place on the flange in every observation. Also: all load points and targets are over "
             "10 m, or below 2 mm, from the flange. *Do not use.*",
             "angle_unit_suspect": "The unit of angles is probably wrong: with another unit, each target has "
-            "the same place on the flange in every observation. Also: angles are many turns, or all are "
-            "within 6.3°. *Do not use.*",
+            "the same place on the flange in every observation. Without positions: angles are many turns, "
+            "or all are within 6.3°. *Do not use.*",
             "force_unit_suspect": "The median force is below 5 N or above 50 kN. *Do not use.*",
-            "joint_sign_suspect": "The readings fit far better with the opposite sign of a joint. "
-            "*Do not use.*",
-            "joints_swapped": "The readings fit far better if two columns of joint angles are exchanged. "
-            "*Do not use.*",
+            "lengths_differ": "With one factor on all lengths, over 0.6 % from 1, each target "
+            "keeps its place on the flange: another arm was measured, or the tracker has a wrong scale. "
+            "*Use with care.*",
+            "frame_mistaken": "In another frame than R0, or with exchanged axes x, y, z, each target has the "
+            "same place on the flange in every observation. *Do not use.*",
+            "joint_sign_suspect": "The readings fit far better with the opposite signs of joints, or the "
+            "angles have no signs. *Do not use.*",
+            "joints_counted_otherwise": "The readings fit far better if the third joint is counted from the "
+            "horizontal, or if the zero of a joint is a quarter turn away. *Do not use.*",
+            "joints_swapped": "The readings fit far better if two columns of joint angles are exchanged, or "
+            "all are in reverse order. *Do not use.*",
             "another_robot_fits": "With another robot, each target is within 5 mm of one place on the flange "
             "in 80 % of the observations. *Do not use.*",
             "observations_out_of_order": "Readings fit the joint angles of another row, or loaded readings "

@@ -5,6 +5,7 @@ reading      files to readings: the way through; rows of all files put together 
 ├── layout   a table that is understood: its header, titles and remarks, the rows of data
 │   └── header > grammar   where the header is, and what its columns mean, by their words
 └── grid     rows of cells, of delimited text
+    ├── joint_positions   of a robot program
     ├── excel    of workbooks
     └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own (child)
 

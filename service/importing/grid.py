@@ -18,6 +18,7 @@ from jointstiff.schemas.fields import MAX_MAGNITUDE
 from jointstiff.schemas.imports import DecimalMark, Delimiter, FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
+from jointstiff.service.importing.joint_positions import JointPosition, read_joint_positions
 
 # ---- limits: files are hostile until parsed
 
@@ -204,10 +205,19 @@ _Line = tuple[int, str]
 def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     """Decode a text file and split it into cells; find the delimiter from the lines if `delimiter` is None.
 
+    A robot program with joint positions is read as a table of these.
+
     Raises:
         ImportFileError: the file is not plain text, has no row, or its delimiter is ambiguous.
     """
     text, encoding = _decode(file, content)
+    if positions := read_joint_positions(text):
+        return _build_grid_of_positions(file, encoding, positions)
+    return _read_table(file, text, encoding, delimiter)
+
+
+def _read_table(file: str, text: str, encoding: str, delimiter: Delimiter | None) -> Grid:
+    """Split the lines of a text into cells, and set comments aside."""
     lines: list[_Line] = []
     comments: list[Remark] = []
     for number, line in enumerate(_LINE_END.split(text), start=1):
@@ -239,6 +249,14 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     # A comment below the last row shows, like a line break, that this row is complete.
     is_complete = text.rstrip(" \t").endswith(("\n", "\r")) or last_comment > lines[-1][0]
     return Grid(preview, tuple(rows), tuple(comments), is_complete)
+
+
+def _build_grid_of_positions(file: str, encoding: str, positions: Sequence[JointPosition]) -> Grid:
+    """Return the joint positions of a robot program as a table with a header."""
+    note = f"{len(positions)} joint positions of a robot program were read, in degrees and in their order"
+    preview = FilePreview(file=file, format="text", encoding=encoding, assumptions=[note])
+    header = Row(1, tuple(f"J{number + 1} [deg]" for number in range(len(positions[0].angles))))
+    return Grid(preview, (header, *(Row(each.line, each.angles) for each in positions)))
 
 
 def _decode(file: str, content: bytes) -> tuple[str, str]:

@@ -255,19 +255,18 @@ def read_urdf_file(path: Path, base: str | None = None, flange: str | None = Non
     """
     from jointstiff.service.conversion.arrays import convert_urdf
 
-    if path.suffix.lower() == ".xacro":
-        from jointstiff.service.importing.expansion import expand_xacro
+    with as_campaign_error("robot"):
+        try:
+            urdf = path.read_text(encoding="utf-8-sig")
+        except UnicodeDecodeError:
+            raise RobotError(
+                f"{path.name} is not encoded in UTF-8", where="robot", remedy="save the file as UTF-8"
+            ) from None
+        # Owners of robots name files of xacro `.urdf`, too.
+        if path.suffix.lower() == ".xacro" or "<xacro:" in urdf:
+            from jointstiff.service.importing.expansion import expand_xacro
 
-        with as_campaign_error("robot"):
             urdf = expand_xacro(path)
-    else:
-        with as_campaign_error("robot"):
-            try:
-                urdf = path.read_text(encoding="utf-8-sig")
-            except UnicodeDecodeError:
-                raise RobotError(
-                    f"{path.name} is not encoded in UTF-8", where="robot", remedy="save the file as UTF-8"
-                ) from None
     with as_campaign_error("robot"):
         return {"name": path.stem.removesuffix(".urdf"), "model": convert_urdf(urdf, base, flange)}
 

@@ -65,7 +65,8 @@ _UNEXPLAINED_CODES: Final = frozenset({"deflections_unexplained", "residual_outl
 _COVERED_WARNINGS: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
     {
         "deflection_unexplained": _UNEXPLAINED_CODES,
-        "alternative_explains_better": _UNEXPLAINED_CODES | {"joint_sign_suspect", "joints_swapped"},
+        "alternative_explains_better": _UNEXPLAINED_CODES
+        | {"joint_sign_suspect", "joints_swapped", "joints_counted_otherwise"},
     }
 )
 """Code of a reason → codes of warnings that say the same as the reason, and are therefore not shown."""

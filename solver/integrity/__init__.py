@@ -5,7 +5,7 @@ Each finding has a weight, a message with a figure, and a remedy. No mistake is 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -18,9 +18,9 @@ from jointstiff.solver.integrity.against_model import (
     inspect_places,
     inspect_response,
     inspect_rigidity,
+    inspect_whole_set,
 )
 from jointstiff.solver.integrity.order import inspect_loaded
-from jointstiff.solver.integrity.other_robots import inspect_other_robots
 from jointstiff.solver.integrity.rounded_angles import inspect_rounded_angles
 from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -32,6 +32,24 @@ _NO_RESPONSE: Final[frozenset[FindingCode]] = frozenset(
     {"angle_unit_suspect", "length_unit_suspect", "deflection_implausibly_large", "sigma_suspect"}
 )
 """Mistakes after which deflections cannot be compared with those of springs under the load."""
+_UNIT: Final[frozenset[FindingCode]] = frozenset({"length_unit_suspect"})
+_JOINTS: Final[frozenset[FindingCode]] = frozenset(
+    {
+        "angle_unit_suspect",
+        "another_robot_fits",
+        "joint_sign_suspect",
+        "joints_counted_otherwise",
+        "joints_swapped",
+    }
+)
+_FOLLOWS: Final[Mapping[FindingCode, frozenset[FindingCode]]] = {
+    "length_unit_suspect": _UNIT,
+    "deflection_implausibly_large": _UNIT,
+    "deflection_implausibly_small": _UNIT,
+    "sigma_suspect": _UNIT,
+    "joint_outside_limits": _JOINTS,
+}
+"""Code of a finding about numbers alone → mistakes of the whole set that cause it."""
 
 
 def inspect_measurements(
@@ -70,16 +88,19 @@ def inspect_measurements(
     exchange, view = exchange_proved_targets(posted)
     findings += exchange
     suspects, good_rows = inspect_places(view)
-    # If another robot explains the positions, this is the only finding about places, and no row is checked
+    # If one mistake explains all positions, this is the only finding about places, and no row is checked
     # further.
     if any(finding.code == "target_off_model" and finding.weight == "do_not_use" for finding in suspects):
-        fitting = list(inspect_other_robots(view, others))
-        if fitting:
-            suspects, good_rows = fitting, np.zeros_like(good_rows)
+        mistakes = inspect_whole_set(view, others)
+        if mistakes:
+            suspects, good_rows = mistakes, np.zeros_like(good_rows)
+    causes = {finding.code for finding in suspects if finding.where is None}
+    findings = [f for f in findings if not _FOLLOWS.get(f.code, frozenset()) & causes]
     exchanged = {finding.where for finding in suspects if finding.code == "targets_swapped"}
     # Exchanged names of targets explain a large deflection: only the exchange is reported.
     findings = [f for f in findings if f.code != "deflection_implausibly_large" or f.where not in exchanged]
-    can_compare_deflections = not any(finding.code in _NO_RESPONSE for finding in findings)
+    mistaken_codes = {finding.code for finding in [*findings, *suspects]}
+    can_compare_deflections = not _NO_RESPONSE & mistaken_codes
     findings += [*suspects, *inspect_repeats(view)]
     if good_rows.any():
         findings += [*inspect_rigidity(view, good_rows), *inspect_drift(view, good_rows)]

@@ -12,7 +12,7 @@ other parts than the joints bend.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from jointstiff.schemas.finding import AdvisedAction, Finding, FindingCode, Unit
+from jointstiff.schemas.finding import AdvisedAction, Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.fit.triangle import Triangle
 from jointstiff.solver.integrity.exchanged import (
@@ -29,39 +29,43 @@ from jointstiff.solver.integrity.exchanged import (
     find_exchanged_targets,
     report_exchanged_targets,
 )
+from jointstiff.solver.integrity.mistakes import (
+    EXPLAINED,
+    LARGEST_MODEL_ERROR,
+    compute_median_places,
+    find_best_trial,
+    find_consensus_places,
+    find_frame_mistake,
+    find_missing_signs,
+    find_scale_mistake,
+    greatest_distances,
+    inspect_other_robots,
+    is_worth_a_scale,
+    propose_angle_mistakes,
+    report_trial,
+    sample_rows,
+)
 from jointstiff.solver.integrity.order import inspect_order
 from jointstiff.solver.integrity.values import (
     FALSE_ALARM,
     MEDIAN_SIZE,
     MODEL_ALLOWANCE,
-    OTHER_UNITS,
     SAME_ANGLE,
     View,
     compute_norm_quantile,
     estimate_coordinate_scale,
     median,
-    transform_to_flange,
 )
 from jointstiff.solver.mechanics.block import RegressorBlock, get_whole_block, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.robot import KnownRobot
 from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure, length_text
 
-LARGEST_MODEL_ERROR: Final = 0.02
-"""Greatest plausible distance of a target from its place [m]: more means a wrong frame, joint map, unit or
-angle."""
 OUTLIER: Final = 10.0
 """Greatest ratio of a distance from the median place to the median of these distances: errors of the model
 vary less with the posture."""
 SMALLEST_OUTLIER: Final = 2e-3
 """Distance from the median place [m] below which nothing is reported: an error of 0.05° at 2 m."""
-EXPLAINED: Final = 0.8
-"""Fraction of the rows that a mistake of the whole set must explain; other rows may have mistakes of their
-own."""
-_ANCHORS: Final = 24
-"""Number of rows whose targets are tried as the usual places."""
-_ROWS: Final = 150
-"""Number of rows that suffice to find a mistake of the whole set."""
 _SEARCHED: Final = 300
 """Greatest number of rows for which the posture that matches their readings is searched."""
 
@@ -87,78 +91,6 @@ _EXACT: Final = 1e-18
 """Least variance [m²] of readings, so that rounding of exact readings is not reported as a drift."""
 
 
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """Assumed mistake, with the joint positions of some rows corrected for it."""
-
-    code: FindingCode  #: code of the finding if the mistake is confirmed
-    joints: FloatArray  #: (M, n) joints as the controller shows them [rad or m]
-    change: str  #: change that was tried, in words for a message, after "with"
-    remedy: str  #: the proposed correction
-    rows: IndexArray  #: (M,) positions of the corrected rows among the rows that are checked
-    length: float = 1.0  #: factor on the positions
-    unit: Unit | None = None  #: true unit of the numbers, for a mistaken unit
-
-
-def propose_unit_mistakes(joints: FloatArray, prismatic: BoolArray) -> Iterator[Hypothesis]:
-    """Yield the hypotheses that all lengths, or all angles, were given in another unit.
-
-    Args:
-        joints: (M, n) joint positions of the controller as posted [rad or m].
-        prismatic: (n,) mask of the joints whose positions are lengths.
-    """
-    # Factors apply to prismatic joints only, conversions of angles to the other joints only.
-    rows = np.arange(len(joints))
-    shorter = joints * np.where(prismatic, 1e-3, 1.0)
-    longer = joints * np.where(prismatic, 1e3, 1.0)
-    from_degrees = np.where(prismatic, joints, np.deg2rad(joints))
-    from_radians = np.where(prismatic, joints, np.rad2deg(joints))
-    # True unit, corrected joint positions, factor on all lengths, and the change in words
-    units: list[tuple[Unit, FloatArray, float, str]] = [
-        ("mm", shorter, 1e-3, "all lengths divided by 1000"),
-        ("m", longer, 1e3, "all lengths multiplied by 1000"),
-        ("deg", from_degrees, 1.0, "all angles taken as degrees"),
-        ("rad", from_radians, 1.0, "all angles taken as radians"),
-    ]
-    for unit, corrected, length_factor, change in units:
-        code = OTHER_UNITS[unit][2]
-        yield Hypothesis(code, corrected, change, "", rows, length_factor, unit)
-
-
-def propose_angle_mistakes(
-    joints: FloatArray, rows: IndexArray, names: tuple[str, ...]
-) -> Iterator[Hypothesis]:
-    """Yield the hypotheses of a wrong sign of a joint, two exchanged joints, and rows shifted by one row.
-
-    Args:
-        joints: (N, n) controller angles of the whole set [rad].
-        rows: (M,) indices of the rows whose angles are corrected.
-        names: names of the controller's joints.
-    """
-    angles, all_rows = joints[rows], np.arange(len(rows))
-    for j, name in enumerate(names):
-        signs = np.where(np.arange(len(names)) == j, -1.0, 1.0)
-        change = f"the sign of the angle of {name} reversed"
-        remedy = f"change the sign of {name} in every observation, or in the joint map"
-        yield Hypothesis("joint_sign_suspect", angles * signs, change, remedy, all_rows)
-    for j, k in combinations(range(len(names)), 2):
-        exchanged_order = np.arange(len(names))
-        exchanged_order[[j, k]] = k, j
-        change = f"the angles of {names[j]} and {names[k]} exchanged"
-        remedy = f"exchange the columns of {names[j]} and {names[k]} in every observation"
-        yield Hypothesis("joints_swapped", angles[:, exchanged_order], change, remedy, all_rows)
-    for shift, neighbour in ((-1, "before"), (1, "after")):
-        # Rows whose neighbour exists
-        rows_with_neighbour = np.flatnonzero((rows + shift >= 0) & (rows + shift < len(joints)))
-        if len(rows_with_neighbour):
-            change = f"the angles of the row {neighbour}"
-            remedy = (
-                f"shift the readings by one row: each reading belongs to the angles of the row {neighbour}"
-            )
-            shifted = joints[rows[rows_with_neighbour] + shift]
-            yield Hypothesis("observations_out_of_order", shifted, change, remedy, rows_with_neighbour)
-
-
 def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     """Check that the targets are at the same places on the flange in every observation.
 
@@ -173,42 +105,31 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     if len(rows) < 2:
         return [], may_be_checked
     seen_from_flange = np.where(comparable[..., None], view.places, np.nan)[rows]
-    usual_places = _compute_median_places(seen_from_flange)
-    if greatest_distances(seen_from_flange, usual_places).max() <= LARGEST_MODEL_ERROR:
+    usual_places = compute_median_places(seen_from_flange)
+    distances = greatest_distances(seen_from_flange, usual_places)
+    if distances.max() <= LARGEST_MODEL_ERROR:
         exchanged, findings = _find_exchanges_under_load(view, rows, usual_places)
         may_be_checked[exchanged] = False
-        return [*_report_mistyped_rows(view, rows, seen_from_flange, usual_places), *findings], may_be_checked
+        mistyped = _report_mistyped_rows(view, rows, seen_from_flange, usual_places)
+        scale = find_scale_mistake(view, rows) if is_worth_a_scale(distances) else None
+        return [*([scale] if scale else []), *mistyped, *findings], may_be_checked
     # Some targets are far from their usual places: find the mistake that explains this.
     usual_places = find_consensus_places(seen_from_flange)
     agrees = greatest_distances(seen_from_flange, usual_places) <= LARGEST_MODEL_ERROR
     sample = sample_rows(rows)
-    best_hypothesis, corrected_place, corrected_distances = _find_best_hypothesis(view, sample)
-    is_explained = corrected_distances <= LARGEST_MODEL_ERROR
-    # `count` of the sampled rows are explained by the correction; `posted_share` is the fraction explained as
-    # posted.
-    explained_count, posted_share = int(is_explained.sum()), float(agrees.mean())
+    best = find_best_trial(view, sample)
+    explained_count, posted_share = int(best.explained.sum()), float(agrees.mean())
     # The whole set is mistaken if the correction explains most rows, and clearly more than the posted values.
     if explained_count >= EXPLAINED * len(sample) and explained_count / len(sample) > posted_share + 0.1:
-        effect = (
-            "with the data as given, the targets keep their positions on the flange (up to "
-            f"{length_text(LARGEST_MODEL_ERROR)} is plausible) in only {agrees.sum()} of {len(rows)} "
-            f"observations; with {best_hypothesis.change}, in {explained_count} of {len(is_explained)}, "
-            f"within {length_text(float(corrected_distances[is_explained].max()))}"
-        )
-        if best_hypothesis.unit is not None:
-            return [
-                view.suspect_other_unit(best_hypothesis.unit, effect)
-            ], ~may_be_checked  # no row may be checked further
-        return [
-            view.build_finding(best_hypothesis.code, effect, best_hypothesis.remedy, "do_not_use")
-        ], ~may_be_checked
+        return [report_trial(view, best, agrees, rows)], ~may_be_checked  # no row may be checked further
     if 2 * agrees.sum() < len(rows) and 2 * explained_count < len(sample):
         mixed_up = inspect_order(view, rows)
         if mixed_up:
             return mixed_up, ~may_be_checked
     # If many rows are shifted, the places of the corrected rows are right, not those of the posted rows.
-    if best_hypothesis.code == "observations_out_of_order" and explained_count / len(sample) > posted_share:
-        usual_places = corrected_place
+    is_shifted = best.hypothesis.code == "observations_out_of_order"
+    if is_shifted and explained_count / len(sample) > posted_share:
+        usual_places = best.places
         agrees = greatest_distances(seen_from_flange, usual_places) <= LARGEST_MODEL_ERROR
     exchanged, findings_under_load = _find_exchanges_under_load(view, rows[agrees], usual_places)
     may_be_checked[[*rows[~agrees], *exchanged]] = False
@@ -220,36 +141,24 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     return findings, may_be_checked & (agrees.sum() >= max(2, len(rows) // 2))
 
 
-def _find_best_hypothesis(view: View, sample: IndexArray) -> tuple[Hypothesis, FloatArray, FloatArray]:
-    """Find the mistake in units or angles whose correction brings most rows to the same places.
+def inspect_whole_set(view: View, others: Iterable[KnownRobot]) -> list[Finding]:
+    """Find why the targets of a whole set have no places on the flange, if no correction of the joints does.
 
-    Of several such mistakes, the mistake with the least median distance of the targets is returned.
+    Another robot may have been measured, the positions may be in another frame, or signs may be missing.
+    Mistakes in single rows give no finding.
 
     Args:
         view: measurement set.
-        sample: indices of the rows that are corrected.
-
-    Returns:
-        The mistake; the places (T, 3) of the targets on the flange after the correction [m]; and the greatest
-        distance (M,) of a target from its place in each corrected row [m].
+        others: robots that may have been measured.
     """
-    joints, trials = view.measurements.joints, []
-    units = propose_unit_mistakes(joints[sample], view.robot.prismatic)
-    for hypothesis in (*units, *propose_angle_mistakes(joints, sample, view.robot.joint_names)):
-        chosen = sample[hypothesis.rows]
-        postures = Postures(view.robot, view.robot.joint_map.model_angles(hypothesis.joints))
-        corrected = transform_to_flange(
-            postures, hypothesis.length * view.measurements.position[chosen], view.measured[chosen]
-        )
-        places = find_consensus_places(corrected)
-        trials.append((hypothesis, places, greatest_distances(corrected, places)))
-
-    def rank(trial: tuple[Hypothesis, FloatArray, FloatArray]) -> tuple[int, float]:
-        """Return the number of rows that a trial explains, then minus the median distance."""
-        distances = trial[2]
-        return int(np.sum(distances <= LARGEST_MODEL_ERROR)), -median(distances)
-
-    return max(trials, key=rank)
+    comparable = view.measured & (view.measured.sum(axis=0) > 1)
+    rows = np.flatnonzero(comparable.any(axis=1))
+    if robots := list(inspect_other_robots(view, others)):
+        return robots
+    finding = (
+        find_frame_mistake(view, rows) or find_scale_mistake(view, rows) or find_missing_signs(view, rows)
+    )
+    return [finding] if finding else []
 
 
 def _inspect_disagreeing_rows(
@@ -445,51 +354,6 @@ def _find_exchanges_under_load(
     for row, exchange in exchanges.items():
         findings += _report_exchanged_targets(view, row, None, exchange)
     return list(exchanges), findings
-
-
-def sample_rows(rows: IndexArray) -> IndexArray:
-    """Return at most `_ROWS` of the rows (M,), evenly spread, enough to find a mistake in the whole set."""
-    return np.asarray(rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int))])
-
-
-def greatest_distances(seen_from_flange: FloatArray, places: FloatArray) -> FloatArray:
-    """Return for each row (M,) the greatest distance [m] of a target from its place; 0 if none was measured.
-
-    Args:
-        seen_from_flange: (M, T, 3) targets as seen from the flange [m]; NaN where not measured.
-        places: (T, 3) places of the targets on the flange [m].
-    """
-    return np.asarray(np.nan_to_num(np.linalg.norm(seen_from_flange - places, axis=2)).max(axis=1))
-
-
-def find_consensus_places(seen_from_flange: FloatArray) -> FloatArray:
-    """Return the places (T, 3) of the targets on the flange [m] on which most rows agree.
-
-    The targets of some rows, the anchors, are tried as places. The median over the rows near the best anchor
-    is returned, as a median over all rows would lie between two places if half of the rows are wrong.
-
-    `seen_from_flange` (M, T, 3) are the targets of each row in the flange frame [m].
-    """
-    anchors = seen_from_flange[
-        np.unique(np.linspace(0, len(seen_from_flange) - 1, _ANCHORS).round().astype(int))
-    ]
-    supporting_rows = [
-        greatest_distances(seen_from_flange, anchor) <= 2.0 * LARGEST_MODEL_ERROR for anchor in anchors
-    ]
-    most_supported = max(supporting_rows, key=lambda is_near: int(is_near.sum()))
-    return _compute_median_places(seen_from_flange[most_supported])
-
-
-def _compute_median_places(seen_from_flange: FloatArray) -> FloatArray:
-    """Return the median place (T, 3) of each target over the rows; NaN for a target never measured.
-
-    `seen_from_flange` (M, T, 3) are the targets of each row in the flange frame [m]; NaN where not measured.
-    """
-    # Sorting puts NaN last, so the middle of the first `count` values is the median of those measured.
-    ordered = np.sort(seen_from_flange, axis=0)
-    count = np.maximum((~np.isnan(seen_from_flange)).sum(axis=0), 1)
-    two_middle_values = np.take_along_axis(ordered, np.stack([(count - 1) // 2, count // 2]), axis=0)
-    return np.asarray(0.5 * two_middle_values.sum(axis=0))
 
 
 def _match_targets_to_places(seen_from_flange: FloatArray, places: FloatArray) -> IndexArray | None:

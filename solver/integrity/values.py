@@ -52,8 +52,6 @@ LARGEST_SIGMA: Final = 1e-3
 FLANGE_LENGTHS: Final = (2e-3, 10.0)
 """Least and greatest plausible distance from the flange [m] of the farthest load point or target. Metres read
 as millimetres give less, millimetres read as metres give more."""
-_READ_LENGTHS: Final = (0.02, 100.0)
-"""Least and greatest plausible distance [m] of the farthest position from the origin of R0."""
 FORCES: Final = (5.0, 5e4)
 """Least and greatest plausible force [N]: less deflects nothing, more is twice the payload of the largest
 robots."""
@@ -130,6 +128,12 @@ class View:
     def measured(self) -> BoolArray:
         """Mask (N, T) of the targets whose positions were read in R0."""
         return np.asarray(self.measurements.present & ~self.measurements.in_flange)
+
+    @cached_property
+    def compares_places(self) -> bool:
+        """Whether targets were read in several observations, so that their places on the flange decide."""
+        is_repeated = self.measured.sum(axis=0) > 1
+        return int((self.measured & is_repeated).any(axis=1).sum()) > 1
 
     @cached_property
     def places(self) -> FloatArray:
@@ -216,16 +220,20 @@ def inspect_values(view: View) -> Iterator[Finding]:
 
 
 def inspect_angles(view: View) -> Iterator[Finding]:
-    """Report angles that seem to be in another unit, and joints beyond the robot's limits."""
+    """Report angles that seem to be in another unit, and joints beyond the robot's limits.
+
+    Sizes of angles are looked at only if no positions show the unit.
+    """
     joints, is_revolute = view.measurements.joints, ~view.robot.prismatic
     largest = float(np.abs(joints[:, is_revolute]).max(initial=0.0))
-    if not view.degrees and largest > _MANY_TURNS:
+    if not view.compares_places and not view.degrees and largest > _MANY_TURNS:
         effect = (
             f"the largest angle is {largest:.4g} rad; up to {_MANY_TURNS:.3g} rad, two turns, is plausible"
         )
         yield view.suspect_other_unit("deg", effect)
     largest_degrees = float(np.rad2deg(largest))
-    if view.degrees and 0 < largest_degrees <= _SMALL_DEGREES and len(joints) > 1:
+    is_small = 0 < largest_degrees <= _SMALL_DEGREES and len(joints) > 1
+    if not view.compares_places and view.degrees and is_small:
         yield view.suspect_other_unit(
             "rad",
             f"no joint turns by more than {largest_degrees:.3g}° in {len(joints)} observations; more "
@@ -327,9 +335,8 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
         f"the load points and targets are up to {length_text(largest)} from the origin of the flange "
         f"frame ({length_text(near)} to {length_text(far)} is plausible)"
     )
-    farthest = float(np.linalg.norm(measurements.position[view.measured], axis=1).max(initial=0.0))
-    # Plausible positions in R0 have the declared unit, so only the lengths in the flange frame are wrong.
-    if _READ_LENGTHS[0] <= farthest <= _READ_LENGTHS[1]:
+    if view.compares_places:  # the positions show whether all lengths have another unit
+        farthest = float(np.linalg.norm(measurements.position[view.measured], axis=1).max())
         finding = view.build_finding(
             "length_unit_suspect",
             f"{effect}, while the targets were read up to {length_text(farthest)} from the origin of R0",

@@ -107,7 +107,9 @@ _LEAST_FREEDOM: Final = 0.5
 _LEAST_POSTURES: Final = 3
 _DISTINCT: Final = float(np.radians(5.0))
 """Difference of a joint's angle [rad] from which on two postures count as distinct."""
-_SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset({"joint_sign_suspect", "joints_swapped"})
+_SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
+    {"joint_sign_suspect", "joints_swapped", "joints_counted_otherwise"}
+)
 """Findings of mistakes that `BetterAlternative` reports too, with an action that corrects them."""
 _LENGTHS: Final = ("deflection_implausibly_large", "deflection_implausibly_small")
 _ORDER: Final[dict[Verdict, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
@@ -189,7 +191,7 @@ def assess(
             reasons += group if is_choice else [_summarise_findings(group, group[0].action)]
         reasons += _report_solver(estimate)
         return replace(derive_assessment(estimate.joints, reasons), notes=notes)
-    better = joints.find_gross_mistake(estimate)
+    better = _find_gross_mistake(joints, estimate)
     if better is not None:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
     # With a gross error in the data, tests of smaller effects mean nothing.
@@ -420,6 +422,20 @@ _ALTERNATIVE_TEXTS: Final[dict[AlternativeKind, tuple[str, str]]] = {
     ),
 }
 """Words for each kind of alternative: the change that undoes the mistake, and the remedy."""
+
+
+def _find_gross_mistake(joints: JointsAlone, estimate: Estimate) -> BetterAlternative | None:
+    """Return the mistake that explains the deflections far better; None if places prove another correction.
+
+    Places of targets are within millimetres of a model, and deflections within a part of themselves.
+    """
+    better = joints.find_gross_mistake(estimate)
+    proved = [each.action for each in joints.noticed if each.code in _SAME_MISTAKES and each.action]
+    if better is None or not proved:
+        return better
+    action = report_alternative(joints.robot, joints.measurements, better).action
+    is_same = action and any((each.kind, each.joints) == (action.kind, action.joints) for each in proved)
+    return better if is_same else None
 
 
 def report_alternative(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Finding:

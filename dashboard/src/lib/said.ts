@@ -7,7 +7,7 @@ const UNEXPLAINED = ["deflections_unexplained", "residual_outlier"];
 /** Warnings that a reason says better. */
 const SAID_BETTER: Record<string, string[]> = {
   deflection_unexplained: UNEXPLAINED,
-  alternative_explains_better: [...UNEXPLAINED, "joint_sign_suspect", "joints_swapped"],
+  alternative_explains_better: [...UNEXPLAINED, "joint_sign_suspect", "joints_swapped", "joints_counted_otherwise"],
 };
 
 /** The warnings that no reason says or sums up. */

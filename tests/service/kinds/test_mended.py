@@ -29,25 +29,10 @@ MENDED = {
         {"force_sign_suspect": "exchange_readings", "no_joint_identified": "exchange_readings"},
         "exchange readings",
     ),
-    "columns_exchanged": (
-        {"alternative_explains_better": "exchange_columns", "joint_outside_limits": "show_posture"},
-        "exchange columns",
-    ),
-    "zero_elsewhere": (
-        {
-            "alternative_explains_better": "apply_joint_map",
-            "target_off_model": None,
-            "joint_outside_limits": "show_posture",
-        },
-        "",
-    ),
+    "columns_exchanged": ({"alternative_explains_better": "exchange_columns"}, "exchange columns"),
+    "zero_elsewhere": ({"alternative_explains_better": "apply_joint_map"}, ""),
     "half_a_turn_elsewhere": (
-        {
-            "alternative_explains_better": "apply_joint_map",
-            "target_off_model": None,
-            "no_joint_identified": None,
-            "joint_outside_limits": "show_posture",
-        },
+        {"alternative_explains_better": "apply_joint_map", "no_joint_identified": None},
         "",
     ),
     "load_and_target_exchanged": (

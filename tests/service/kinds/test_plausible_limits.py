@@ -10,7 +10,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from support.campaigns import estimate, prepare
+from support.campaigns import estimate, only_deflections, prepare
 from support.importing_samples import CAMPAIGN, answered, refusals
 
 import jointstiff as js
@@ -48,6 +48,11 @@ NO_SIZES = {
 
 def look(*, degrees=False, **changed):
     return inspect_measurements(ROBOT, replace(SET, **changed), degrees=degrees)
+
+
+def of_deflections(*, degrees, joints):
+    """Return what is found without positions, by which the unit of angles would be known."""
+    return inspect_measurements(ROBOT, replace(only_deflections(SET), joints=joints), degrees=degrees)
 
 
 def scaled(name, factor):
@@ -89,7 +94,9 @@ def of_payload(factor):
 FINDINGS = {
     "angle_unit_suspect": [
         lambda: scaled("joints", 57.3),
-        lambda: look(degrees=True, joints=SET.joints * 1e-3),
+        lambda: look(degrees=True, joints=np.deg2rad(SET.joints)),
+        lambda: of_deflections(degrees=False, joints=57.3 * SET.joints),
+        lambda: of_deflections(degrees=True, joints=1e-3 * SET.joints),
     ],
     "joint_outside_limits": [lambda: scaled("joints", 3.0)],
     "sigma_suspect": [lambda: look(sigma=5e-3)],

@@ -136,6 +136,33 @@ def test_expressions_of_xacro_have_limits_of_time_and_memory(title, tmp_path, mo
     assert refused.value.problem.remedy
 
 
+@pytest.mark.process
+@pytest.mark.parametrize("place", ["around", "next to it", "path"])
+@pytest.mark.parametrize("name", ["arm.urdf.xacro", "arm.urdf"])
+def test_packages_are_found_by_their_manifests_without_ros(place, name, tmp_path, monkeypatch):
+    """The file of a cell finds the macro and the yaml of its arm, whose folder has another name."""
+    own = tmp_path / "cell"
+    package = {"around": own, "next to it": tmp_path / "arm-2.1", "path": tmp_path / "ros" / "src" / "arm"}[
+        place
+    ]
+    for folder, package_name in ((own, "cell_description"), (package, "arm_description")):
+        (folder / "urdf").mkdir(parents=True, exist_ok=True)
+        (folder / "package.xml").write_text(f"<package format='3'><name>{package_name}</name></package>")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros" / "src") if place == "path" else "")
+    (package / "limits.yaml").write_text("first: 1.5\n")
+    plain = urdf(DEGREES)
+    body = plain[plain.index("<link") : plain.rindex("</robot>")]
+    macro = f"<robot {NAMESPACE}><xacro:macro name='arm' params=''>{body}</xacro:macro></robot>"
+    (package / "urdf" / "arm_macro.xacro").write_text(macro)
+    (own / "urdf" / name).write_text(
+        f"<robot name='cell' {NAMESPACE}>"
+        "<xacro:include filename='$(find arm_description)/urdf/arm_macro.xacro'/>"
+        "<xacro:property name='limits' value=\"${xacro.load_yaml('$(find arm_description)/limits.yaml')}\"/>"
+        "<xacro:if value=\"${limits['first'] == 1.5}\"><xacro:arm/></xacro:if></robot>"
+    )
+    assert prepare_robot(js.robot(own / "urdf" / name)).robot.n == 6
+
+
 def test_a_joint_that_cannot_move_is_named():
     with pytest.raises(RobotError, match="the joint limits 0 and 0 rad leave no range") as refused:
         read_urdf(urdf([(-1, 1), (0, 0)]), "l0", "l2")

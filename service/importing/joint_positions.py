@@ -1,0 +1,75 @@
+"""Joint positions in the text of a robot program, read as a table with a row for each position.
+
+These are RAPID (`jointtarget`, `MoveAbsJ`), KRL (`E6AXIS`, `AXIS`) and FANUC's LS (`J1= … deg`). The angles
+are in degrees, as the makers define them. Axes beyond the sixth are left out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+_AXES: Final = 6
+_LEAST_POSITIONS: Final = 3
+_NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_RAPID: Final = re.compile(
+    r"(?:\bjointtarget\s+\w{1,64}\s*:=|\bMoveAbsJ)\s*\[\s*\[([^\]]{1,400})\]", re.IGNORECASE
+)
+_KRL: Final = re.compile(r"\{(?:\s*E6AXIS\s*:)?\s*(A1\s[^{}]{1,400})\}", re.IGNORECASE)
+_LS: Final = re.compile(r"^[ \t]*P\[[^\]]{1,80}\]\s{0,9}\{([^{}]{1,2000})\}", re.MULTILINE)
+_KRL_AXIS: Final = re.compile(rf"\bA([1-6])\s+({_NUMBER})", re.IGNORECASE)
+_LS_AXIS: Final = re.compile(rf"\bJ([1-6])\s*=\s*({_NUMBER})\s*deg", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class JointPosition:
+    """Angles of the six axes as they are written in a program."""
+
+    line: int  #: line of the program, from 1
+    angles: tuple[str, ...]  #: [deg]
+
+
+def read_joint_positions(text: str) -> list[JointPosition]:
+    """Return the joint positions of a robot program in their order; none of a text that is no program."""
+    for read in (_read_rapid, _read_krl, _read_ls):
+        positions = list(read(text))
+        if len(positions) >= _LEAST_POSITIONS:
+            return positions
+    return []
+
+
+def _read_rapid(text: str) -> Iterator[JointPosition]:
+    """Yield the positions of `jointtarget` and of `MoveAbsJ` with numbers."""
+    for line, numbers in _find_blocks(text, _RAPID):
+        angles = tuple(each.strip() for each in numbers.split(","))
+        if len(angles) == _AXES and all(re.fullmatch(_NUMBER, each) for each in angles):
+            yield JointPosition(line, angles)
+
+
+def _read_krl(text: str) -> Iterator[JointPosition]:
+    """Yield the aggregates with A1 to A6."""
+    return _read_named_axes(text, _KRL, _KRL_AXIS)
+
+
+def _read_ls(text: str) -> Iterator[JointPosition]:
+    """Yield the positions with J1 to J6 in degrees."""
+    return _read_named_axes(text, _LS, _LS_AXIS)
+
+
+def _read_named_axes(text: str, block: re.Pattern[str], axis: re.Pattern[str]) -> Iterator[JointPosition]:
+    """Yield the positions in blocks that name all axes."""
+    for line, content in _find_blocks(text, block):
+        angles = dict(axis.findall(content))
+        if len(angles) == _AXES:
+            yield JointPosition(line, tuple(angles[str(number + 1)] for number in range(_AXES)))
+
+
+def _find_blocks(text: str, block: re.Pattern[str]) -> Iterator[tuple[int, str]]:
+    """Yield the line and the content of each block."""
+    line, end = 1, 0
+    for found in block.finditer(text):
+        line += text.count("\n", end, found.start())
+        end = found.start()
+        yield line, found[1]

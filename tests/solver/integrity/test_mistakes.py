@@ -1,0 +1,138 @@
+"""The usual mistakes of a whole set: each is named by its cause, in one sentence, and nothing else is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.catalogue_arms import build_nominal_robots, readings_on
+
+from jointstiff.solver.integrity import inspect_measurements
+from jointstiff.solver.mechanics.robot import JointMap, Robot
+
+ROBOTS = {known.name: known for known in build_nominal_robots()}
+ARMS = (
+    "ABB IRB 4600-60/2.05",
+    "Universal Robots UR10e",
+    "FANUC M-20iD/25",
+    "Stäubli TX2-60",
+    "Yaskawa GP25",
+)
+TURN = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
+TURN *= np.sign(np.linalg.det(TURN))
+LENGTH, ANGLE, ROWS = "length_unit_suspect", "angle_unit_suspect", "observations_out_of_order"
+SIGN, SWAPPED, COUNTED = "joint_sign_suspect", "joints_swapped", "joints_counted_otherwise"
+FRAME = "frame_mistaken"
+
+
+def moved(change):
+    """Return a mistake in all positions."""
+
+    def make(measurements):
+        unloaded = change(measurements.position)
+        loaded = change(measurements.position + measurements.deflection)
+        return replace(measurements, position=unloaded, deflection=loaded - unloaded)
+
+    return make
+
+
+def turned(change):
+    """Return a mistake in all joints (N, n)."""
+    return lambda measurements: replace(measurements, joints=change(measurements.joints))
+
+
+def reverse(*joints):
+    signs = np.where(np.isin(np.arange(6), joints), -1.0, 1.0)
+    return turned(lambda q: q * signs)
+
+
+def loaded_of_another_row(m):
+    return replace(m, deflection=np.roll(m.position + m.deflection, 1, axis=0) - m.position)
+
+
+def deflections_as_loaded(m):
+    return replace(m, deflection=m.deflection - m.position)
+
+
+MISTAKES = {
+    "inches as mm": (moved(lambda p: p / 25.4), LENGTH, "in inch, not in mm"),
+    "cm as mm": (moved(lambda p: p / 10.0), LENGTH, "in cm, not in mm"),
+    "m as mm": (moved(lambda p: p / 1000.0), LENGTH, "in m, not in mm"),
+    "a scale of 1.01": (moved(lambda p: 1.01 * p), "lengths_differ", "times those of the robot's model"),
+    "degrees as radians": (turned(np.rad2deg), ANGLE, "in deg, not in rad"),
+    "radians as degrees": (turned(np.deg2rad), ANGLE, "in rad, not in deg"),
+    "rolled by one": (turned(lambda q: np.roll(q, 1, axis=0)), ROWS, "the row after"),
+    "rolled by five": (turned(lambda q: np.roll(q, 5, axis=0)), ROWS, "the row that is 5 rows after"),
+    "joints reversed": (turned(lambda q: q[:, ::-1]), SWAPPED, "the joints in reverse order"),
+    "z y x": (moved(lambda p: p[..., [2, 1, 0]]), FRAME, "are z, y, x of the readings"),
+    "y z x": (moved(lambda p: p[..., [1, 2, 0]]), FRAME, "are z, x, y of the readings"),
+    "a tracker's frame": (moved(lambda p: p @ TURN.T + [2.5, -1.2, 0.4]), FRAME, "not in R0"),
+    "loaded rolled by one": (loaded_of_another_row, ROWS, "the loaded readings of 14 of 14"),
+    "loaded minus unloaded": (deflections_as_loaded, "deflection_implausibly_large", "to be deflections"),
+    "sign of one joint": (reverse(2), SIGN, "{2} reversed"),
+    "signs of joints 1, 4, 6": (reverse(0, 3, 5), SIGN, "{0}, {3}, {5} reversed"),
+    "signs of joints 2, 3, 5": (reverse(1, 2, 4), SIGN, "{1}, {2}, {4} reversed"),
+    "no signs": (turned(np.abs), SIGN, "the signs are missing"),
+    "two joints exchanged": (turned(lambda q: q[:, [0, 1, 2, 4, 3, 5]]), SWAPPED, "{3} and {4} exchanged"),
+    "third joint with the second": (
+        turned(lambda q: q + q[:, [1]] * np.eye(6)[2]), COUNTED, "{2} minus {1} as the angle of {2}"
+    ),
+    "a quarter turn": (turned(lambda q: q + 0.5 * np.pi * np.eye(6)[1]), COUNTED, "-90° added to {1}"),
+}  # fmt: skip
+
+
+def name_cause(known, measurements, *, degrees=False):
+    """Return the findings that are more than remarks."""
+    others = [each for each in ROBOTS.values() if each is not known]
+    findings = inspect_measurements(known.robot, measurements, degrees=degrees, others=others)
+    return [finding for finding in findings if finding.weight != "use"]
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_of_the_whole_set_is_named_by_its_cause_alone(mistake, arm):
+    make, code, words = MISTAKES[mistake]
+    known = ROBOTS[arm]
+    measurements = make(readings_on(known.robot, seed=11, configurations=14))
+    (cause,) = name_cause(known, measurements, degrees=mistake == "radians as degrees")
+    assert cause.code == code
+    assert words.format(*known.robot.joint_names) in cause.message
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_another_arm_is_named_and_right_readings_have_no_cause(arm):
+    known = ROBOTS[arm]
+    measurements = readings_on(known.robot, seed=11, configurations=14)
+    assert name_cause(known, measurements) == []
+    chosen = ROBOTS[ARMS[ARMS.index(arm) - 1]]
+    causes = name_cause(chosen, measurements)
+    assert {cause.code for cause in causes} == {"another_robot_fits"}
+    assert arm in {cause.action.robot for cause in causes}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_no_mistake_has_a_wrong_cause_in_any_campaign(mistake, arm):
+    """One target, one damaged row, or more postures: the cause is right, or none is named for the set."""
+    make, code, _ = MISTAKES[mistake]
+    known = ROBOTS[arm]
+    for seed in range(20, 26):
+        measurements = readings_on(known.robot, seed=seed, configurations=8 + 6 * (seed % 3))
+        if seed % 2:
+            damaged = measurements.position.copy()
+            damaged[3] += 0.3
+            measurements = replace(measurements, position=damaged)
+        causes = name_cause(known, make(measurements), degrees=mistake == "radians as degrees")
+        assert {cause.code for cause in causes if cause.where is None} <= {code}, (seed, causes)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("mistake", ["joints reversed", "signs of joints 2, 3, 5", "a quarter turn"])
+def test_the_suggested_joint_map_mends_the_set(mistake, arm):
+    known = ROBOTS[arm]
+    mistaken = MISTAKES[mistake][0](readings_on(known.robot, seed=11, configurations=14))
+    (cause,) = name_cause(known, mistaken)
+    assert cause.action.kind == "apply_joint_map"
+    joint_map = JointMap(np.array(cause.action.joint_map), np.array(cause.action.offset))
+    mended = replace(known, robot=Robot(known.robot.model, joint_map))
+    assert [each for each in name_cause(mended, mistaken) if each.code != "joint_outside_limits"] == []
