@@ -289,7 +289,8 @@ def _build_likelihood(
 ) -> PenalisedLikelihood:
     """Return the least-squares problem from which the uncertainties of a fit are computed.
 
-    Its sigma is the stated sigma, or the sigma of the residuals if that is greater.
+    Also a fit with a robust loss has such a problem, with a penalty of equal strength. Its sigma, the noise
+    of a reading, is the stated sigma, or that of the residuals if that is greater.
 
     Args:
         reduced: rows of the fit.

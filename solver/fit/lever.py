@@ -145,9 +145,10 @@ class FreeLoad:
 
     @cached_property
     def ratios(self) -> FloatArray:
-        """Effect (p,) on the readings of the stated load on each joint, over the effect of the load's errors.
+        """How much better each joint's lever is known than its uncertainty, by the effects on the readings.
 
-        Infinite where errors of the load have no effect.
+        The effect (p,) of the stated load on each joint, divided by the effect of errors of the load of one
+        standard uncertainty. Infinite where these errors have no effect.
         """
         by_load = np.linalg.norm(self.A, axis=0)
         by_errors = np.sqrt(np.square(self.levers).sum(axis=(0, 2)))  # over rows and errors
@@ -283,7 +284,9 @@ class Profile:
         return float(np.square(R @ solution.compliance - z).sum())
 
     def find_ends(self, radii: FloatArray) -> ProfileEnds:
-        """Return the intervals of the joint's compliance, without its own upper bound.
+        """Return intervals of the joint's compliance, in which the least sum of squares is near its minimum.
+
+        The joint's own upper bound is ignored.
 
         Args:
             radii: (q,) half-widths in standard uncertainties, times sigma.

@@ -284,7 +284,11 @@ class Excitation:
         return self._squared_deflection > 0
 
     def observability(self) -> Observability:
-        """Return the observability of the joints in all observations added so far."""
+        """Return how much each joint affects the readings, over all observations added so far.
+
+        A joint has no effect if no load could show it, as no target moves with it or no load has a lever, or
+        if the actual loads do not show it.
+        """
         largest = self._squared_largest_column
         no_load_could_show = largest <= NULL_COLUMN**2 * largest.max()
         loads_do_not_show = self._squared_column <= NULL_COLUMN**2 * largest

@@ -214,7 +214,12 @@ class _PartBuilder:
         self._squared_lever += np.square(to_load_point[in_part]).sum(axis=(0, 2))
 
     def build(self, statements: Statements, columns: Columns) -> Part:
-        """Return the part of all rows that were added, with their statements, for a model with `columns`."""
+        """Return the part of the measurement set whose rows were added.
+
+        Args:
+            statements: systematic errors with a prior, whose columns are in the rows.
+            columns: columns of the compliances in the rows.
+        """
         measurements = self._measurements
         factors = np.concatenate(self._factors)
         width = factors.shape[1]
