@@ -153,8 +153,9 @@ def _inline_forms(document: Node) -> None:
     schemas = document["components"]["schemas"]
     for *_, operation in _iterate_operations(document):
         content = operation.get("requestBody", {}).get("content", {})
-        if _FORM in content:
-            content[_FORM]["schema"] = schemas.pop(content[_FORM]["schema"]["$ref"].rpartition("/")[2])
+        name = content.get(_FORM, {}).get("schema", {}).get("$ref", "").rpartition("/")[2]
+        if name:
+            content[_FORM]["schema"] = schemas.pop(name)
 
 
 def _inline_pages(document: Node) -> None:
