@@ -99,33 +99,24 @@ class CorrectionOptions(AcceptingOptions, PredictionOptions):
 _Column = Annotated[list[Quantity], Field(min_length=1, max_length=_MOST_SENT_ROWS), FailFast()]
 
 
-class _CorrectionSource(CorrectionOptions):
-    """Options with the source of the stiffness."""
+class CorrectionRequest(CorrectionOptions):
+    """A request of corrected poses: columns, or a file."""
 
     run_id: Identifier | None = Field(default=None, description="Id of the run whose model is used.")
     robot_id: Identifier | None = Field(
         default=None, description="Id of a robot without a run: its stiffness is a prior."
     )
-
-    _one_source = require_exactly_one("run_id", "robot_id")
-
-
-class CorrectionRequest(_CorrectionSource):
-    """A request of corrected poses."""
-
-    columns: Annotated[dict[Name, _Column], Field(min_length=6, max_length=MAX_COLUMNS)] = Field(
+    columns: Annotated[dict[Name, _Column], Field(max_length=MAX_COLUMNS)] = Field(
+        default_factory=dict,
         description="Columns of equal length: `x`, `y`, `z` of the tool in the base; "
         "`rx`, `ry`, `rz` (rotation vector), `a`, `b`, `c` (about z, y', x'') or `q1` ... `q4`; if known the "
-        "controller's joints `j1` ...; `fx` ... `mz`. Over 5,000 rows are a job."
+        "controller's joints `j1` ...; `fx` ... `mz`.",
     )
-
-
-class CorrectionTableRequest(_CorrectionSource):
-    """A request of a corrected table, as its job stores it."""
-
     files: Annotated[list[ProgramFile], Field(max_length=1)] = Field(
-        default_factory=list, description="The table. Post it as the form's `files`."
+        default_factory=list, description="The table, in place of columns. Post it as the form's `files`."
     )
+
+    _one_source = require_exactly_one("run_id", "robot_id")
 
     @property
     def name(self) -> str | None:
@@ -133,29 +124,21 @@ class CorrectionTableRequest(_CorrectionSource):
         return next((file.name for file in self.files), None)
 
 
-class CorrectionCounts(FromRun):
-    """Rows by status, and what is to be known about them."""
+class CorrectionResult(FromRun):
+    """Corrected rows."""
 
     confidence: Dimensionless[float]
     counts: dict[CorrectionStatus, int] = Field(description="Number of rows by status.")
     first: dict[CorrectionStatus, int] = Field(description="First row of each status, from 1.")
     remarks: list[str]
-
-
-class CorrectionResult(CorrectionCounts):
-    """Corrected rows."""
-
     columns: dict[str, list[Any]] = Field(
+        default_factory=dict,
         description="`status` of each row; corrected pose and joints as sent (null unless `corrected`, "
         "`no_load`, `capped` or `uncertain`); `dx`, `dy`, `dz`: deflection without a correction, axes of the "
-        "base, `readings` and `model_error`: half-widths of its length's interval; `residual`; `joint_speed`."
+        "base, `readings` and `model_error`: half-widths of its length's interval; `residual`; "
+        "`joint_speed`; empty in a job.",
     )
-
-
-class CorrectionTableResult(CorrectionCounts):
-    """Counts of a corrected table; its files `rows.csv`, `rows.json` and `rows.parquet` have the rows."""
-
-    table: ProgramFile = Field(description="All rows; null in answers.")
+    table: ProgramFile | None = Field(default=None, description="Rows of a job.")
 
 
 class CorrectionJob(Job):
@@ -164,5 +147,5 @@ class CorrectionJob(Job):
     collection: ClassVar[str] = "corrections"
 
     kind: Literal["correction"] = "correction"
-    request: CorrectionTableRequest
-    result: CorrectionTableResult | None = Field(description="Present if the job succeeded.")
+    request: CorrectionRequest
+    result: CorrectionResult | None = Field(description="Present if the job succeeded.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any, Final
 
 from anyio.to_thread import run_sync
@@ -17,7 +16,6 @@ from jointstiff.schemas.correction import (
     CorrectionJob,
     CorrectionRequest,
     CorrectionResult,
-    CorrectionTableRequest,
 )
 from jointstiff.schemas.run import Run
 from jointstiff.service.api.answers import describe_post_responses, json_response
@@ -32,14 +30,14 @@ from jointstiff.service.runs.correction.answer import correct_request
 from jointstiff.service.runs.verdicts import find_accepted_run
 from jointstiff.service.security.access import OPERATOR
 from jointstiff.service.store.tables import JobRecord
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.robot import Robot
 
 router = APIRouter(tags=["corrections"], route_class=JobRoute)
 
 _ADDRESS: Final = f"/v1/{CORRECTION.collection}"
-_TWO_ROWS: Final = CORRECTION.examples["two rows"]
 _Table = Annotated[list[UploadFile], File(min_length=1, max_length=1)]
-_Options = Annotated[Json[CorrectionTableRequest], Form()]
+_Options = Annotated[Json[CorrectionRequest], Form()]
 _FORM: Final[dict[str, Any]] = {
     "schema": {
         "type": "object",
@@ -51,13 +49,11 @@ _FORM: Final[dict[str, Any]] = {
                 "minItems": 1,
                 "maxItems": 1,
                 "description": "The table, CSV or Parquet; headers have units, as `x [mm]`.",
-                "examples": [_TWO_ROWS["files"]],
             },
             "options": {
                 "type": "string",
                 "contentMediaType": "application/json",
-                "contentSchema": {"$ref": "#/components/schemas/CorrectionTableRequest"},
-                "examples": [json.dumps(_TWO_ROWS["options"])],
+                "contentSchema": {"$ref": "#/components/schemas/CorrectionRequest"},
             },
         },
     }
@@ -70,7 +66,7 @@ _JOB_ANSWERS: Final[dict[int | str, dict[str, Any]]] = {
 
 
 class _FormRoute(JobRoute):
-    """Route for forms alone: a request with another body goes to the route of columns at that address."""
+    """Route for forms alone: the route of columns, of the same address, answers other bodies."""
 
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
         """Return whether the route answers a request, by its address, method and media type."""
@@ -104,6 +100,12 @@ async def compute_corrections(
     posted: InjectedPost, body: Annotated[CorrectionRequest, json_body(EXAMPLES["corrections"])], key: Key
 ) -> Response:
     """Correct poses."""
+    if body.files or not body.columns:
+        raise RequestError(
+            "the request has no columns",
+            where="columns",
+            remedy="give columns x, y, z and an orientation; send a file as field `files` of a form",
+        )
     limiter = limiter_of_large_work(posted.request)
     if max(map(len, body.columns.values())) <= MAX_ROWS:
         return json_response(await run_sync(_correct_as_json, posted.parts, body, limiter=limiter))
@@ -112,7 +114,7 @@ async def compute_corrections(
         """Store the job with the columns as a table."""
         table = pack_columns(body.columns, body, _find_source(posted.parts, body)[0])
         stated = body.model_dump(exclude={"columns"}, exclude_unset=True)
-        return jobs.create(CorrectionTableRequest(**stated, files=[table]), key, posted.by)
+        return jobs.create(CorrectionRequest(**stated, files=[table]), key, posted.by)
 
     return await posted.answer(CORRECTION.name, create, limiter)
 

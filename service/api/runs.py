@@ -15,7 +15,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, File, Form, HTTPException, Request, Response, UploadFile
 from pydantic import Json, JsonValue, TypeAdapter, ValidationError
 
-from jointstiff.schemas.correction import CorrectionJob, CorrectionTableRequest
+from jointstiff.schemas.correction import CorrectionJob, CorrectionRequest
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message, Name, content_key
 from jointstiff.schemas.finding import AdvisedAction
@@ -374,7 +374,7 @@ async def answer_form(
     posted: Posted,
     job_class: type[Program | Process | CorrectionJob],
     files: list[UploadFile],
-    options: ProgramRequest | ProcessRequest | CorrectionTableRequest,
+    options: ProgramRequest | ProcessRequest | CorrectionRequest,
     idempotency_key: str | None,
     pack: Callable[[str, bytes], ProgramFile] = compress_file,
 ) -> Response:

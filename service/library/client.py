@@ -243,7 +243,7 @@ class Client(Verbs):
         if job.result is None:
             raise CampaignError(CANCELLED)
         rows = self.sheet(job, import_kind(job.kind).files[0])
-        counts = job.result.model_dump(exclude={"table"})
+        counts = job.result.model_dump(exclude={"columns", "table"})
         return call.read_answer(robot, CorrectionResult(**counts, columns=name_columns(rows)))
 
     def import_files(

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 from jointstiff.schemas.correction import (
     CorrectionJob,
     CorrectionOptions,
-    CorrectionTableRequest,
-    CorrectionTableResult,
+    CorrectionRequest,
+    CorrectionResult,
 )
 from jointstiff.service.kinds.kind import File, Kind, list_table_files
 from jointstiff.service.kinds.program.kind import CONTENT
@@ -37,7 +37,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-def _prepare_work(inputs: Inputs, request: CorrectionTableRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: CorrectionRequest) -> Work:
     """Return the work of a table, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.correction.work import prepare_correction
 
@@ -49,12 +49,12 @@ def make_rows_sheet(job: CorrectionJob) -> Sheet:
     from jointstiff.service.kinds.program.files import decompress_file
     from jointstiff.service.tables.packed import unpack_sheet
 
-    if job.result is None:
+    if job.result is None or job.result.table is None:
         raise ValueError("the correction has no result")
     return unpack_sheet(decompress_file(job.result.table))
 
 
-def _make_report(_job: CorrectionJob, result: CorrectionTableResult, _view: View) -> Report:
+def _make_report(_job: CorrectionJob, result: CorrectionResult, _view: View) -> Report:
     """Return the report: number of rows by status with the first of each, and remarks."""
     statuses = Table(
         [
@@ -67,9 +67,9 @@ def _make_report(_job: CorrectionJob, result: CorrectionTableResult, _view: View
     return Report([statuses, *map(Line, result.remarks)])
 
 
-CORRECTION: Final = Kind[CorrectionJob, CorrectionTableRequest](
+CORRECTION: Final = Kind[CorrectionJob, CorrectionRequest](
     message=CorrectionJob,
-    request=CorrectionTableRequest,
+    request=CorrectionRequest,
     options=CorrectionOptions,
     prepare_work=_prepare_work,
     make_report=_make_report,

@@ -12,8 +12,8 @@ import numpy as np
 from jointstiff.schemas.correction import (
     MAX_ROWS,
     CorrectionOptions,
-    CorrectionTableRequest,
-    CorrectionTableResult,
+    CorrectionRequest,
+    CorrectionResult,
 )
 from jointstiff.schemas.program import ProgramFile
 from jointstiff.schemas.run import Run
@@ -113,7 +113,7 @@ class StoredCorrectionWork(CorrectionWork):
     """Work of a table in a request; the result has the corrected table."""
 
     def __init__(
-        self, robot: Robot, robot_id: str, run: Run | None, request: CorrectionTableRequest, content: str = ""
+        self, robot: Robot, robot_id: str, run: Run | None, request: CorrectionRequest, content: str = ""
     ) -> None:
         """Unpack the table of a request.
 
@@ -122,19 +122,21 @@ class StoredCorrectionWork(CorrectionWork):
         Raises:
             RequestError: the request has no table, or its columns cannot be used.
         """
-        if not request.files:
-            raise RequestError("the table is missing", where="files", remedy="send one file")
+        if len(request.files) != 1 or request.columns:
+            raise RequestError(
+                "the request needs one table", where="files", remedy="send one file, without `columns`"
+            )
         (file,) = request.files
         sheet = unpack_sheet(decompress_file(file))
         numbers = {name: column for name, column in sheet.columns.items() if name not in sheet.texts}
         columns = convert_headers(numbers, request.units, robot)
         super().__init__(robot, run, request, columns, sheet.columns.get(LABEL))
         self.robot_id = robot_id
-        options = request.model_dump_json(exclude={"run_id", "robot_id", "files"})
+        options = request.model_dump_json(exclude={"run_id", "robot_id", "columns", "files"})
         model_hash = f"{content} {robot.payload!r}" if run is None else run.provenance.input_hash
         self.input_hash = hash_texts(model_hash, options, file.sha256 or "")
 
-    def conclude(self, parts: Sequence[Arrays]) -> CorrectionTableResult:
+    def conclude(self, parts: Sequence[Arrays]) -> CorrectionResult:
         """Return counts, verdict, and the packed table of all rows.
 
         Raises:
@@ -143,7 +145,7 @@ class StoredCorrectionWork(CorrectionWork):
         done = self.correct(parts)
         sheet = make_sheet(self.list_columns(done), self._options.units, self._robot.prismatic.tolist())
         table = compress_file("rows", pack_sheet(sheet))
-        return CorrectionTableResult(**done.describe(self._robot), table=table)
+        return CorrectionResult(**done.describe(self._robot), table=table)
 
 
 def pack_file(name: str, content: bytes) -> ProgramFile:
@@ -173,7 +175,7 @@ def pack_columns(columns: dict[str, Any], options: CorrectionOptions, robot: Rob
     return compress_file("columns", pack_sheet(replace(sheet, digits="")))
 
 
-def prepare_correction(inputs: Inputs, request: CorrectionTableRequest) -> StoredCorrectionWork:
+def prepare_correction(inputs: Inputs, request: CorrectionRequest) -> StoredCorrectionWork:
     """Fetch the run or robot of a request, and return the work of its table.
 
     Raises:

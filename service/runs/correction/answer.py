@@ -61,7 +61,7 @@ class CorrectedTable:
         return [NAMES[each] for each in self.rows.status.tolist()]
 
     def describe(self, robot: Robot) -> dict[str, Any]:
-        """Return the fields of `CorrectionCounts` by name."""
+        """Return the fields of `CorrectionResult` by name, without the rows."""
         return {
             "joint_kinds": joint_kinds_by_name(robot),
             "assessment": self.assessment,

@@ -230,7 +230,7 @@ def test_a_client_corrects_many_poses_by_a_job(service, here):
         np.testing.assert_allclose(done.joints, here.joints, atol=1e-9)
         np.testing.assert_allclose(done.deflection, here.deflection, atol=1e-12)
         assert (done.status, done.counts, done.first) == (here.status, here.counts, here.first)
-        (job,) = client.corrections.list()
+        job = next(client.corrections.list())
         assert client.corrections.get(job.id).result.counts == here.counts
 
 

@@ -125,25 +125,29 @@ def strange_table(generator, name):
     robot, start = arm(name)
     count = 40
     steps = np.cumsum(generator.normal(scale=0.03, size=(count, 6)), axis=0)
+    is_resting = not generator.integers(5)  # the tool stays where it is: no feed
+    if is_resting:
+        steps[:] = 0.0
     joints = start + np.clip(steps, -0.5, 0.5)
     columns = columns_of(name, joints, with_joints=bool(generator.integers(2)))
     loads = np.tile(FORCE, (count, 1)) * generator.choice([0.0, 1.0, 1e6], (count, 1), p=[0.1, 0.8, 0.1])
     columns |= dict(zip(("fx", "fy", "fz"), loads.T, strict=True))
-    strange = generator.choice(count, 12, replace=False)
-    far, contradictory, resting = strange[:4], strange[4:8], strange[8:]
-    columns["x"] = columns["x"].copy()
-    columns["x"][far] += 9e3
-    for row in resting[resting > 0]:  # the tool stays where it is: no feed
-        for each in columns:
-            columns[each][row] = columns[each][row - 1]
-    if "j1" in columns:
-        columns["j1"] = columns["j1"].copy()
+    far, contradictory = generator.choice(count, (2, 4), replace=False)
+    columns = {each: column.copy() for each, column in columns.items()}
+    if not is_resting:
+        columns["x"][far] += 9e3
+    if "j1" in columns and not is_resting:
         columns["j1"][contradictory] += 0.1
-        edge = robot.joint_map.controller_angles(robot.limits.T)[1] + 0.02
-        beyond = columns_of(name, np.where(np.arange(6) == 1, edge, joints[:1]))
+        angles = robot.joint_map.model_angles(joints[:1])
+        angles[0, 1] = robot.limits[1, 1] + 0.02
+        beyond = columns_of(name, robot.joint_map.controller_angles(angles))
         for each, number in beyond.items():
             columns[each][0] = number[0]
-    options = {"axes": str(generator.choice(["feed", "robot"])), "force": None, "max_displacement": 3.0}
+    options = {
+        "axes": "feed" if generator.integers(2) else "robot",
+        "force": None,
+        "max_displacement": generator.choice([0.1, 50.0]).item(),
+    }
     if "j1" not in columns:
         options["start"] = joints[0].tolist()
     return columns, options
@@ -169,16 +173,9 @@ def test_every_row_without_a_number_says_why(name):
             assert line in described["remarks"]
             assert (described["counts"][status], described["first"][status]) == (count, first)
         seen.update(done.statuses)
-    expected = {
-        "corrected",
-        "no_load",
-        "capped",
-        "not_reached",
-        "ambiguous",
-        "contradictory",
-        "beyond_limits",
-    }
-    assert seen >= expected | {"overloaded", "no_direction"}
+    assert seen >= {"corrected", "no_load", "capped"}
+    # A prior knows all joints; whether a posture is ambiguous depends on the arm.
+    assert seen >= WITHOUT_NUMBERS - {"unseen_joint", "ambiguous"}
 
 
 def test_every_status_without_numbers_has_a_reason_and_a_remedy():
