@@ -373,13 +373,13 @@ class RestrictedLikelihood:
             log_density += (int(turns.is_free) + int(station.is_free)) * np.log(sigmas)
             shape = (len(turns.points), len(station.points))
             log_mass = log_density.reshape(shape) + turns.log_weights[:, None] + station.log_weights
+            log_step = np.log(turns.step * station.step)
             finer = turns.zoom(log_mass.max(axis=1)), station.zoom(log_mass.max(axis=0))
             if finer == (turns, station):
                 break
             turns, station = finer
         mass = np.exp(log_mass - log_mass.max()).ravel()
-        steps = np.log(turns.step * station.step)
-        log_evidence = float(log_mass.max() + np.log(mass.sum()) + steps)
+        log_evidence = float(log_mass.max() + np.log(mass.sum()) + log_step)
         mass /= mass.sum()
         mean_sigma_squared = float(mass @ sigmas**2)
         joints = np.sqrt(float(mass @ (rho * sigmas) ** 2) / mean_sigma_squared)
