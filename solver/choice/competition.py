@@ -79,6 +79,7 @@ def find_obstacle_to_elastic_links(
     if options.resampling is not None:
         return "resampling"
     try:
+        # The checks of a fit with links; the results are not needed here.
         refuse_unsupported_elastic(settings)
         Columns.from_options(options, robot)
         if options.loss != "automatic":
@@ -86,8 +87,8 @@ def find_obstacle_to_elastic_links(
     except UnsupportedMethodError as error:
         return error.where or "elasticity"
     # Cross-validation holds postures out, so that at least two different ones are needed.
-    joints = measurements.joints
-    return "observations" if (joints == joints[0]).all() else None
+    has_one_posture = (measurements.joints == measurements.joints[0]).all()
+    return "observations" if has_one_posture else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,14 +179,12 @@ class Competition:
         if self.penalty_is_given:
             return ()
         weight_count = len(self._weights)
-        return tuple(
-            (
-                fold * weight_count + start,
-                fold * weight_count + min(start + _PENALTIES_PER_STEP, weight_count),
-            )
-            for fold in range(self._fold_count)
-            for start in range(0, weight_count, _PENALTIES_PER_STEP)
-        )
+        spans: list[tuple[int, int]] = []
+        for fold in range(self._fold_count):
+            first_pair, end = fold * weight_count, (fold + 1) * weight_count
+            starts = range(first_pair, end, _PENALTIES_PER_STEP)
+            spans += [(start, min(start + _PENALTIES_PER_STEP, end)) for start in starts]
+        return tuple(spans)
 
     def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
         """Fit all models for the weights of one step, with the step's fold held out.
@@ -200,11 +199,15 @@ class Competition:
         Raises:
             JointstiffError: joints alone cannot be identified, or the penalty has no scale.
         """
-        fold, start = divmod(span[0], len(self._weights))
-        weights = self._weights[start : start + span[1] - span[0]]
-        fits = [fit_fold(self._folds, candidate, fold, weights) for candidate in self._squared_candidates]
-        compliances, errors = map(np.array, zip(*fits, strict=True))
-        return {"fold_compliances": compliances, "error": errors}
+        start, stop = span
+        fold, first_weight = divmod(start, len(self._weights))
+        weights = self._weights[first_weight : first_weight + stop - start]
+        compliances_of_models, errors_of_models = [], []
+        for candidate in self._squared_candidates:
+            compliances, errors = fit_fold(self._folds, candidate, fold, weights)
+            compliances_of_models.append(compliances)
+            errors_of_models.append(errors)
+        return {"fold_compliances": np.array(compliances_of_models), "error": np.array(errors_of_models)}
 
     def choose_winner(self, parts: Sequence[Mapping[str, FloatArray]]) -> Winner:
         """Choose model, loss and penalty, and fit the chosen model to the whole set.
@@ -226,48 +229,66 @@ class Competition:
         return Winner(selection, held_out, elastic, self._requested is not None)
 
     def _collect_paths(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
-        """Return the fits by squares with each fold held out; keys are pairs of model and loss."""
-        if not self.steps():  # With a given penalty no step computed the fits, so they are computed here.
-            count = len(self._weights)
-            parts = [self.compute((k * count, (k + 1) * count)) for k in range(self._fold_count)]
-        shape = len(self._squared_candidates), self._fold_count, len(self._weights)
-        compliances, errors = (
-            np.concatenate([part[name] for part in parts], axis=1) for name in ("fold_compliances", "error")
-        )
-        return {
-            candidate.key: PenaltyPath(self._weights, model_compliances, model_errors)
-            for candidate, model_compliances, model_errors in zip(
-                self._squared_candidates, compliances.reshape(*shape, -1), errors.reshape(shape), strict=True
+        """Return the fits by squares with each fold held out; keys are pairs of model and loss.
+
+        `parts` are the results of `compute` of all steps, in order.
+        """
+        weight_count = len(self._weights)
+        if self.penalty_is_given:  # then there are no steps, and the fits are computed here
+            spans = [(fold * weight_count, (fold + 1) * weight_count) for fold in range(self._fold_count)]
+            parts = [self.compute(span) for span in spans]
+        # The second axis of both arrays numbers the pairs of fold and weight.
+        compliances = np.concatenate([part["fold_compliances"] for part in parts], axis=1)
+        errors = np.concatenate([part["error"] for part in parts], axis=1)
+        paths = {}
+        for number, candidate in enumerate(self._squared_candidates):
+            paths[candidate.key] = PenaltyPath(
+                self._weights,
+                compliances[number].reshape(self._fold_count, weight_count, -1),
+                errors[number].reshape(self._fold_count, weight_count),
             )
-        }
+        return paths
 
     def _list_near_models(self, paths: _Paths) -> list[Candidate]:
-        """Return the models whose squares predict nearly as well as the best; all if only Huber is asked."""
-        least = {key: path.least_error for key, path in paths.items()}
-        limit = _NEAR * min(least.values()) if "squared" in self._losses else np.inf
-        return [candidate for candidate in self._squared_candidates if least[candidate.key] <= limit]
+        """Return the models whose fits by squares predict nearly as well as the best.
+
+        If the request names another loss than squares, all models are returned.
+        """
+        if "squared" not in self._losses:
+            return list(self._squared_candidates)
+        least_errors = {key: path.least_error for key, path in paths.items()}
+        limit = _NEAR * min(least_errors.values())
+        return [candidate for candidate in self._squared_candidates if least_errors[candidate.key] <= limit]
 
     def _fit_huber(self, candidates: Sequence[Candidate], paths: _Paths) -> _Paths:
         """Return the fits of some models by Huber's loss, with each fold held out."""
-        found = {}
+        huber_paths = {}
         for candidate in candidates:
-            by_huber = replace(candidate, loss="huber")
-            weights = self._place_weights(candidate, paths[candidate.key])
-            found[by_huber.key] = fit_folds(self._folds, by_huber, weights)
-        return found
+            with_huber = replace(candidate, loss="huber")
+            weights = self._list_weights_for_huber(candidate, paths[candidate.key])
+            huber_paths[with_huber.key] = fit_folds(self._folds, with_huber, weights)
+        return huber_paths
 
-    def _place_weights(self, candidate: Candidate, path: PenaltyPath) -> list[float]:
-        """Return the weights to try with Huber's loss, around the weight that squares chose."""
+    def _list_weights_for_huber(self, candidate: Candidate, path: PenaltyPath) -> list[float]:
+        """Return the weights to try with Huber's loss, around the weight that squares chose.
+
+        Weights are ``λ = 10^(q/4)`` with whole quarters of a decade q.
+
+        Args:
+            candidate: model, fitted by squares.
+            path: its fits by squares for several weights.
+        """
         if self.penalty_is_given or not find_certified_weights(path.errors).any():
             return list(self._weights)
         best = choose_weight_index(path.errors, "best")
-        unknowns = path.unknowns[:, best].mean(axis=0)
-        reduced = self._folds.reduce_training_rows(candidate)
-        as_strong = convert_weight_to_huber(reduced, candidate, unknowns, path.weights[best])
+        mean_unknowns = path.unknowns[:, best].mean(axis=0)  # over the folds
+        training_rows = self._folds.reduce_training_rows(candidate)
+        # With Huber's loss another weight is as strong as the weight with squares.
+        as_strong = convert_weight_to_huber(training_rows, candidate, mean_unknowns, path.weights[best])
         quarter = round(4.0 * float(np.log10(as_strong)))
         least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
         quarters = {min(max(quarter + step, least), greatest) for step in _STEPS_NEAR}
-        return [10.0 ** (each / 4.0) for each in sorted(quarters)]
+        return [10.0 ** (quarter / 4.0) for quarter in sorted(quarters)]
 
     def _refine_squares(self, candidate: Candidate, paths: _Paths) -> None:
         """Search the penalty of a model fitted by squares on a finer grid; replace its path in `paths`."""
@@ -282,24 +303,24 @@ class Competition:
         Return the comparison of all models, and the chosen model. Fits with finer penalties are added to
         `paths`.
         """
-        is_automatic = self._requested is None
+        model_is_automatic = self._requested is None
         # Models are compared automatically only after a test has indicated that links or base bend.
-        links_may_be_base = is_automatic and self.screening.links_may_be_base
+        links_may_be_base = model_is_automatic and self.screening.links_may_be_base
         selection = select_model(
             self._folds,
-            {key: path for key, path in paths.items() if key[1] in self._losses},
+            {(name, loss): path for (name, loss), path in paths.items() if loss in self._losses},
             self._requested,
-            screened=is_automatic,
+            screened=model_is_automatic,
             links_may_be_base=links_may_be_base,
         )
-        if is_automatic and not self.penalty_is_given:
+        if model_is_automatic and not self.penalty_is_given:
             # A model whose best penalty is the smallest tried needs a smaller one for a fair comparison.
-            for name in dict.fromkeys(each.model for each in selection.models):
+            for name in dict.fromkeys(held_out.model for held_out in selection.models):
                 held_out = selection.find_held_out(name)
                 if held_out.penalty == self._weights[0] and held_out.loss == "squared":
                     selection = self._refine_penalty(held_out, selection, paths)
             selection = Selection.choose_among(
-                selection.models, screened=is_automatic, links_may_be_base=links_may_be_base
+                selection.models, screened=model_is_automatic, links_may_be_base=links_may_be_base
             )
         chosen = selection.find_held_out(self._requested or selection.simplest)
         if chosen.model == "joints":
@@ -331,24 +352,24 @@ class Competition:
         Their columns are computed at the compliances of joints alone: those of links change the columns by a
         fraction of an error that is small itself.
         """
-        joints = self._joints
-        given = joints.given.measurements
-        terms = list_stated_terms(given)
-        prior = joints.stated.prior
-        if not terms and prior is None:
+        measurements, estimate = self._joints.given.measurements, self._joints.estimate
+        prior = self._joints.stated.prior
+        stated_terms = list_stated_terms(measurements)
+        if not stated_terms and prior is None:
             return None
+        sigma = measurements.sigma or estimate.sigma or 0.0
         return Statements(
-            terms=terms,
-            common=given.common_uncertainty,
-            compliance=np.maximum(joints.estimate.compliance, 0.0),
-            sigma=max(given.sigma or joints.estimate.sigma or 0.0, LEAST_STATED_SIGMA),
+            terms=stated_terms,
+            common=measurements.common_uncertainty,
+            compliance=np.maximum(estimate.compliance, 0.0),
+            sigma=max(sigma, LEAST_STATED_SIGMA),
             prior=prior,
         )
 
     def _find_candidate(self, held_out: HeldOut) -> Candidate:
         """Return the compared model whose name and loss are those of `held_out`."""
-        squared = next(each for each in self._squared_candidates if each.model.name == held_out.model)
-        return replace(squared, loss=held_out.loss)
+        candidates = {candidate.model.name: candidate for candidate in self._squared_candidates}
+        return replace(candidates[held_out.model], loss=held_out.loss)
 
     def _refine_penalty(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Selection:
         """Search the penalty of one model on a finer grid, and return the selection with its new accuracy.
@@ -361,9 +382,11 @@ class Competition:
             paths: fits of each model and loss.
         """
         candidate = self._find_candidate(held_out)
-        paths[candidate.key] = refine_path(self._folds, candidate, paths[candidate.key])
-        this_model_alone = select_model(self._folds, {candidate.key: paths[candidate.key]}, held_out.model)
-        return selection.replace_refined(this_model_alone.models[0])
+        refined_path = refine_path(self._folds, candidate, paths[candidate.key])
+        paths[candidate.key] = refined_path
+        this_model_alone = select_model(self._folds, {candidate.key: refined_path}, held_out.model)
+        (refined_accuracy,) = this_model_alone.models
+        return selection.replace_refined(refined_accuracy)
 
     def _fit_with_chosen_penalty(self, held_out: HeldOut, paths: _Paths) -> ElasticFit:
         """Fit a model to the whole set with the penalty that cross-validation chose.
@@ -380,32 +403,36 @@ class Competition:
     def _fit_whole_set(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Elastic:
         """Fit the chosen model to the whole set, with intervals that account for the choice of the model.
 
-        Intervals are those of a fit by squares, whatever the loss.
+        Intervals are those of a fit of the richest model by squares, whatever the loss. If the readings do
+        not distinguish links from the base, the intervals contain the intervals of both models, provided that
+        the tied model has a certified optimum.
 
-        If the readings do not distinguish links from the base, the intervals contain the intervals of both
-        models, provided that the tied model has a certified optimum.
+        Args:
+            held_out: the chosen model.
+            selection: comparison of all models.
+            paths: fits of each model and loss.
         """
         elastic = self._fit_with_chosen_penalty(held_out, paths)
         if self.penalty_is_given:
-            return Elastic(elastic, self._compute_effective(elastic, elastic), None)
+            return Elastic(elastic, self._compute_effective(elastic, elastic), intervals=None)
         if self._requested is not None:
             name = elastic.candidate.model.name
-            of_squares = self._fit_squares(name, paths) or elastic
-            return Elastic(elastic, self._compute_effective(elastic, of_squares), name)
-        richest = self._fit_squares(selection.largest, paths) or elastic  # its fit gives the intervals
+            by_squares = self._fit_squares(name, paths) or elastic
+            return Elastic(elastic, self._compute_effective(elastic, by_squares), intervals=name)
+        richest = self._fit_squares(selection.largest, paths) or elastic
         effective = self._compute_effective(elastic, richest)
         if selection.tied is not None:
-            tied = self._compute_effective_of_tied(selection.tied, selection, paths)
-            if tied is not None:
-                effective = effective.widen_ranges_by(tied)
+            effective_of_tied = self._compute_effective_of_tied(selection.tied, selection, paths)
+            if effective_of_tied is not None:
+                effective = effective.widen_ranges_by(effective_of_tied)
             prediction = replace(
                 elastic.prediction,
                 bending="links_or_base",
                 predicted_by="base" if elastic.candidate.model.name in WITH_BASE else "links",
-                joined=tied is not None,
+                joined=effective_of_tied is not None,
             )
             elastic = replace(elastic, prediction=prediction)
-        return Elastic(elastic, effective, richest.candidate.model.name)
+        return Elastic(elastic, effective, intervals=richest.candidate.model.name)
 
     def _fit_squares(self, name: ModelName, paths: _Paths) -> ElasticFit | None:
         """Fit a model to the whole set by squares, with its best penalty; None if no optimum is certified.
@@ -431,16 +458,22 @@ class Competition:
         The intervals come from the richest model with links and rigid base if links are tied, or from the
         tied model if the fit of the richest is not certified.
         """
-        alike = LINKS_ALONE if tied in LINKS_ALONE else {tied}
-        richest = next(each.model for each in reversed(selection.models) if each.model in alike)
+        models_of_same_kind = LINKS_ALONE if tied in LINKS_ALONE else {tied}
+        from_simple_to_rich = [
+            held_out.model for held_out in selection.models if held_out.model in models_of_same_kind
+        ]
         try:
             fit_of_tied = self._fit_with_chosen_penalty(selection.find_held_out(tied), paths)
         except UnsupportedMethodError:
             return None
-        return self._compute_effective(fit_of_tied, self._fit_squares(richest, paths) or fit_of_tied)
+        fit_of_richest = self._fit_squares(from_simple_to_rich[-1], paths) or fit_of_tied
+        return self._compute_effective(fit_of_tied, fit_of_richest)
 
     def _compute_effective(self, elastic: ElasticFit, richest: ElasticFit) -> EffectiveCompliances:
-        """Return effective joint compliances of the fit `elastic`, with ranges from the fit `richest`."""
+        """Return effective joint compliances of the fit `elastic`, with ranges from the fit `richest`.
+
+        The effective compliance of a joint includes the bending of its link about the joint's axis.
+        """
         return compute_effective_compliances(
             self._joints.robot,
             elastic,

@@ -54,16 +54,18 @@ def list_models_to_compare(screening: Screening, requested: ModelName | None) ->
         screening: tests of the residuals of joints alone for other causes.
         requested: model that the request names; None leaves the choice to the tests.
     """
-    # If the request lets the base bend, all models are compared: with a bending base and with a rigid one.
-    if requested in WITH_BASE:
+    if requested in WITH_BASE:  # compared with all models, also those with a rigid base
         return _NAMES
-    if requested is not None or not screening.base_needs_validation:
+    base_is_suspected = requested is None and screening.base_needs_validation
+    if not base_is_suspected:
         return tuple(name for name in _NAMES if name not in WITH_BASE)
     base_adds_to_links = screening.base_p_value_with_links < LINKS_LEVEL
     links_add_to_base = screening.links_p_value_with_base < LINKS_LEVEL
     if not base_adds_to_links:
         return tuple(name for name in _NAMES if name != "links_and_base")
-    return _NAMES if links_add_to_base else ("joints", "joints_and_base")
+    if not links_add_to_base:
+        return ("joints", "joints_and_base")
+    return _NAMES
 
 
 WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 4))
@@ -125,8 +127,9 @@ class PenaltyPath:
     @property
     def least_error(self) -> float:
         """Least mean error of the weights whose fits are certified in all folds; inf without any."""
-        certified = self.errors[:, find_certified_weights(self.errors)]
-        return float(certified.mean(axis=0).min(initial=np.inf))
+        certified_errors = self.errors[:, find_certified_weights(self.errors)]
+        mean_errors = certified_errors.mean(axis=0)  # over the folds
+        return float(mean_errors.min(initial=np.inf))
 
 
 class Folds:
@@ -178,9 +181,10 @@ class Folds:
         """
         if fold not in self._training:
             # The folds of one draw make up the whole set, so None merges all folds of the first draw.
-            start = 0 if fold is None else fold // self.per_draw * self.per_draw
-            draw = range(start, start + self.per_draw)
-            self._training[fold] = Part.merge([self.parts[each] for each in draw if each != fold])
+            draw = 0 if fold is None else fold // self.per_draw
+            folds_of_draw = range(draw * self.per_draw, (draw + 1) * self.per_draw)
+            training_parts = [self.parts[other] for other in folds_of_draw if other != fold]
+            self._training[fold] = Part.merge(training_parts)
         return self._training[fold]
 
     def reduce_training_rows(self, candidate: Candidate, fold: int | None = None) -> Reduced:
@@ -191,10 +195,11 @@ class Folds:
         Raises:
             UnsupportedMethodError: no target moved or no load acts, so that the penalty has no scale.
         """
-        key = fold, candidate.model.name
+        key = (fold, candidate.model.name)
         if key not in self._reduced:
-            training, sigma = self.merge_training_rows(fold), self.rows.measurements.sigma
-            self._reduced[key] = reduce_part(training, candidate, self.visible, sigma)
+            training_rows = self.merge_training_rows(fold)
+            stated_sigma = self.rows.measurements.sigma
+            self._reduced[key] = reduce_part(training_rows, candidate, self.visible, stated_sigma)
         return self._reduced[key]
 
     def fit_whole_set(self, candidate: Candidate, weight: float) -> ElasticFit:
@@ -206,16 +211,24 @@ class Folds:
         return fit_elastic(self.rows, self.merge_training_rows(None), candidate, self.visible, weight)
 
     def compute_prediction_errors(self, fold: int, unknowns: FloatArray) -> FloatArray:
-        """Return the errors (W,) [m] with which W vectors of unknowns (W, P + E) predict a fold's readings.
+        """Return the errors (W,) [m] with which W vectors of unknowns predict a fold's readings.
 
-        An error is the mean norm of the targets' whitened residuals; in a set of more than `MOST_TARGETS`
-        targets, it is the root mean square of the residuals' coordinates.
+        An error is the mean norm of the targets' residuals; in a set of more than `MOST_TARGETS` targets, it
+        is the root mean square of the residuals' coordinates. Residuals are weighted by the stated noise.
+
+        Args:
+            fold: index of the fold.
+            unknowns: (W, P + E) P compliances and E stated errors.
         """
         part = self.parts[fold]
-        if int(self.rows.measurements.present.sum()) <= MOST_TARGETS:
-            return np.array([part.compute_residual_norms(each).mean() for each in unknowns])
-        residual = unknowns @ part.triangle[:, :-1].T - part.triangle[:, -1]
-        return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / max(1, part.size.readings)))
+        target_count = int(self.rows.measurements.present.sum())
+        if target_count <= MOST_TARGETS:
+            return np.array([part.compute_residual_norms(x).mean() for x in unknowns])
+        # The triangle [R z] of the fold's rows [A d] has ‖R x − z‖ = ‖A x − d‖ for all unknowns x.
+        R, z = part.triangle[:, :-1], part.triangle[:, -1]
+        residual = unknowns @ R.T - z
+        reading_count = max(1, part.size.readings)
+        return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / reading_count))
 
 
 def fit_first_certified(folds: Folds, candidate: Candidate, weights: Sequence[float]) -> ElasticFit:
@@ -253,20 +266,23 @@ def fit_fold(
         predict the held-out fold.
     """
     reduced = folds.reduce_training_rows(candidate, fold)
-    if not candidate.model.has_only_joints:
-        unknowns = np.array([_fit_unknowns(reduced, candidate, weight) for weight in weights])
-    else:  # Joints alone have no penalty, so that one fit serves for all weights.
+    if candidate.model.has_only_joints:
         is_squared = candidate.loss == "squared"
         one_fit = reduced.fit_joints_only() if is_squared else _fit_unknowns(reduced, candidate, 1.0)
         unknowns = np.tile(one_fit, (len(weights), 1))
+    else:
+        unknowns = np.array([_fit_unknowns(reduced, candidate, weight) for weight in weights])
     return unknowns, folds.compute_prediction_errors(fold, unknowns)
 
 
 def fit_folds(folds: Folds, candidate: Candidate, weights: Sequence[float]) -> PenaltyPath:
     """Fit a model with each fold held out in turn, for ascending weights of the penalty; return the fits."""
-    fits = [fit_fold(folds, candidate, fold, weights) for fold in range(len(folds))]
-    unknowns, errors = map(np.array, zip(*fits, strict=True))
-    return PenaltyPath(tuple(weights), unknowns, errors)
+    unknowns_of_folds, errors_of_folds = [], []
+    for fold in range(len(folds)):
+        unknowns, errors = fit_fold(folds, candidate, fold, weights)
+        unknowns_of_folds.append(unknowns)
+        errors_of_folds.append(errors)
+    return PenaltyPath(tuple(weights), np.array(unknowns_of_folds), np.array(errors_of_folds))
 
 
 def refine_path(folds: Folds, candidate: Candidate, path: PenaltyPath) -> PenaltyPath:
@@ -275,39 +291,51 @@ def refine_path(folds: Folds, candidate: Candidate, path: PenaltyPath) -> Penalt
     The finest grid has four weights per decade. If the best weight is at an end of the path, weights beyond
     this end are tried too. Return the path with the added weights, in ascending order.
     """
-    while further := _propose_further_weights(np.array(path.weights), path.errors):
-        added = fit_folds(folds, candidate, further)
+    while True:
+        further_weights = _propose_further_weights(np.array(path.weights), path.errors)
+        if not further_weights:
+            return path
+        added = fit_folds(folds, candidate, further_weights)
         weights = np.array(path.weights + added.weights)
-        order = np.argsort(weights)
+        ascending = np.argsort(weights)
         path = PenaltyPath(
-            tuple(weights[order].tolist()),
-            np.concatenate([path.unknowns, added.unknowns], axis=1)[:, order],
-            np.concatenate([path.errors, added.errors], axis=1)[:, order],
+            tuple(weights[ascending].tolist()),
+            np.concatenate([path.unknowns, added.unknowns], axis=1)[:, ascending],
+            np.concatenate([path.errors, added.errors], axis=1)[:, ascending],
         )
-    return path
 
 
 def _propose_further_weights(weights: FloatArray, errors: FloatArray) -> list[float]:
     """Return weights λ to try around the weight of least error: halfway to each of its two neighbours.
 
-    Weights are counted in quarters of a decade. At an end of the path the missing neighbour is taken to be
-    two decades beyond the end, but not beyond `LIMITS`. An empty list means that the grid is fine enough.
+    At an end of the path the missing neighbour is taken to be two decades beyond the end, but not beyond
+    `LIMITS`. An empty list means that the grid is fine enough.
+
+    Args:
+        weights: (W,) ascending weights that were tried; λ = 10^(q/4) with whole quarters of a decade q.
+        errors: (K, W) errors of K held-out folds.
     """
-    quarters = np.rint(4.0 * np.log10(weights)).astype(int)
+    quarters = np.rint(4.0 * np.log10(weights)).astype(int).tolist()
     least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
-    best = choose_weight_index(errors, "best")
-    below = quarters[best - 1] if best > 0 else max(quarters[best] - 8, least)
-    above = quarters[best + 1] if best < len(quarters) - 1 else min(quarters[best] + 8, greatest)
-    halfway = {(quarters[best] + below) // 2, (quarters[best] + above + 1) // 2}
-    return [10.0 ** (quarter / 4.0) for quarter in sorted(halfway.difference(quarters.tolist()))]
+    best_index = choose_weight_index(errors, "best")
+    best = quarters[best_index]
+    below, above = max(best - 8, least), min(best + 8, greatest)
+    if best_index > 0:
+        below = quarters[best_index - 1]
+    if best_index < len(quarters) - 1:
+        above = quarters[best_index + 1]
+    halfway = {(best + below) // 2, (best + above + 1) // 2}  # rounded away from the best
+    new_quarters = sorted(halfway - set(quarters))
+    return [10.0 ** (quarter / 4.0) for quarter in new_quarters]
 
 
 def _fit_unknowns(reduced: Reduced, candidate: Candidate, weight: float) -> FloatArray:
-    """Return the fitted unknowns (P + E,) of a model; NaN if no optimum can be certified."""
+    """Return the P fitted compliances and E stated errors (P + E,); NaN if no optimum can be certified."""
     try:
-        return reduced.to_unknowns(fit_loss(reduced, candidate, weight, gap=_GAP).solution)
+        fit = fit_loss(reduced, candidate, weight, gap=_GAP)
     except SolverError:
         return np.full(reduced.part.compliances + reduced.part.stated_errors, np.nan)
+    return reduced.to_unknowns(fit.solution)
 
 
 def find_certified_weights(errors: FloatArray) -> BoolArray:
@@ -343,8 +371,10 @@ def choose_weight_index(
         )
     if rule == "best":
         return best_index
-    error_limit = mean_errors[best_index] + errors[:, best_index].std(ddof=1) / np.sqrt(len(errors) / draws)
-    return int(np.flatnonzero(mean_errors <= error_limit).max())
+    folds_of_draw = len(errors) / draws
+    standard_error = errors[:, best_index].std(ddof=1) / np.sqrt(folds_of_draw)
+    is_nearly_best = mean_errors <= mean_errors[best_index] + standard_error
+    return int(np.flatnonzero(is_nearly_best).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,8 +412,9 @@ class HeldOut:
 
         The residuals are compared posture by posture.
         """
-        difference = self.by_posture - other.by_posture
-        return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
+        differences = self.by_posture - other.by_posture
+        standard_error = differences.std(ddof=1) / np.sqrt(len(differences))
+        return float(differences.mean()), float(standard_error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,25 +452,24 @@ class Selection:
             screened: whether a test has shown that something in addition to the joints bends.
             links_may_be_base: whether the tests do not distinguish links from the base.
         """
-        model_names = dict.fromkeys(candidate.model for candidate in models)
-        best_loss_of_model = [_pick_best_loss(models, name, LOSSES) for name in model_names]
-        best = min(best_loss_of_model, key=lambda candidate: candidate.mean_residual)
-        simplest = find_simplest_model(best_loss_of_model, best, screened=screened)
-        largest = find_richest_model(list(model_names), simplest)
+        names = list(dict.fromkeys(candidate.model for candidate in models))  # each once
+        with_best_loss = [_pick_best_loss(models, name, LOSSES) for name in names]
+        best = min(with_best_loss, key=lambda candidate: candidate.mean_residual)
+        simplest = find_simplest_model(with_best_loss, best, screened=screened)
         return cls(
-            tuple(models),
-            best.model,
-            simplest,
-            largest,
-            _compute_gain(best_loss_of_model),
-            _find_tied_model(best_loss_of_model, simplest, links_may_be_base=links_may_be_base),
+            models=tuple(models),
+            best=best.model,
+            simplest=simplest,
+            largest=find_richest_model(names, simplest),
+            gain=_compute_gain(with_best_loss),
+            tied=_find_tied_model(with_best_loss, simplest, links_may_be_base=links_may_be_base),
         )
 
 
 def _pick_best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
     """Return the held-out accuracy of the model `name`, with the loss among `losses` of least error."""
-    scores = [each for each in models if each.model == name and each.loss in losses]
-    return min(scores, key=lambda each: each.error)
+    candidates = [held_out for held_out in models if held_out.model == name and held_out.loss in losses]
+    return min(candidates, key=lambda held_out: held_out.error)
 
 
 def select_model(
@@ -462,39 +492,59 @@ def select_model(
     Raises:
         UnsupportedMethodError: the requested model has no weight with a certified fit in every fold.
     """
+    compared = _list_paths_to_compare(paths, requested)
     validation = folds.validation
-    models_and_losses = [(name, loss) for name in _NAMES for loss in LOSSES if (name, loss) in paths]
-    is_certified = {key: bool(find_certified_weights(paths[key].errors).any()) for key in models_and_losses}
-    # If no fit of the requested model is certified, its keys are kept: `choose_weight_index` then raises.
-    none_certified = not any(is_certified[key] for key in models_and_losses if key[0] == requested)
-    models_and_losses = [
-        key for key in models_and_losses if is_certified[key] or (none_certified and key[0] == requested)
+    weight_indices = [
+        choose_weight_index(path.errors, validation.rule, validation.draws) for path in compared.values()
     ]
-    chosen_index = {
-        key: choose_weight_index(paths[key].errors, validation.rule, validation.draws)
-        for key in models_and_losses
-    }
-    chosen_unknowns = np.array([paths[key].unknowns[:, index] for key, index in chosen_index.items()])
+    chosen_unknowns = np.array(
+        [path.unknowns[:, index] for path, index in zip(compared.values(), weight_indices, strict=True)]
+    )
     compensation, residual_norms = _score_held_out(folds, chosen_unknowns)
-    # The columns of `norms` are in the order of the folds: find the posture of each column.
-    first_equal = find_first_equal(folds.rows.measurements.joints)
-    posture_of_observation = np.unique(first_equal, return_inverse=True)[1]
-    posture_of_column = posture_of_observation[np.concatenate(folds.held_out)]
-    norm_sums = np.array([np.bincount(posture_of_column, model_norms) for model_norms in residual_norms])
-    by_posture = norm_sums / np.bincount(posture_of_column)
-    models = tuple(
-        HeldOut(
-            model=key[0],
-            loss=key[1],
-            error=float(paths[key].errors[:, index].mean()),
-            penalty=None if key[0] == "joints" else paths[key].weights[index],
+    by_posture = _average_by_posture(folds, residual_norms)
+    models = []
+    for number, ((name, loss), path) in enumerate(compared.items()):
+        index = weight_indices[number]
+        held_out = HeldOut(
+            model=name,
+            loss=loss,
+            error=float(path.errors[:, index].mean()),
+            penalty=None if name == "joints" else path.weights[index],
             by_fold=compensation[number],
             by_posture=by_posture[number],
             per_draw=folds.per_draw,
         )
-        for number, (key, index) in enumerate(chosen_index.items())
-    )
+        models.append(held_out)
     return Selection.choose_among(models, screened=screened, links_may_be_base=links_may_be_base)
+
+
+def _list_paths_to_compare(
+    paths: Mapping[tuple[ModelName, Loss], PenaltyPath], requested: ModelName | None
+) -> dict[tuple[ModelName, Loss], PenaltyPath]:
+    """Return the fits of each model and loss with a certified weight, models from simple to rich.
+
+    If the requested model has none, its fits are returned all the same: `choose_weight_index` then raises the
+    error that no fit is certified.
+    """
+    in_order = {
+        (name, loss): paths[name, loss] for name in _NAMES for loss in LOSSES if (name, loss) in paths
+    }
+    certified = {key: path for key, path in in_order.items() if find_certified_weights(path.errors).any()}
+    if any(name == requested for name, _ in certified):
+        return certified
+    return {key: path for key, path in in_order.items() if key in certified or key[0] == requested}
+
+
+def _average_by_posture(folds: Folds, norms: FloatArray) -> FloatArray:
+    """Return the mean norm of the residuals in each of P postures, for each of M models: (M, P) [m].
+
+    `norms` (M, D N) [m] are those of all N observations in each of D draws, in the order of the folds.
+    """
+    first_equal = find_first_equal(folds.rows.measurements.joints)
+    _, posture_of_observation = np.unique(first_equal, return_inverse=True)
+    posture_of_column = posture_of_observation[np.concatenate(folds.held_out)]
+    sums = np.array([np.bincount(posture_of_column, norms_of_model) for norms_of_model in norms])
+    return np.asarray(sums / np.bincount(posture_of_column))
 
 
 def find_simplest_model(candidates: Sequence[HeldOut], best: HeldOut, *, screened: bool) -> ModelName:
@@ -509,13 +559,14 @@ def find_simplest_model(candidates: Sequence[HeldOut], best: HeldOut, *, screene
         best: model with the least residual.
         screened: whether a test has shown that something in addition to the joints bends.
     """
-    joints_limit = 1.0 if screened else CLEAR_GAIN  # in standard errors
-    compared = [(each.model, *each.compare_residuals(best)) for each in candidates]
-    return next(
-        model
-        for model, difference, standard_error in compared
-        if difference <= standard_error * (joints_limit if model == "joints" else 1.0)
-    )
+    for candidate in candidates:
+        allowed_standard_errors = 1.0
+        if candidate.model == "joints" and not screened:
+            allowed_standard_errors = CLEAR_GAIN
+        difference, standard_error = candidate.compare_residuals(best)
+        if difference <= allowed_standard_errors * standard_error:
+            return candidate.model
+    return best.model
 
 
 def find_richest_model(names: Sequence[ModelName], chosen: ModelName) -> ModelName:
@@ -529,7 +580,9 @@ def find_richest_model(names: Sequence[ModelName], chosen: ModelName) -> ModelNa
         names: models from simple to rich.
         chosen: model that the readings chose; one of `names`.
     """
-    return [name for name in names if name in WITH_BASE or chosen not in WITH_BASE][-1]
+    base_must_bend = chosen in WITH_BASE
+    possible_names = [name for name in names if name in WITH_BASE or not base_must_bend]
+    return possible_names[-1]
 
 
 def _find_tied_model(
@@ -539,18 +592,24 @@ def _find_tied_model(
 
     None if the chosen model bends neither or both, or if the readings distinguish the two: the tests do, and
     the model with links predicts worse than the chosen base by more than one standard error.
+
+    Args:
+        by_name: accuracy of each model, with its best loss.
+        chosen: model that the readings chose.
+        links_may_be_base: whether the tests do not distinguish links from the base.
     """
-    with_base = next((each for each in by_name if each.model == "joints_and_base"), None)
-    links = [each for each in by_name if each.model in LINKS_ALONE]
-    if with_base is None or not links:
+    with_links = [held_out for held_out in by_name if held_out.model in LINKS_ALONE]
+    with_base = next((held_out for held_out in by_name if held_out.model == "joints_and_base"), None)
+    if with_base is None or not with_links:
         return None
-    best = min(links, key=lambda each: each.mean_residual)
     if chosen in LINKS_ALONE:
         return with_base.model if links_may_be_base else None
     if chosen != with_base.model:
         return None
-    difference, standard_error = best.compare_residuals(with_base)
-    return best.model if links_may_be_base or difference <= standard_error else None
+    best_with_links = min(with_links, key=lambda held_out: held_out.mean_residual)
+    difference, standard_error = best_with_links.compare_residuals(with_base)
+    predicts_nearly_as_well = difference <= standard_error
+    return best_with_links.model if links_may_be_base or predicts_nearly_as_well else None
 
 
 def _compute_gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
@@ -558,14 +617,13 @@ def _compute_gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
 
     None if joints alone, or all models with links or base, are missing from `by_name`.
     """
-    joints = next((each for each in by_name if each.model == "joints"), None)
-    others = [each for each in by_name if each.model != "joints"]
+    joints = next((held_out for held_out in by_name if held_out.model == "joints"), None)
+    others = [held_out for held_out in by_name if held_out.model != "joints"]
     if joints is None or not others:
         return None
-    best = min(others, key=lambda each: each.mean_residual)
-    return HeldOutGain(
-        best.model, best.mean_residual, joints.mean_residual, joints.compare_residuals(best)[1]
-    )
+    best = min(others, key=lambda held_out: held_out.mean_residual)
+    _, standard_error = joints.compare_residuals(best)
+    return HeldOutGain(best.model, best.mean_residual, joints.mean_residual, standard_error)
 
 
 def _score_held_out(folds: Folds, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -576,30 +634,30 @@ def _score_held_out(folds: Folds, unknowns: FloatArray) -> tuple[FloatArray, Flo
         of the residuals of each observation's targets [m]. Its columns are in the order of the folds: each of
         D draws divides all N observations.
     """
-    residual_sum, deflection_sum = np.zeros(unknowns.shape[:2]), np.zeros(len(folds))
-    norms_of_folds = [
-        np.zeros((len(unknowns), len(fold_observations))) for fold_observations in folds.held_out
-    ]
+    model_count = len(unknowns)
+    residual_sum = np.zeros((model_count, len(folds)))
+    deflection_sum = np.zeros(len(folds))
+    norms_of_folds = [np.zeros((model_count, len(observations))) for observations in folds.held_out]
     start = 0  # index of the first observation of the block
     for rows in generate_elastic_rows(folds.rows, folds.columns, folds.statements):
-        in_block = rows.block.measurements
-        for fold, fold_observations in enumerate(folds.held_out):
-            in_fold = select_rows_of_part(fold_observations, start, start + len(in_block))
-            deflection, present = in_block.deflection[in_fold], in_block.present[in_fold]
-            predicted = np.einsum("btip,mp->mbti", rows.targets[in_fold, ..., :-1], unknowns[:, fold])
+        block = rows.block.measurements
+        for fold, observations in enumerate(folds.held_out):
+            in_fold = select_rows_of_part(observations, start, start + len(block))
+            deflection, present = block.deflection[in_fold], block.present[in_fold]
+            # Model m, observation b of the block, target t, axis i, unknown p.
+            columns = rows.targets[in_fold, ..., :-1]
+            predicted = np.einsum("btip,mp->mbti", columns, unknowns[:, fold])
             residual = np.linalg.norm(deflection - predicted, axis=-1)
-            count = np.maximum(present.sum(axis=1), 1)
-            # Position in the fold of the block's first observation
-            first_position = int(np.searchsorted(fold_observations, start))
-            mean_norm = np.where(present, residual, 0.0).sum(axis=-1) / count
-            norms_of_folds[fold][:, first_position : first_position + len(in_fold)] = mean_norm
+            target_count = np.maximum(present.sum(axis=1), 1)
+            mean_norm = np.where(present, residual, 0.0).sum(axis=-1) / target_count
+            first = int(np.searchsorted(observations, start))  # position in the fold
+            norms_of_folds[fold][:, first : first + len(in_fold)] = mean_norm
             residual_sum[:, fold] += residual[:, present].sum(axis=1)
             deflection_sum[fold] += float(np.linalg.norm(deflection, axis=-1)[present].sum())
-        start += len(in_block)
+        start += len(block)
     # A fold without any deflection gets a ratio of one: nothing could be compensated.
-    ratio = np.divide(
-        residual_sum, deflection_sum, out=np.ones_like(residual_sum), where=deflection_sum > 0.0
-    )
+    ratio = np.ones_like(residual_sum)
+    np.divide(residual_sum, deflection_sum, out=ratio, where=deflection_sum > 0.0)
     return 1.0 - ratio, np.concatenate(norms_of_folds, axis=1)
 
 

@@ -150,6 +150,14 @@ class RatioInterval(NamedTuple):
     #: if exactly the ratios in an interval are excluded: this interval; else None
     excluded: tuple[float, float] | None = None
 
+    def shift(self, amount: float) -> RatioInterval:
+        """Return the interval of ratios that are larger by an amount."""
+        lower = None if self.lower is None else self.lower + amount
+        upper = None if self.upper is None else self.upper + amount
+        if self.excluded is None:
+            return RatioInterval(lower, upper)
+        return RatioInterval(lower, upper, (self.excluded[0] + amount, self.excluded[1] + amount))
+
 
 @dataclass(frozen=True, eq=False)
 class Matches:
@@ -185,42 +193,59 @@ def compare_sides(
             cannot share a load point.
         SolverError: optimality could not be certified.
     """
-    names, others = first.robot.joint_names, second.robot.joint_names
-    if names != others or first.robot.joint_kinds != second.robot.joint_kinds:
-        raise RequestError(
-            f"the robots have different joints: {', '.join(names)} in the first set, "
-            f"{', '.join(others)} in the second",
-            where="run_ids",
-            remedy="compare sets of one robot, or of two robots of the same model with the same joint names",
-        )
-    covariance = _compute_pair_covariance(sides := (first, second), same_load_point=same_load_point)
-    positive = all(bool((side.constraints.bounds.lower >= 0).all()) for side in sides)
+    _refuse_different_joints(first.robot, second.robot)
+    sides = (first, second)
+    covariance = _compute_pair_covariance(sides, same_load_point=same_load_point)
+    compliances_are_positive = all(bool((side.constraints.bounds.lower >= 0).all()) for side in sides)
     compliances = np.stack([side.compliance for side in sides])
     ordered_result = None
     if ordered:
         ordered_result, optimum = fit_ordered(sides, covariance, confidence)
         compliances = np.where(np.isnan(optimum), compliances, optimum)
+    ratios, differences = [], []
+    for j in range(first.robot.n):
+        ratios.append(_compare_joint(j, sides, covariance, confidence, positive=compliances_are_positive))
+        differences.append(_subtract_joint(j, sides, covariance, confidence))
     matches = match_observations(first.measurements, second.measurements)
     return Comparison(
-        [_compare_joint(j, sides, covariance, confidence, positive=positive) for j in range(len(names))],
-        [_subtract_joint(j, sides, covariance, confidence) for j in range(len(names))],
-        ordered_result,
-        compute_avoided_deflection(sides, matches, compliances),
-        matches.unlike,
-        find_force_unit_mistake(first.measurements, second.measurements, matches),
+        joints=ratios,
+        differences=differences,
+        ordered=ordered_result,
+        avoided=compute_avoided_deflection(sides, matches, compliances),
+        unlike=matches.unlike,
+        unit_mistake=find_force_unit_mistake(first.measurements, second.measurements, matches),
     )
+
+
+def _refuse_different_joints(first: Robot, second: Robot) -> None:
+    """Refuse two robots whose joints differ in name or kind.
+
+    Raises:
+        RequestError: the joints differ.
+    """
+    if first.joint_names != second.joint_names or first.joint_kinds != second.joint_kinds:
+        raise RequestError(
+            f"the robots have different joints: {', '.join(first.joint_names)} in the first set, "
+            f"{', '.join(second.joint_names)} in the second",
+            where="run_ids",
+            remedy="compare sets of one robot, or of two robots of the same model with the same joint names",
+        )
 
 
 def models_differ(first: Robot, second: Robot) -> bool:
     """Return whether two robots with the same joints differ in geometry or joint map (in two postures)."""
     if first is second:
         return False
-    postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
-    kinematics = []  # of each robot: angles, Jacobian and flange pose
-    for robot in (first, second):
-        at = Postures(robot, robot.joint_map.model_angles(postures))
-        kinematics.append((at.q, at.jacobian, at.flange_rotation, at.flange_translation))
-    return any(bool((np.abs(a - b) > _MODEL_TOLERANCE).any()) for a, b in zip(*kinematics, strict=True))
+    controller_joints = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])  # any two postures
+    of_first = Postures(first, first.joint_map.model_angles(controller_joints))
+    of_second = Postures(second, second.joint_map.model_angles(controller_joints))
+    differences = (
+        of_first.q - of_second.q,
+        of_first.jacobian - of_second.jacobian,
+        of_first.flange_rotation - of_second.flange_rotation,
+        of_first.flange_translation - of_second.flange_translation,
+    )
+    return any(bool((np.abs(difference) > _MODEL_TOLERANCE).any()) for difference in differences)
 
 
 def _compute_pair_covariance(sides: Sequence[Side], *, same_load_point: bool) -> PairCovariance:
@@ -232,15 +257,16 @@ def _compute_pair_covariance(sides: Sequence[Side], *, same_load_point: bool) ->
     Raises:
         RequestError: the campaigns cannot share a load point.
     """
-    common = [side.measurements.common_uncertainty for side in sides]
-    shared_terms = frozenset.intersection(*(each.assumed for each in common)) - {"load_point"}
+    first_assumed, second_assumed = (side.measurements.common_uncertainty.assumed for side in sides)
+    cancelling_terms = (first_assumed & second_assumed) - {"load_point"}
     own = []
-    for free in (side.free for side in sides):
-        shared = sum(free.assumed[term] for term in shared_terms if term in free.assumed)
-        own.append(None if free.readings is None else free.covariance - shared)
+    for side in sides:
+        free = side.free
+        cancelling = sum(free.assumed[term] for term in cancelling_terms if term in free.assumed)
+        own.append(None if free.readings is None else free.covariance - cancelling)
     n = sides[0].robot.n
     if not same_load_point:
-        return PairCovariance(own, np.zeros((n, n)))
+        return PairCovariance(own, cross=np.zeros((n, n)))
     if not all(side.free.load_point.any() for side in sides):
         raise RequestError(
             "one of the runs states no uncertainty of its load point, so the sets cannot share an error of "
@@ -250,8 +276,9 @@ def _compute_pair_covariance(sides: Sequence[Side], *, same_load_point: bool) ->
             "`noise.load_point` above zero and without a fitted load point",
         )
     check_same_load_point([side.measurements for side in sides])
-    first, second = (side.free.load_point for side in sides)
-    return PairCovariance(own, first @ second.T)
+    # Columns: changes of the estimates by the same independent errors of one standard uncertainty.
+    by_load_point_first, by_load_point_second = (side.free.load_point for side in sides)
+    return PairCovariance(own, cross=by_load_point_first @ by_load_point_second.T)
 
 
 def check_same_load_point(campaigns: Sequence[Measurements]) -> None:
@@ -261,16 +288,20 @@ def check_same_load_point(campaigns: Sequence[Measurements]) -> None:
         RequestError: the load points differ by more than `LOAD_POINT_TOLERANCE`, or their uncertainties
             differ.
     """
-    loaded_points = [np.unique(each.load_point[each.force.any(axis=1)], axis=0) for each in campaigns]
-    if not all(map(len, loaded_points)):
-        return  # a moment alone has no load point
-    first = loaded_points[0]
-    for points, campaign in zip(loaded_points, campaigns, strict=True):
-        to_first, from_first = KDTree(first).query(points)[0], KDTree(points).query(first)[0]
-        farthest = max(np.max(to_first), np.max(from_first))
-        uncertainties = [each.common_uncertainty.load_point for each in (campaigns[0], campaign)]
-        if farthest > LOAD_POINT_TOLERANCE or uncertainties[0] != uncertainties[1]:
-            stated = " and ".join(figure(1e3 * size, ".3g") for size in uncertainties)
+    points_of_campaigns = []
+    for campaign in campaigns:
+        has_force = campaign.force.any(axis=1)  # a moment alone has no load point
+        points_of_campaigns.append(np.unique(campaign.load_point[has_force], axis=0))
+    if any(len(points) == 0 for points in points_of_campaigns):
+        return
+    first_points, first_uncertainty = points_of_campaigns[0], campaigns[0].common_uncertainty.load_point
+    for points, campaign in zip(points_of_campaigns, campaigns, strict=True):
+        distances_to_first, _ = KDTree(first_points).query(points)
+        distances_from_first, _ = KDTree(points).query(first_points)
+        farthest = max(np.max(distances_to_first), np.max(distances_from_first))
+        uncertainty = campaign.common_uncertainty.load_point
+        if farthest > LOAD_POINT_TOLERANCE or uncertainty != first_uncertainty:
+            stated = f"{figure(1e3 * first_uncertainty, '.3g')} and {figure(1e3 * uncertainty, '.3g')}"
             raise RequestError(
                 f"two sets state load points {figure(1e3 * farthest, '.3g')} mm apart, with uncertainties of "
                 f"{stated} mm, so the error of the load point is not the same in both",
@@ -296,27 +327,35 @@ def _compare_joint(
         confidence: level of the interval.
         positive: whether compliances are known to be zero or positive.
     """
-    name, gaussian = sides[0].robot.joint_names[j], []
-    *variances, shared = covariance.select(j)
-    for ordinal, side, variance in zip(("first", "second"), sides, variances, strict=True):
-        value = float(side.free.compliance[j])
-        if not isfinite(value):
+    name = sides[0].robot.joint_names[j]
+    *variances, shared_covariance = covariance.select(j)
+    for ordinal, side in zip(("first", "second"), sides, strict=True):
+        if not isfinite(side.free.compliance[j]):
             return JointRatio(name=name, reason=f"in the {ordinal} set: {side.free.reasons[j]}")
-        if variance is not None and variance > 0.0:
-            gaussian.append(GaussianEstimate(value, sqrt(variance), side.free.degrees_of_freedom))
-    if len(gaussian) < len(sides):
+    estimates = [
+        GaussianEstimate(float(side.free.compliance[j]), sqrt(variance), side.free.degrees_of_freedom)
+        for side, variance in zip(sides, variances, strict=True)
+        if variance is not None and variance > 0.0
+    ]
+    if len(estimates) < len(sides):
         return JointRatio(name=name, reason=_UNKNOWN)
-    first, second = gaussian
-    are_positive = first.value > 0 and second.value > 0
-    spread = sqrt(first.standard_uncertainty**2 + second.standard_uncertainty**2 - 2.0 * shared)
+    first, second = estimates
+    # Student's test of the hypothesis that both compliances are equal.
+    variance_of_difference = (
+        first.standard_uncertainty**2 + second.standard_uncertainty**2 - 2.0 * shared_covariance
+    )
+    student_t = abs(first.value - second.value) / sqrt(variance_of_difference)
     freedom = min(first.degrees_of_freedom, second.degrees_of_freedom)
-    interval = compute_ratio_interval(first, second, confidence, positive=positive, covariance=shared)
+    interval = compute_ratio_interval(
+        first, second, confidence, positive=positive, covariance=shared_covariance
+    )
+    are_positive = first.value > 0 and second.value > 0
     return JointRatio(
         name=name,
         ratio=first.value / second.value if are_positive else None,
         ratio_interval=None if interval is None else (interval.lower, interval.upper),
         ratio_excluded=None if interval is None else interval.excluded,
-        p_value=float(2.0 * special.stdtr(freedom, -abs(first.value - second.value) / spread)),
+        p_value=float(2.0 * special.stdtr(freedom, -student_t)),
         reason=None if are_positive else _NEGATIVE,
     )
 
@@ -338,41 +377,55 @@ def _subtract_joint(
     """
     first, second = (side.free for side in sides)
     name, kind = sides[0].robot.joint_names[j], sides[0].robot.joint_kinds[j]
-    *variances, shared = covariance.select(j)
+    first_variance, second_variance, shared_covariance = covariance.select(j)
     difference = float(first.compliance[j] - second.compliance[j])
-    if not isfinite(difference) or not all(variances):
-        return _make_difference(
-            name, kind, None, None, None, first.reasons[j] or second.reasons[j] or _UNKNOWN
-        )
+    if not isfinite(difference) or not first_variance or not second_variance:
+        reason = first.reasons[j] or second.reasons[j] or _UNKNOWN
+        return _make_difference(name, kind, compliance=None, uncertainty=None, interval=None, reason=reason)
     common = [side.measurements.common_uncertainty for side in sides]
-    is_assumed = all("force_scale" in each.assumed for each in common)
-    scale = common[0].scale if is_assumed else 0.0
-    variance = sum(each for each in variances if each) - 2.0 * shared + (scale * difference) ** 2
+    scale_is_assumed = all("force_scale" in uncertainty.assumed for uncertainty in common)
+    scale_uncertainty = common[0].scale if scale_is_assumed else 0.0
+    variance = first_variance + second_variance - 2.0 * shared_covariance
+    variance += (scale_uncertainty * difference) ** 2
     uncertainty = sqrt(variance)
     freedom = min(first.degrees_of_freedom, second.degrees_of_freedom)
     t = student_quantile(0.5 * (1.0 + confidence), freedom if isfinite(freedom) else None)
     low, high = difference - t * uncertainty, difference + t * uncertainty
     if high <= 0.0:
-        return _make_difference(name, kind, None, uncertainty, None, _SOFTER)
-    return _make_difference(name, kind, max(difference, 0.0), uncertainty, (max(low, 0.0), high), None)
+        return _make_difference(
+            name, kind, compliance=None, uncertainty=uncertainty, interval=None, reason=_SOFTER
+        )
+    return _make_difference(
+        name,
+        kind,
+        compliance=max(difference, 0.0),
+        uncertainty=uncertainty,
+        interval=(max(low, 0.0), high),
+        reason=None,
+    )
 
 
 def _make_difference(
     name: str,
     kind: JointKind,
+    *,
     compliance: float | None,
     uncertainty: float | None,
     interval: tuple[float, float] | None,
     reason: str | None,
 ) -> JointResult:
-    """Build the message of a difference; without a compliance, `reason` says why."""
-    is_certain = interval is not None and interval[0] > 0.0
-    status: Literal["identified", "uncertain", "at_bound", "not_observable"] = "not_observable"
-    if compliance is not None:
-        status = "identified" if is_certain else "uncertain" if compliance > 0.0 else "at_bound"
-    verdict: Verdict = "do_not_use"
-    if compliance is not None:
-        verdict = "use" if is_certain else "use_with_care"
+    """Build the message of a difference of compliances; without a compliance, `reason` says why."""
+    excludes_zero = interval is not None and interval[0] > 0.0
+    status: Literal["identified", "uncertain", "at_bound", "not_observable"]
+    verdict: Verdict
+    if compliance is None:
+        status, verdict = "not_observable", "do_not_use"
+    elif excludes_zero:
+        status, verdict = "identified", "use"
+    elif compliance > 0.0:
+        status, verdict = "uncertain", "use_with_care"
+    else:
+        status, verdict = "at_bound", "use_with_care"
     return JointResult(
         name=name,
         kind=kind,
@@ -395,7 +448,7 @@ def compute_ratio_interval(
     positive: bool,
     covariance: float = 0.0,
 ) -> RatioInterval | None:
-    """Compute Fieller's interval of the ratio c_first / c_second = k_second / k_first.
+    """Compute Fieller's interval of the ratio ρ = c_first / c_second = k_second / k_first.
 
     The interval is exact if both uncertainties come from one sigma, or sigma is given. Otherwise the fewer
     degrees of freedom are used, so that the interval covers the true ratio at least as often as `confidence`.
@@ -408,19 +461,21 @@ def compute_ratio_interval(
         covariance: covariance of both estimates [(rad/(N·m))²]; zero if they are independent.
 
     Returns:
-        The interval; None if `positive` and all ratios that the estimates allow are negative.
+        The interval; None if `positive` and all ratios that the estimates allow are negative. The interval
+        may instead be all ratios but those of an inner interval, which is then stated as excluded.
     """
     t = student_quantile(0.5 + confidence / 2, min(first.degrees_of_freedom, second.degrees_of_freedom))
-    # With b = covariance / s₂², ĉ₁ − b ĉ₂ is independent of ĉ₂, and has the ratio ρ − b to ĉ₂.
-    shift = covariance / second.standard_uncertainty**2
-    own = sqrt(first.standard_uncertainty**2 - shift * covariance)
-    independent = GaussianEstimate(first.value - shift * second.value, own)
-    lower, upper, excluded = _compute_independent_ratio_interval(independent, second, t)
-    lower, upper = (None if end is None else end + shift for end in (lower, upper))
-    if excluded is not None:
-        excluded = (excluded[0] + shift, excluded[1] + shift)
+    # With b = covariance / s₂², ĉ₁ − b ĉ₂ is independent of ĉ₂, has the variance s₁² − b · covariance, and
+    # the ratio ρ − b to ĉ₂.
+    b = covariance / second.standard_uncertainty**2
+    independent = GaussianEstimate(
+        value=first.value - b * second.value,
+        standard_uncertainty=sqrt(first.standard_uncertainty**2 - b * covariance),
+    )
+    interval = _compute_independent_ratio_interval(independent, second, t).shift(b)
     if not positive:
-        return RatioInterval(lower, upper, excluded)
+        return interval
+    lower, upper, excluded = interval
     if upper is not None and upper < 0.0:
         return None
     if excluded is not None and excluded[0] < 0.0:  # of both parts only the upper part is positive
@@ -553,22 +608,23 @@ def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Match
     Returns:
         The finding; None if no mistake is suspected.
     """
-    for (unit, size), (other, other_size) in permutations(FORCE_UNITS.items(), 2):
-        ratio = size / other_size
-        scaled = match_observations(one, two, ratio)
-        # The ratio has to make most observations with a common label match that did not match as stated.
-        new_matches = np.setdiff1d(scaled.observations[0], matches.observations[0])
-        if 2 * len(new_matches) <= len(matches.present) + len(matches.unlike):
+    common_label_count = len(matches.present) + len(matches.unlike)
+    for (unit, newtons), (other_unit, other_newtons) in permutations(FORCE_UNITS.items(), 2):
+        ratio = newtons / other_newtons
+        scaled_matches = match_observations(one, two, force_ratio=ratio)
+        newly_matching = np.setdiff1d(scaled_matches.observations[0], matches.observations[0])
+        explains_most = 2 * len(newly_matching) > common_label_count
+        if not explains_most:
             continue
-        share = compute_measured_shares((one, two), scaled, (None, None))[1]
+        _, share = compute_measured_shares((one, two), scaled_matches, sigmas=(None, None))
         if share is not None and abs(share.value) < _ALIKE:
             return Finding(
                 code="force_unit_suspect",
                 weight="do_not_use",
                 message="in the same postures, the forces of the second campaign are "
                 f"{figure(ratio, '.3g')} times those of the first, but the deflections "
-                f"{figure(1.0 - share.value, '.3g')} times: probably {other} were read as {unit} in the "
-                f"second campaign, or {unit} as {other} in the first",
+                f"{figure(1.0 - share.value, '.3g')} times: probably {other_unit} were read as {unit} in the "
+                f"second campaign, or {unit} as {other_unit} in the first",
                 remedy="correct `units.force` of the campaign whose unit is wrong",
             )
     return None
@@ -582,31 +638,61 @@ def match_observations(one: Measurements, two: Measurements, force_ratio: float 
         two: the second campaign.
         force_ratio: factor on the forces of the first campaign before they are compared.
     """
-    shared = [name for name in one.targets if name in two.targets]
-    targets = np.array([[m.targets.index(name) for name in shared] for m in (one, two)], np.intp)
-    index_in_two = {label: i for i, label in enumerate(two.labels)}
-    pairs = [(i, index_in_two[label]) for i, label in enumerate(one.labels) if label in index_in_two]
-    observations = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-    readings = []
-    for m, rows, target in zip((one, two), observations[..., None], targets, strict=True):
-        direction = np.zeros(m.position.shape) if m.direction is None else m.direction
-        readings.append((direction[rows, target], m.present[rows, target]))
-    # Readings along one direction match if their directions agree; a zero vector reads all coordinates.
-    (along_one, read_in_one), (along_two, read_in_two) = readings
-    cosine = np.abs((along_one * along_two).sum(axis=-1))  # a gauge on the flange turns with the postures
-    both_full = ~(along_one.any(axis=-1) | along_two.any(axis=-1))
-    present = read_in_one & read_in_two & ((cosine > np.cos(2.0 * POSTURE_TOLERANCE)) | both_full)
+    shared_targets = [name for name in one.targets if name in two.targets]
+    targets = np.array(
+        [
+            [one.targets.index(name) for name in shared_targets],
+            [two.targets.index(name) for name in shared_targets],
+        ],
+        np.intp,
+    )
+    row_in_two = {label: row for row, label in enumerate(two.labels)}
+    pairs = [(row, row_in_two[label]) for row, label in enumerate(one.labels) if label in row_in_two]
+    observations = np.array(pairs, dtype=np.intp).reshape(-1, 2).T  # rows with a common label
     i, k = observations
-    same = np.abs(one.joints[i] - two.joints[k]).max(axis=1) <= POSTURE_TOLERANCE
+    present = _find_comparable_readings(one, two, observations, targets)
+    same_posture = np.abs(one.joints[i] - two.joints[k]).max(axis=1) <= POSTURE_TOLERANCE
     # The load point does not matter where no force acts.
-    near = np.linalg.norm(one.load_point[i] - two.load_point[k], axis=1) <= LOAD_POINT_TOLERANCE
-    same &= near | ~one.force[i].any(axis=1)
-    for a, b in ((force_ratio * one.force[i], two.force[k]), (one.moment[i], two.moment[k])):
-        size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
-        same &= np.linalg.norm(a - b, axis=1) <= LOAD_TOLERANCE * size
-    matching = same & present.any(axis=1)
-    unlike = tuple(one.labels[j] for j in i[~matching])
-    return Matches(observations[:, matching], targets, present[matching], unlike)
+    load_point_distance = np.linalg.norm(one.load_point[i] - two.load_point[k], axis=1)
+    same_load_point = (load_point_distance <= LOAD_POINT_TOLERANCE) | ~one.force[i].any(axis=1)
+    same_force = _are_nearly_equal(force_ratio * one.force[i], two.force[k])
+    same_moment = _are_nearly_equal(one.moment[i], two.moment[k])
+    is_matching = same_posture & same_load_point & same_force & same_moment & present.any(axis=1)
+    unlike = tuple(one.labels[row] for row in i[~is_matching])
+    return Matches(observations[:, is_matching], targets, present[is_matching], unlike)
+
+
+def _are_nearly_equal(first: FloatArray, second: FloatArray) -> BoolArray:
+    """Return which vectors (N, 3) are equal to within `LOAD_TOLERANCE` of the longer one."""
+    longer = np.maximum(np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1))
+    return np.asarray(np.linalg.norm(first - second, axis=1) <= LOAD_TOLERANCE * longer)
+
+
+def _find_comparable_readings(
+    one: Measurements, two: Measurements, observations: IndexArray, targets: IndexArray
+) -> BoolArray:
+    """Return which targets both campaigns read in all coordinates, or along the same direction: (K, T).
+
+    Args:
+        one: the first campaign.
+        two: the second campaign.
+        observations: (2, K) rows of the observations in both campaigns.
+        targets: (2, T) indices of the targets in both campaigns.
+    """
+    present, directions = [], []
+    for campaign, rows, columns in zip((one, two), observations, targets, strict=True):
+        readings = np.ix_(rows, columns)
+        present.append(campaign.present[readings])
+        if campaign.direction is None:
+            directions.append(np.zeros((len(rows), len(columns), 3)))
+        else:
+            directions.append(campaign.direction[readings])
+    # A zero vector means that all three coordinates were read.
+    read_all = ~(directions[0].any(axis=-1) | directions[1].any(axis=-1))
+    # A gauge on the flange turns with the postures, which differ by `POSTURE_TOLERANCE`.
+    cosine = np.abs((directions[0] * directions[1]).sum(axis=-1))
+    same_direction = cosine > np.cos(2.0 * POSTURE_TOLERANCE)
+    return np.asarray(present[0] & present[1] & (same_direction | read_all))
 
 
 def compute_avoided_deflection(
@@ -619,39 +705,38 @@ def compute_avoided_deflection(
         matches: observations that both campaigns have.
         compliances: (2, n) compliances of the joints in the first and in the second campaign [rad/(N·m)].
     """
-    measured_shares, total_share = compute_measured_shares(
+    measured_shares, measured_total = compute_measured_shares(
         [side.measurements for side in sides], matches, [side.free.sigma for side in sides]
     )
-    unknown = sides[0].free.unseen | sides[1].free.unseen
+    is_unseen = sides[0].free.unseen | sides[1].free.unseen
     # Mean deflections (N, 2) in the observations of each campaign, with the compliances of both campaigns
-    in_first, in_second = (_predict_mean_lengths(side, compliances, unknown) for side in sides)
+    in_first, in_second = (_predict_mean_lengths(side, compliances, is_unseen) for side in sides)
     first_labels, second_labels = (side.measurements.labels for side in sides)
-    only_second = np.setdiff1d(np.arange(len(second_labels)), matches.observations[1]).tolist()
-    total = np.nansum(np.vstack([in_first, in_second[only_second]]), axis=0)
-    share_of_row = dict(zip(matches.observations[0].tolist(), measured_shares, strict=True))
-    shares = [
-        ConfigurationShare(
+    only_in_second = np.setdiff1d(np.arange(len(second_labels)), matches.observations[1]).tolist()
+    measured_of_row = dict(zip(matches.observations[0].tolist(), measured_shares, strict=True))
+    configurations = []
+    for row, label in enumerate(first_labels):
+        share = ConfigurationShare(
             observation=label,
-            side="both" if i in share_of_row else "first",
-            measured=share_of_row.get(i),
-            predicted=_compute_avoided_share(*in_first[i]),
+            side="both" if row in measured_of_row else "first",
+            measured=measured_of_row.get(row),
+            predicted=_compute_avoided_share(*in_first[row]),
         )
-        for i, label in enumerate(first_labels)
-    ]
-    shares += [
-        ConfigurationShare(
-            observation=second_labels[i],
+        configurations.append(share)
+    for row in only_in_second:
+        share = ConfigurationShare(
+            observation=second_labels[row],
             side="second",
             measured=None,
-            predicted=_compute_avoided_share(*in_second[i]),
+            predicted=_compute_avoided_share(*in_second[row]),
         )
-        for i in only_second
-    ]
+        configurations.append(share)
+    total_first, total_second = np.nansum(np.vstack([in_first, in_second[only_in_second]]), axis=0)
     return AvoidedDeflection(
         matching=len(measured_shares),
-        measured=total_share,
-        predicted=_compute_avoided_share(*total),
-        configurations=shares,
+        measured=measured_total,
+        predicted=_compute_avoided_share(total_first, total_second),
+        configurations=configurations,
     )
 
 
@@ -673,24 +758,60 @@ def compute_measured_shares(
         observations, and the share over all observations. A share is None if the first campaign shows no
         deflection; the share over all is None, too, if no observation matches.
     """
-    means, uncertainties, count = [], [], matches.present.sum(axis=1)
-    for measurements, rows, targets, sigma in zip(
-        readings, matches.observations[..., None], matches.targets, sigmas, strict=True
-    ):
-        deflection, covariance = measurements.deflection[rows, targets], measurements.covariance
-        if covariance.ndim == 4:  # (N, T, 3, 3); otherwise all readings have one covariance (3, 3)
-            covariance = covariance[rows, targets]
-        length = np.linalg.norm(deflection, axis=2)
-        direction = deflection / np.where(length > 0, length, 1.0)[..., None]
-        variance = np.sum(direction * (covariance @ direction[..., None])[..., 0], axis=2)
-        means.append((length * matches.present).sum(axis=1) / count)
-        scale = np.nan if sigma is None else sigma
-        uncertainties.append(scale * np.sqrt((variance * matches.present).sum(axis=1)) / count)
-    shares = [_estimate_avoided_share(*numbers) for numbers in zip(*means, *uncertainties, strict=True)]
+    first, second = (
+        _measure_mean_lengths(campaign, rows, targets, matches.present, sigma)
+        for campaign, rows, targets, sigma in zip(
+            readings, matches.observations, matches.targets, sigmas, strict=True
+        )
+    )
+    numbers = zip(first.mean, second.mean, first.uncertainty, second.uncertainty, strict=True)
+    shares = [_estimate_avoided_share(*numbers_of_observation) for numbers_of_observation in numbers]
     if not shares:
         return shares, None
-    totals = [float(mean.sum()) for mean in means]
-    return shares, _estimate_avoided_share(*totals, *(float(np.sqrt((u**2).sum())) for u in uncertainties))
+    total_share = _estimate_avoided_share(
+        float(first.mean.sum()),
+        float(second.mean.sum()),
+        float(np.sqrt(np.square(first.uncertainty).sum())),
+        float(np.sqrt(np.square(second.uncertainty).sum())),
+    )
+    return shares, total_share
+
+
+class _MeanLengths(NamedTuple):
+    """Mean length of the deflections of the targets in each of K observations."""
+
+    mean: FloatArray  # (K,) [m]
+    uncertainty: FloatArray  # (K,) standard uncertainty of the mean [m]; NaN without sigma
+
+
+def _measure_mean_lengths(
+    campaign: Measurements,
+    rows: IndexArray,
+    targets: IndexArray,
+    present: BoolArray,
+    sigma: float | None,
+) -> _MeanLengths:
+    """Return the mean length of the deflections in K observations of a campaign.
+
+    Args:
+        campaign: measurements.
+        rows: (K,) indices of the observations.
+        targets: (T,) indices of the targets.
+        present: (K, T) which of these targets count.
+        sigma: standard uncertainty of one coordinate of one reading [m], or None.
+    """
+    readings = np.ix_(rows, targets)
+    deflection, covariance = campaign.deflection[readings], campaign.covariance
+    if covariance.ndim == 4:  # (N, T, 3, 3); otherwise all readings have one covariance (3, 3)
+        covariance = covariance[readings]
+    length = np.linalg.norm(deflection, axis=2)
+    direction = deflection / np.where(length > 0, length, 1.0)[..., None]
+    covariance_times_direction = (covariance @ direction[..., None])[..., 0]
+    variance = np.sum(direction * covariance_times_direction, axis=2)  # (K, T) in units of sigma²
+    count = present.sum(axis=1)
+    mean = (length * present).sum(axis=1) / count
+    relative_uncertainty = np.sqrt((variance * present).sum(axis=1)) / count
+    return _MeanLengths(mean, (np.nan if sigma is None else sigma) * relative_uncertainty)
 
 
 def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) -> FloatArray:
@@ -705,16 +826,20 @@ def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArra
         (N, 2) mean length [m] in each observation, with the compliances of the first and of the second
         campaign; NaN where an unknown joint is twisted.
     """
-    robot, measurements, means = side.robot, side.measurements, []
-    count = measurements.present.sum(axis=1)
+    robot, measurements = side.robot, side.measurements
+    target_count = measurements.present.sum(axis=1)
+    mean_lengths = []
     for compliance in compliances:
         balanced = compliance if side.complementary_stiffness else None
         predicted = predict(Rows(robot, measurements, balanced), compliance).predicted
-        means.append((np.linalg.norm(predicted, axis=2) * measurements.present).sum(axis=1) / count)
+        lengths = np.linalg.norm(predicted, axis=2) * measurements.present
+        mean_lengths.append(lengths.sum(axis=1) / target_count)
     blocks = Rows(robot, measurements).generate_blocks()
-    size = np.concatenate([np.abs(block.A).max(axis=(1, 2)) for block in blocks])
-    hidden = (size[:, unknown] > _NO_EFFECT * size.max()).any(axis=1)
-    return np.where(hidden[:, None], np.nan, np.stack(means, axis=1))
+    # Largest motion (N, n) of a coordinate by each joint, per unit of its compliance.
+    largest_motion = np.concatenate([np.abs(block.A).max(axis=(1, 2)) for block in blocks])
+    is_twisted = largest_motion > _NO_EFFECT * largest_motion.max()
+    is_unpredictable = is_twisted[:, unknown].any(axis=1)
+    return np.where(is_unpredictable[:, None], np.nan, np.stack(mean_lengths, axis=1))
 
 
 def _compute_avoided_share(first: float, second: float) -> float | None:
@@ -799,13 +924,13 @@ class Change:
 
     def find_unchanged_ratios(self, tests: int) -> tuple[float, float]:
         """Return the ends of the ratios of the stiffnesses that would not be significant among `tests`."""
-        probability = 0.5 * CHANGED_LEVEL / tests
-        is_normal = isinf(self.degrees_of_freedom)
-        quantile = (
-            special.ndtri(probability) if is_normal else special.stdtrit(self.degrees_of_freedom, probability)
-        )
-        ratio = exp(-float(quantile) * self.standard_uncertainty)
-        return 1.0 / ratio, ratio
+        probability_of_each_side = 0.5 * CHANGED_LEVEL / tests
+        if isinf(self.degrees_of_freedom):
+            quantile = float(special.ndtri(probability_of_each_side))
+        else:
+            quantile = float(special.stdtrit(self.degrees_of_freedom, probability_of_each_side))
+        largest_ratio = exp(-quantile * self.standard_uncertainty)  # the quantile is negative
+        return 1.0 / largest_ratio, largest_ratio
 
 
 def log_stiffness(
@@ -827,6 +952,8 @@ def log_stiffness(
     """
     if compliance is None or standard_uncertainty is None or not compliance > 0:
         return None
-    own = standard_uncertainty**2 - min(shared_uncertainty, _MOST_SHARED * standard_uncertainty) ** 2
-    relative = sqrt(own) / compliance
-    return (-log(compliance), relative) if 0 < relative <= MOST_RELATIVE else None
+    shared = min(shared_uncertainty, _MOST_SHARED * standard_uncertainty)
+    relative_uncertainty = sqrt(standard_uncertainty**2 - shared**2) / compliance
+    if not 0 < relative_uncertainty <= MOST_RELATIVE:
+        return None
+    return -log(compliance), relative_uncertainty

@@ -92,83 +92,119 @@ def find_better_alternative(robot: Robot, measurements: Measurements) -> BetterA
     The gain must be larger than noise and model errors explain: significant by an F test in which the
     correction counts as n further parameters. All fits have compliances ≥ 0.
     """
-    best, given_compensation = _find_best_alternative(
-        robot, measurements, _list_alternatives(robot.joint_kinds, measurements.present.shape[1])
-    )
-    if given_compensation < LEAST_COMPENSATION and 2 < robot.n <= _MAPPED_JOINTS:
-        mapped, _ = _find_best_alternative(robot, measurements, _list_joint_maps(robot.joint_kinds))
-        found = [each for each in (best, mapped) if each is not None]
-        best = min(found, key=lambda each: each.ratio, default=None)
-    return best
+    single_mistakes = _list_alternatives(robot.joint_kinds, targets=measurements.present.shape[1])
+    best, compensation_as_given = _find_best_alternative(robot, measurements, single_mistakes)
+    can_try_joint_maps = 2 < robot.n <= _MAPPED_JOINTS
+    if compensation_as_given >= LEAST_COMPENSATION or not can_try_joint_maps:
+        return best
+    # The data as given explain little, so that several signs may be wrong at once.
+    joint_maps = _list_joint_maps(robot.joint_kinds)
+    best_joint_map, _ = _find_best_alternative(robot, measurements, joint_maps)
+    found = [alternative for alternative in (best, best_joint_map) if alternative is not None]
+    return min(found, key=lambda alternative: alternative.ratio, default=None)
 
 
 def _find_best_alternative(
     robot: Robot, measurements: Measurements, alternatives: Sequence[Alternative]
 ) -> tuple[BetterAlternative | None, float]:
-    """Return the best significant alternative, or None, and the compensation of the data as given."""
-    affordable = _READINGS // (measurements.present.shape[1] * (len(alternatives) + 1))
-    part = measurements.select_evenly(max(1, min(_MOST_COMPARED_OBSERVATIONS, affordable)))
+    """Return the best significant alternative, or None, and the compensation of the data as given.
+
+    The compensation is the share of the mean deflection that the joints explain.
+    """
+    readings_of_observation = measurements.present.shape[1]
+    affordable = _READINGS // (readings_of_observation * (len(alternatives) + 1))
+    compared = measurements.select_evenly(max(1, min(_MOST_COMPARED_OBSERVATIONS, affordable)))
     # A rigid flange moves by six coordinates at most.
-    coordinates = int(np.minimum(part.coordinates.sum(axis=1), 6).sum())
-    freedom = coordinates - robot.n
-    if freedom < _LEAST_FREEDOM:
+    coordinates = int(np.minimum(compared.coordinates.sum(axis=1), 6).sum())
+    if coordinates - robot.n < _LEAST_FREEDOM:
         return None, 1.0
-    # Noise alone makes a ratio of residual sums fall below `ratio` with probability `FALSE_ALARM` at most.
-    quantile = float(special.fdtri(robot.n, freedom, 1.0 - FALSE_ALARM / len(alternatives)))
-    ratio = min(LARGEST_RATIO, 1.0 / (1.0 + robot.n * quantile / freedom))
-    # Some of the observations select the alternatives to examine.
-    preselection = part.select_evenly(
-        math.ceil(_PRESELECTION_COORDINATES * robot.n * len(part) / coordinates)
-    )
-    rows = _build_alternative_rows(robot, preselection, alternatives)
-    as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
-    alternatives = [
-        a for a, left in zip(alternatives, _bound_residual_sums(rows[1:]), strict=True) if left < as_given
-    ]
+    largest_ratio = _compute_largest_ratio(robot.n, coordinates - robot.n, len(alternatives))
+    # A few observations exclude most alternatives: only the others are compared on all observations.
+    few = math.ceil(_PRESELECTION_COORDINATES * robot.n * len(compared) / coordinates)
+    rows = _build_alternative_rows(robot, compared.select_evenly(few), alternatives)
+    squares_as_given, compensation_as_given = _fit_nonnegative_compliances(rows[0])
+    can_be_better = _bound_residual_sums(rows[1:]) < squares_as_given
+    alternatives = [alternatives[k] for k in np.flatnonzero(can_be_better).tolist()]
     if not alternatives:
-        return None, given_compensation
-    rows = _build_alternative_rows(robot, part, alternatives)
-    as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
-    needed, best = as_given * ratio, None
-    # rows[0] are the data as given, rows[k] those of alternative k − 1.
-    for k in (1 + np.flatnonzero(_bound_residual_sums(rows[1:]) < needed)).tolist():
-        squares, compensation = _fit_nonnegative_compliances(rows[k])
-        if squares < needed and compensation >= LEAST_COMPENSATION:
-            best = BetterAlternative(
-                alternatives[k - 1], squares / as_given, compensation, given_compensation
-            )
-            needed = squares
-    # If every force has the wrong sign, nearly any alternative fits better than the data as given; then the
+        return None, compensation_as_given
+    rows = _build_alternative_rows(robot, compared, alternatives)
+    return _select_best_fit(rows[0], rows[1:], alternatives, largest_ratio)
+
+
+def _compute_largest_ratio(joint_count: int, freedom: int, alternative_count: int) -> float:
+    """Return the ratio of residual sums, alternative to data as given, below which an alternative is better.
+
+    Noise alone makes the ratio of any of the alternatives fall below it with probability `FALSE_ALARM` at
+    most: an F test with `joint_count` and `freedom` degrees of freedom. `LARGEST_RATIO` allows for errors of
+    the model.
+    """
+    level = FALSE_ALARM / alternative_count  # Bonferroni: any of the alternatives may be accepted by chance
+    critical_f = float(special.fdtri(joint_count, freedom, 1.0 - level))
+    return min(LARGEST_RATIO, 1.0 / (1.0 + joint_count * critical_f / freedom))
+
+
+def _select_best_fit(
+    rows_as_given: FloatArray,
+    rows_of_alternatives: FloatArray,
+    alternatives: Sequence[Alternative],
+    largest_ratio: float,
+) -> tuple[BetterAlternative | None, float]:
+    """Return the significant alternative with the least residual sum, or None, and the compensation as given.
+
+    Args:
+        rows_as_given: (R, n + 1) [A d] of the data as given: regressor A, deflections d, in units of sigma.
+        rows_of_alternatives: (K, R, n + 1) [A d] with each of K mistakes undone.
+        alternatives: the K possible mistakes.
+        largest_ratio: ratio of the residual sums, alternative to data as given, below which a mistake is
+            significant.
+    """
+    squares_as_given, compensation_as_given = _fit_nonnegative_compliances(rows_as_given)
+    least_squares, best = squares_as_given * largest_ratio, None
+    least_possible_squares = _bound_residual_sums(rows_of_alternatives)
+    for k in np.flatnonzero(least_possible_squares < least_squares).tolist():
+        squares, compensation = _fit_nonnegative_compliances(rows_of_alternatives[k])
+        if squares < least_squares and compensation >= LEAST_COMPENSATION:
+            ratio = squares / squares_as_given
+            best = BetterAlternative(alternatives[k], ratio, compensation, compensation_as_given)
+            least_squares = squares
+    if best is None:
+        return None, compensation_as_given
+    # If every force has the wrong sign, nearly any alternative fits better than the data as given. Then the
     # integrity checks report the sign, and no alternative is returned.
-    if (
-        best is not None
-        and _fit_nonnegative_compliances(rows[0] * np.append(np.ones(robot.n), -1.0))[0] < needed
-    ):
-        return None, given_compensation
-    return best, given_compensation
+    rows_with_opposite_deflections = rows_as_given.copy()
+    rows_with_opposite_deflections[:, -1] *= -1.0
+    squares_with_opposite_sign, _ = _fit_nonnegative_compliances(rows_with_opposite_deflections)
+    forces_have_wrong_sign = squares_with_opposite_sign < least_squares
+    return None if forces_have_wrong_sign else best, compensation_as_given
 
 
 @lru_cache
 def _list_alternatives(kinds: tuple[JointKind, ...], targets: int) -> tuple[Alternative, ...]:
     """Return the possible mistakes, one change each; only joints of one kind are exchanged or coupled."""
-    n, turning = len(kinds), [j for j, kind in enumerate(kinds) if kind == "revolute"]
+    n = len(kinds)
     identity, no_offset = np.eye(n), np.zeros(n)
     mistakes: list[Alternative] = []
-    for j, k in ((j, k) for j, k in combinations(range(n), 2) if kinds[j] == kinds[k]):
-        order = np.arange(n)
-        order[[j, k]] = k, j
-        mistakes.append(Alternative("columns_exchanged", (j, k), identity[order], no_offset))
-    for j, row in enumerate(identity):
-        reversed_joint = identity - 2.0 * np.outer(row, row)
+    for j, k in combinations(range(n), 2):
+        if kinds[j] == kinds[k]:
+            exchanged = identity.copy()
+            exchanged[[j, k]] = identity[[k, j]]
+            mistakes.append(Alternative("columns_exchanged", (j, k), exchanged, no_offset))
+    for j in range(n):
+        reversed_joint = identity.copy()
+        reversed_joint[j, j] = -1.0
         mistakes.append(Alternative("sign_reversed", (j,), reversed_joint, no_offset))
-    for sign in (1.0, -1.0) if n > 2 and kinds[1] == kinds[2] else ():
-        coupled = identity + sign * np.outer(identity[2], identity[1])
-        mistakes.append(Alternative("joints_coupled", (1, 2), coupled, no_offset))
-    for j, turn in product(turning, (0.5 * np.pi, -0.5 * np.pi, np.pi)):
+    if n > 2 and kinds[1] == kinds[2]:
+        # Some controllers state joint 3 relative to the ground, not to link 2.
+        for sign in (1.0, -1.0):
+            coupled = identity.copy()
+            coupled[2, 1] = sign
+            mistakes.append(Alternative("joints_coupled", (1, 2), coupled, no_offset))
+    revolute_joints = [j for j, kind in enumerate(kinds) if kind == "revolute"]
+    for j, turn in product(revolute_joints, (0.5 * np.pi, -0.5 * np.pi, np.pi)):
         mistakes.append(Alternative("zero_offset", (j,), identity, turn * identity[j]))
     exchanges = [
-        Alternative("load_and_target_exchanged", (), identity, no_offset, t)
-        for t in range(min(targets, _MOST_TARGETS))
+        Alternative("load_and_target_exchanged", (), identity, no_offset, target)
+        for target in range(min(targets, _MOST_TARGETS))
     ]
     return (*mistakes, *exchanges)
 
@@ -180,38 +216,48 @@ def _list_joint_maps(kinds: tuple[JointKind, ...]) -> tuple[Alternative, ...]:
     Any signs may be reversed, and the third joint may be coupled to the second.
     """
     n, maps = len(kinds), list[Alternative]()
-    identity, couplings = np.eye(n), (0.0, 1.0, -1.0) if kinds[1] == kinds[2] else (0.0,)
-    for coupling, signs in product(couplings, product((1.0, -1.0), repeat=n)):
-        concerned = {*np.flatnonzero(np.array(signs) < 0.0).tolist()}
-        if len(concerned) + abs(coupling) > 1:
-            joints = tuple(sorted(concerned | ({1, 2} if coupling else set())))
-            matrix = np.diag(signs) @ (identity + coupling * np.outer(identity[2], identity[1]))
-            maps.append(Alternative("joint_map", joints, matrix, np.zeros(n)))
+    couplings = (0.0, 1.0, -1.0) if kinds[1] == kinds[2] else (0.0,)
+    for coupling in couplings:
+        coupling_matrix = np.eye(n)
+        coupling_matrix[2, 1] = coupling
+        coupled_joints = {1, 2} if coupling else set[int]()
+        for signs in product((1.0, -1.0), repeat=n):
+            reversed_joints = {j for j, sign in enumerate(signs) if sign < 0.0}
+            mistake_count = len(reversed_joints) + abs(coupling)
+            if mistake_count > 1:
+                joints = tuple(sorted(reversed_joints | coupled_joints))
+                maps.append(Alternative("joint_map", joints, np.diag(signs) @ coupling_matrix, np.zeros(n)))
     return tuple(maps)
 
 
 def _build_alternative_rows(
     robot: Robot, given: Measurements, alternatives: Sequence[Alternative]
 ) -> FloatArray:
-    """Return whitened rows (K + 1, R, n + 1) [A d]: of the measurements as given, then of K alternatives."""
+    """Return the least-squares rows (K + 1, R, n + 1) of the data as given, then of K alternatives.
+
+    Each row [A d] holds the regressor of the n compliances and a coordinate of a deflection, in units of
+    sigma. The N observations are repeated for each alternative, so that all are computed at once.
+    """
     count, copies = len(given), len(alternatives) + 1
-    matrices = np.array([np.eye(robot.n), *(each.matrix for each in alternatives)])
-    offsets = np.array([np.zeros(robot.n), *(each.offset for each in alternatives)])
-    joints = (given.joints @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(copies * count, -1)
+    matrices = [np.eye(robot.n), *(alternative.matrix for alternative in alternatives)]
+    offsets = [np.zeros(robot.n), *(alternative.offset for alternative in alternatives)]
+    joints = np.concatenate(
+        [given.joints @ E.T + offset for E, offset in zip(matrices, offsets, strict=True)]
+    )  # ((K + 1) N, n) controller's joints with each mistake undone
     postures = Postures(robot, robot.joint_map.model_angles(joints))
     # Encoders see the joint that they are on, whatever the joint map is.
-    stacked = replace(given, encoders=None)[np.tile(np.arange(count), copies)]
-    load_point, position = stacked.load_point.copy(), stacked.position.copy()
-    # Places (N, T, 3) of the targets in the flange frame [m].
-    places = np.where(given.in_flange[..., None], given.position, targets_in_flange(robot, given))
-    for k, t in enumerate((each.target for each in alternatives), 1):
+    repeated = replace(given, encoders=None)[np.tile(np.arange(count), copies)]
+    load_point, position = repeated.load_point.copy(), repeated.position.copy()
+    # Positions (N, T, 3) of the targets in the flange frame [m].
+    targets = np.where(given.in_flange[..., None], given.position, targets_in_flange(robot, given))
+    for k, alternative in enumerate(alternatives, 1):
+        t = alternative.target
         if t is not None:  # the alternative exchanges load point and target
-            part = slice(k * count, (k + 1) * count)
-            load_point[part] = places[:, t]
-            position[part, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])
-    block = unloaded_block(
-        robot, postures, replace(stacked, joints=joints, load_point=load_point, position=position)
-    )
+            copy = slice(k * count, (k + 1) * count)
+            load_point[copy] = targets[:, t]
+            position[copy, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])
+    corrected = replace(repeated, joints=joints, load_point=load_point, position=position)
+    block = unloaded_block(robot, postures, corrected)
     stack = Rows(robot, block.measurements, prepared=block).stack([JOINTS], np.zeros(robot.n))
     return stack.rows.reshape(copies, -1, robot.n + 1)
 
@@ -219,19 +265,23 @@ def _build_alternative_rows(
 def _bound_residual_sums(rows: FloatArray) -> FloatArray:
     """Return lower limits (K,) of the residual sums of squares of K fits to rows (K, R, n + 1) [A d].
 
-    A fit without bounds on the compliances has no larger residual sum than a fit with bounds.
+    A fit without bounds on the compliances has no larger residual sum than a fit with bounds. The last
+    diagonal entry of the triangular factor of [A d] is the residual length of the fit without bounds.
     """
-    return np.square(compute_triangular_factor(rows)[:, -1, -1])
+    residual_length = compute_triangular_factor(rows)[:, -1, -1]
+    return np.square(residual_length)
 
 
 def _fit_nonnegative_compliances(rows: FloatArray) -> tuple[float, float]:
-    """Fit compliances ≥ 0 to rows (R, n + 1) [A d].
+    """Fit compliances ≥ 0 to rows (R, n + 1) [A d]; each three rows are a deflection's coordinates.
 
     Returns the residual sum of squares, and the share of the mean deflection that the fit explains.
     """
     A, d = rows[:, :-1], rows[:, -1]
-    residual = d - A @ solve_nonnegative(A, d)[0]
-    residual_length = np.linalg.norm(residual.reshape(-1, 3), axis=1).sum()
-    deflection_length = np.linalg.norm(d.reshape(-1, 3), axis=1).sum()
-    explained = float(1.0 - residual_length / deflection_length) if deflection_length > 0.0 else 0.0
-    return float(residual @ residual), explained
+    compliance, _ = solve_nonnegative(A, d)
+    residual = d - A @ compliance
+    residual_lengths = np.linalg.norm(residual.reshape(-1, 3), axis=1)
+    deflection_lengths = np.linalg.norm(d.reshape(-1, 3), axis=1)
+    total_deflection = deflection_lengths.sum()
+    explained = 1.0 - residual_lengths.sum() / total_deflection if total_deflection > 0.0 else 0.0
+    return float(residual @ residual), float(explained)

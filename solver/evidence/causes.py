@@ -68,8 +68,10 @@ class Screening:
     @property
     def makes_links_unnecessary(self) -> bool:
         """True if causes were found, and nothing is left for links to explain when all are fitted."""
-        last = [cause for cause in self.causes if cause.step == self.causes[-1].step]
-        return bool(last) and all(cause.makes_links_unnecessary for cause in last)
+        if not self.causes:
+            return False
+        last_step = self.causes[-1].step
+        return all(cause.makes_links_unnecessary for cause in self.causes if cause.step == last_step)
 
     @property
     def lack_of_fit(self) -> bool:
@@ -77,10 +79,12 @@ class Screening:
 
         The cross-validation decides if one was run, else the F test of links.
         """
-        significant, gain = self.links_p_value < MISTAKE_LEVEL, self.gain
-        if gain is not None:
-            significant = gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
-        return self.links_need_validation and significant
+        if not self.links_need_validation:
+            return False
+        gain = self.gain
+        if gain is None:
+            return self.links_p_value < MISTAKE_LEVEL
+        return gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
 
     @property
     def links_need_validation(self) -> bool:
@@ -106,15 +110,17 @@ class Screening:
         do not decide, because a pedestal that yields equally about x and y moves targets exactly as link 1
         does.
         """
-        second = min(self.links_p_value_with_base, self.base_p_value_with_links)
-        return self.base_needs_validation and second >= LINKS_LEVEL
+        one_suffices = (
+            self.links_p_value_with_base >= LINKS_LEVEL or self.base_p_value_with_links >= LINKS_LEVEL
+        )
+        return self.base_needs_validation and one_suffices
 
 
 def screen_estimate(rows: Rows, estimate: Estimate, scattered: bool = False) -> Screening:
     """Test for causes, links and a base that explain what joints alone leave unexplained.
 
-    If the load has no balance or there are no degrees of
-    freedom, no test is significant. Causes that were fitted to these measurements before stay in every fit.
+    If the load has no balance or there are no degrees of freedom, no test is significant. Causes that were
+    fitted to these measurements before remain in every fit.
 
     Args:
         rows: N observations, with the scatter that was stated.
@@ -126,29 +132,31 @@ def screen_estimate(rows: Rows, estimate: Estimate, scattered: bool = False) -> 
     tested = rows.select_evenly(MOST_TESTED_OBSERVATIONS).at(balanced)
     visible = ~estimate.observability.null
     try:
-        start = Step.test(tested, rows.measurements, compliance, visible, scattered=scattered)
+        tests_of_all = Step.test(tested, rows.measurements, compliance, visible, scattered=scattered)
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return Screening(1.0, (), ())
-    selection = select_causes(tested, rows.measurements, start, scattered=scattered)
+    selection = select_causes(tested, rows.measurements, tests_of_all, scattered=scattered)
     # Links and base must show with and without the postures that were left out.
-    whole, start = start, selection.start
-    links_p_value = max(whole.links_p_value, start.links_p_value)
-    base_p_value = max(whole.base_p_value, start.base_p_value)
-    ordered = sorted(start.p_values.items(), key=lambda each: each[1])
+    tests_of_kept = selection.start
+    links_p_value = max(tests_of_all.links_p_value, tests_of_kept.links_p_value)
+    base_p_value = max(tests_of_all.base_p_value, tests_of_kept.base_p_value)
+    ordered = sorted(tests_of_kept.p_values.items(), key=lambda item: item[1])
     screening = Screening(
         links_p_value,
-        tuple(CauseTest(name=each.name, first=each.first, p_value=p) for each, p in ordered),
+        tuple(CauseTest(name=suspect.name, first=suspect.first, p_value=p) for suspect, p in ordered),
         selection.causes,
         wrong=selection.wrong,
         base_p_value=base_p_value,
     )
     if base_p_value >= MISTAKE_LEVEL:
         return screening
-    tests = start.tests
+    # A base shows: test whether links explain more than the base, and a base more than links.
+    tests = tests_of_kept.tests
     known = fitted_errors(rows.measurements).terms
     with_base = TermTests(tests.rows, compliance, visible, known, [FULL_BASE], scattered=scattered)
+    (base_p_value_with_links,) = tests.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)
     return replace(
         screening,
         links_p_value_with_base=with_base.links_p_value(FULL_BASE.name),
-        base_p_value_with_links=tests.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)[0],
+        base_p_value_with_links=base_p_value_with_links,
     )

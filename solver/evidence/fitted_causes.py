@@ -82,35 +82,55 @@ def _subtract_named_causes(
     """
     measurements = rows.measurements
     # What bends behind the encoders is no cause, so that causes are fitted to the targets alone.
-    read = replace(leave_out(measurements, refuted), encoders=None)
-    tested = rows.of(read).select_evenly(MOST_TESTED_OBSERVATIONS)
+    targets_alone = replace(leave_out(measurements, refuted), encoders=None)
+    tested = rows.of(targets_alone).select_evenly(MOST_TESTED_OBSERVATIONS)
     of_joints = tested.stack([JOINTS], np.zeros(rows.robot.n)).flat
     compliance, _ = solve_nonnegative(of_joints[:, :-1], of_joints[:, -1])
-    # A turn includes a shift: if both begin at the same observation, only the turn is fitted.
-    named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
-    firsts = [first for _, first in named if first is not None]
-    suspect_by_cause = {
-        (suspect.name, suspect.first): suspect
-        for suspect in list_suspects(measurements, tested, compliance, (), firsts)
-    }
-    missing = next((each for each in named if each not in suspect_by_cause), None)
-    if missing is not None:
-        since_first = f" since observation '{missing[1]}'" if missing[1] else ""
-        raise RequestError(
-            f"the readings do not show the cause '{missing[0]}'{since_first}",
-            where="causes",
-            remedy=f"give one of: {', '.join(sorted({name for name, _ in suspect_by_cause}))}",
-        )
-    terms = [suspect_by_cause[each].term for each in named]
+    terms = _find_named_terms(measurements, tested, compliance, named)
     fitted = fit_causes_with_joints(tested, terms, compliance)
     scatter = _find_scatter(tested, fitted)
     with_scatter = tested.of(replace(tested.measurements, scatter=scatter))
-    if scatter != tested.measurements.scatter:  # three targets with one error are one reading
+    if scatter != tested.measurements.scatter:
+        # The targets of a posture share errors, so that they count as fewer readings: fit again.
         fitted = fit_causes_with_joints(with_scatter, terms, fitted.compliance)
     errors = _add_uncertainty_of_columns(with_scatter, fitted)
     corrected = subtract_errors(rows.at(fitted.compliance), errors)
     errors = replace(errors, loads=group_distinct_loads(measurements))
     return CorrectedMeasurements.from_measurements(corrected, errors)
+
+
+def _find_named_terms(
+    measurements: Measurements,
+    tested: Rows,
+    compliance: FloatArray,
+    named: Sequence[tuple[str, str | None]],
+) -> list[Term]:
+    """Return how each named cause moves the targets.
+
+    Args:
+        measurements: N observations.
+        tested: some of these observations.
+        compliance: (n,) compliances of the joints [rad/(N·m)].
+        named: causes as (name, label of the observation at which the cause begins, or None).
+
+    Raises:
+        RequestError: the readings do not show a named cause.
+    """
+    # A turn includes a shift: if both begin at the same observation, only the turn is fitted.
+    named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
+    firsts = [first for _, first in named if first is not None]
+    suspects = list_suspects(measurements, tested, compliance, (), firsts)
+    terms = {(suspect.name, suspect.first): suspect.term for suspect in suspects}
+    for name, first in named:
+        if (name, first) not in terms:
+            since_first = f" since observation '{first}'" if first else ""
+            possible_names = sorted({possible_name for possible_name, _ in terms})
+            raise RequestError(
+                f"the readings do not show the cause '{name}'{since_first}",
+                where="causes",
+                remedy=f"give one of: {', '.join(possible_names)}",
+            )
+    return [terms[cause] for cause in named]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,43 +158,55 @@ def fit_causes_with_joints(rows: Rows, terms: Sequence[Term], compliance: FloatA
     Raises:
         SolverError: a cause implies loads without a balance.
     """
-    remaining, unknowns, unit = rows, np.zeros(()), np.zeros(0)
+    remaining, unknowns, typical_size = rows, np.zeros(()), np.zeros(0)
     for _ in range(_REFITS):
         remaining = remaining.at(compliance)
         # A corrected load may twist joints that the stated load did not twist.
         visible = ~Excitation.of(remaining).observability().null
         tests = TermTests(remaining, compliance, visible, terms, ())
         triangle, sigma = _compress_rows(tests)
-        terms_fit = triangle.fit_with([term.name for term in terms])
+        step = triangle.fit_with([term.name for term in terms])
         compliance = np.zeros(rows.robot.n)
-        compliance[visible] = np.maximum(terms_fit.known, 0.0)
-        last_unknowns = np.cumsum([len(tests.stated.span[term.name]) for term in terms])[:-1]
-        previous, unknowns = unknowns, unknowns + terms_fit.unknowns
-        if not unit.any():  # unit of each term's unknowns: their root mean square after the first step
-            unknowns_of_terms = np.split(unknowns, last_unknowns)
-            unit = np.concatenate(
-                [np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in unknowns_of_terms]
-            )
-        unknowns, root = _zero_undetermined_part(unknowns, terms_fit, sigma, unit)
-        determined_count = terms_fit.root.shape[1]
-        errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, last_unknowns)), root, determined_count)
-        fitted = FittedCauses(errors, compliance, visible, unit, tests)
-        if np.linalg.norm((unknowns - previous) / unit) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / unit):
+        compliance[visible] = np.maximum(step.known, 0.0)
+        previous, unknowns = unknowns, unknowns + step.unknowns
+        # The unknowns of all terms are in one array; the next term begins at each of these positions.
+        starts = np.cumsum([len(tests.stated.span[term.name]) for term in terms])[:-1]
+        if not typical_size.any():  # after the first step
+            typical_size = _compute_typical_sizes(np.split(unknowns, starts))
+        unknowns, root = _zero_undetermined_part(unknowns, step, sigma, typical_size)
+        unknowns_of_terms = tuple(np.split(unknowns, starts))
+        determined_count = step.root.shape[1]
+        errors = FittedErrors(tuple(terms), unknowns_of_terms, root, determined_count)
+        fitted = FittedCauses(errors, compliance, visible, typical_size, tests)
+        step_length = np.linalg.norm((unknowns - previous) / typical_size)
+        if step_length <= _STEP_TOLERANCE * np.linalg.norm(unknowns / typical_size):
             break
         at_fitted = rows.at(compliance)
         remaining = at_fitted.of(subtract_errors(at_fitted, errors))
     return fitted
 
 
+def _compute_typical_sizes(unknowns_of_terms: Sequence[FloatArray]) -> FloatArray:
+    """Return a typical size for each unknown of all terms: the root mean square of its term's unknowns."""
+    sizes = []
+    for unknowns in unknowns_of_terms:
+        root_mean_square = float(np.sqrt(np.mean(unknowns**2)))
+        sizes.append(np.full(len(unknowns), root_mean_square or 1.0))
+    return np.concatenate(sizes)
+
+
 def _compress_rows(tests: TermTests) -> tuple[Triangle, float]:
     """Return (triangle, sigma): the compressed rows of the terms that are fitted in any case, and sigma [m].
 
+    The triangle is the factor R of a QR decomposition of the rows [A d]: fits to R are fits to the rows.
     Sigma is the stated standard uncertainty, or that of the residuals if it is larger.
     """
     triangle = tests.compress_given_statements(tests.fitted)
     degrees_of_freedom = max(1, triangle.rows - triangle.rank(tests.fitted, INDEPENDENT))
-    residual = float(np.sqrt(max(triangle.residual_squares(tests.fitted), 0.0) / degrees_of_freedom))
-    return triangle, max(tests.rows.measurements.sigma or 0.0, residual)
+    residual_squares = max(triangle.residual_squares(tests.fitted), 0.0)
+    sigma_of_residuals = float(np.sqrt(residual_squares / degrees_of_freedom))
+    stated_sigma = tests.rows.measurements.sigma or 0.0
+    return triangle, max(stated_sigma, sigma_of_residuals)
 
 
 def _zero_undetermined_part(
@@ -191,53 +223,68 @@ def _zero_undetermined_part(
     Returns:
         The unknowns; and a root of their covariance, in which the zeroed part has the typical size.
     """
-    # Orthonormal directions in units of the size
-    undetermined = np.linalg.qr(terms_fit.hidden / unit[:, None])[0]
-    unknowns = unknowns - unit * (undetermined @ (undetermined.T @ (unknowns / unit)))
-    return unknowns, np.hstack([sigma * terms_fit.root, unit[:, None] * undetermined])
+    scaled_unknowns = unknowns / unit
+    undetermined_directions, _ = np.linalg.qr(terms_fit.hidden / unit[:, None])
+    undetermined_part = undetermined_directions @ (undetermined_directions.T @ scaled_unknowns)
+    root_of_determined = sigma * terms_fit.root
+    root_of_undetermined = unit[:, None] * undetermined_directions
+    return unknowns - unit * undetermined_part, np.hstack([root_of_determined, root_of_undetermined])
 
 
 def _add_uncertainty_of_columns(rows: Rows, fitted: FittedCauses) -> FittedErrors:
-    """Return the fitted causes with the uncertainty of their columns, such as when play is taken up.
+    """Return the fitted causes with the uncertainty of how they move the targets.
 
-    For each such cause a further term is fitted, whose unknowns are stated as zero with a standard
-    uncertainty of 1.
+    For example, play moves a target when the load takes it up, but when that happens is uncertain. For each
+    such cause a further term of doubt is fitted, whose unknowns are stated as 0 ± 1.
     """
     errors, compliance = fitted.errors, fitted.compliance
-    pairs = zip(errors.terms, errors.unknowns, strict=True)
-    doubtful_terms = [term.doubt(values) for term, values in pairs if term.doubt is not None]
-    if not doubtful_terms:
+    doubts = [
+        term.doubt(unknowns)
+        for term, unknowns in zip(errors.terms, errors.unknowns, strict=True)
+        if term.doubt is not None
+    ]
+    if not doubts:
         return errors
-    terms = (*errors.terms, *doubtful_terms)
+    terms = (*errors.terms, *doubts)
     at_fitted = rows.at(compliance)
     remaining = at_fitted.of(subtract_errors(at_fitted, errors))
     triangle, sigma = _compress_rows(TermTests(remaining, compliance, fitted.visible, terms, ()))
-    for term in doubtful_terms:
-        triangle = triangle.state(term.name, np.ones(len(triangle.span[term.name])), sigma)
+    for term in doubts:
+        uncertainties = np.ones(len(triangle.span[term.name]))
+        triangle = triangle.state(term.name, uncertainties, sigma)
     triangle.span[JOINTS.name] = np.flatnonzero(fitted.visible)
-    terms_fit = triangle.fit_with([term.name for term in terms])
-    unit = np.concatenate([fitted.size, np.ones(len(terms_fit.unknowns) - len(fitted.size))])
-    unknowns_before = np.concatenate([*errors.unknowns, np.zeros(len(unit) - len(fitted.size))])
-    unknowns, root = _zero_undetermined_part(unknowns_before + terms_fit.unknowns, terms_fit, sigma, unit)
-    last_unknowns = np.cumsum([len(triangle.span[term.name]) for term in terms])[:-1]
-    return FittedErrors(terms, tuple(np.split(unknowns, last_unknowns)), root, errors.determined)
+    correction = triangle.fit_with([term.name for term in terms])
+    doubt_count = len(correction.unknowns) - len(fitted.size)
+    typical_size = np.concatenate([fitted.size, np.ones(doubt_count)])
+    before_correction = np.concatenate([*errors.unknowns, np.zeros(doubt_count)])
+    unknowns, root = _zero_undetermined_part(
+        before_correction + correction.unknowns, correction, sigma, typical_size
+    )
+    # The unknowns of all terms are in one array; the next term begins at each of these positions.
+    starts = np.cumsum([len(triangle.span[term.name]) for term in terms])[:-1]
+    return FittedErrors(terms, tuple(np.split(unknowns, starts)), root, errors.determined)
 
 
 def _find_scatter(rows: Rows, fitted: FittedCauses) -> Scatter:
-    """Return the errors that the targets of a posture share, from the residuals of joints and causes.
+    """Estimate the errors that the targets of a posture share, from the residuals of joints and causes.
+
+    The errors that the measurements state are returned if the residuals show no others.
 
     Args:
         rows: N observations.
         fitted: the causes, fitted together with the joints.
     """
     at_fitted = rows.at(fitted.compliance)
-    tested = at_fitted.of(subtract_errors(at_fitted, fitted.errors)).select_evenly(_MOST_WITH_SCATTER)
+    remaining = at_fitted.of(subtract_errors(at_fitted, fitted.errors))
+    tested = remaining.select_evenly(_MOST_WITH_SCATTER)
     terms = [JOINTS, *fitted.errors.terms]
     fitted_names = {term.name for term in terms}
-    stated_terms = [each for each in list_stated_terms(tested.measurements) if each.name not in fitted_names]
+    stated_terms = [term for term in list_stated_terms(tested.measurements) if term.name not in fitted_names]
     tested = tested.with_scatter(NO_SCATTER)
     stack = tested.stack([*terms, *stated_terms], fitted.compliance)
-    fitted_columns = np.concatenate([np.flatnonzero(fitted.visible), *list(stack.span.values())[1:]])
+    columns_of_joints, *columns_of_others = stack.span.values()
+    visible_columns = columns_of_joints[fitted.visible]
+    fitted_columns = np.concatenate([visible_columns, *columns_of_others])
     likelihood = RestrictedLikelihood(tested.block, stack, fitted_columns)
     return likelihood.find_believable(tested.block) or rows.measurements.scatter
 
@@ -245,29 +292,35 @@ def _find_scatter(rows: Rows, fitted: FittedCauses) -> Scatter:
 def subtract_errors(rows: Rows, errors: FittedErrors) -> Measurements:
     """Return the measurements without the motion by fitted errors.
 
+    Errors of the load correct the loads; the motion by all other errors is subtracted from the readings.
+
     Args:
         rows: N observations, with their loads in balance at the compliances on which the motion depends.
         errors: fitted errors, with the values of their unknowns.
     """
-    measurements, balanced = rows.measurements, rows.balanced
-    compliance = np.zeros(rows.robot.n) if balanced is None else balanced
-    terms_and_values = list(zip(errors.terms, errors.unknowns, strict=True))
-    # Errors of the load change the measurements' loads; the motion by all other errors is subtracted.
-    for term, values in terms_and_values:
-        if term.change_loads is not None:
+    measurements = rows.measurements
+    compliance = np.zeros(rows.robot.n) if rows.balanced is None else rows.balanced
+    moving_terms = []
+    for term, values in zip(errors.terms, errors.unknowns, strict=True):
+        if term.change_loads is None:
+            moving_terms.append((term, values))
+        else:
             measurements = term.change_loads(rows.robot, measurements, values)
-    terms_and_values = [(term, values) for term, values in terms_and_values if term.change_loads is None]
-    if not terms_and_values:
+    if not moving_terms:
         return measurements
-    targets, joints = [], []
+    target_motions, joint_motions = [], []  # of each block of observations
     for block in rows.of(measurements).generate_blocks():
-        motions = [(block.move(term, compliance), values) for term, values in terms_and_values]
-        targets.append(np.sum([motion.targets @ values for motion, values in motions], axis=0))
-        turns = [motion.joints @ values for motion, values in motions if motion.joints is not None]
-        joints.append(np.sum([np.zeros_like(block.torque), *turns], axis=0))
-    target_motion = np.where(measurements.present[..., None], np.concatenate(targets), 0.0)
+        targets, joints = np.zeros_like(block.measurements.deflection), np.zeros_like(block.torque)
+        for term, values in moving_terms:
+            motion = block.move(term, compliance)
+            targets += motion.targets @ values
+            if motion.joints is not None:
+                joints += motion.joints @ values
+        target_motions.append(targets)
+        joint_motions.append(joints)
+    target_motion = np.where(measurements.present[..., None], np.concatenate(target_motions), 0.0)
     encoders = measurements.encoders
     if encoders is not None:
-        remaining = np.where(encoders.present, encoders.deflection - np.concatenate(joints), 0.0)
-        encoders = replace(encoders, deflection=remaining)
+        corrected = encoders.deflection - np.concatenate(joint_motions)
+        encoders = replace(encoders, deflection=np.where(encoders.present, corrected, 0.0))
     return replace(measurements, deflection=measurements.deflection - target_motion, encoders=encoders)

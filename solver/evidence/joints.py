@@ -61,7 +61,10 @@ class JointsAlone:
 
     @cached_property
     def apart(self) -> Apart | None:
-        """Gearboxes and structure apart, of joints that encoders and targets show; None without any.
+        """Compliance of gearboxes and of the structure behind them, told apart by secondary encoders.
+
+        An encoder sees what its gearbox yields; targets see also what bends behind it. None without encoders,
+        or if the targets show no joint.
 
         Raises:
             JointstiffError: the identification fails.
@@ -70,10 +73,10 @@ class JointsAlone:
             return None
         by_targets = self._without_encoders()
         try:
-            _, of_targets = identify_with_fallback(by_targets, self.stated)
+            _, estimate_by_targets = identify_with_fallback(by_targets, self.stated)
         except NotObservableError:  # only the encoders show joints
             return None
-        return take_apart(self._read, of_targets, self.stated.confidence)
+        return take_apart(self._read, estimate_by_targets, self.stated.confidence)
 
     @cached_property
     def given(self) -> Rows:
@@ -82,9 +85,8 @@ class JointsAlone:
         If something behind the encoders bends, encoders do not see the whole compliance of a joint, so that
         their readings are left out.
         """
-        if self.apart is None or not self.apart.shows_structure:
-            return self._read
-        return self._without_encoders()
+        bends_behind_encoders = self.apart is not None and self.apart.shows_structure
+        return self._without_encoders() if bends_behind_encoders else self._read
 
     @property
     def measured(self) -> Measurements:
@@ -92,7 +94,7 @@ class JointsAlone:
         return self._read.measurements
 
     def _without_encoders(self) -> Rows:
-        """Return the rows of the targets."""
+        """Return the observations with the readings of the targets alone."""
         return self._read.of(replace(self._read.measurements, encoders=None))
 
     @cached_property
@@ -105,16 +107,18 @@ class JointsAlone:
         Raises:
             JointstiffError: the identification fails, for one of the reasons listed at `identify`.
         """
-        first = IdentifiedJoints(*identify_with_fallback(self.given, self.stated), self.given)
-        scatter = find_scatter(self.given, first.estimate)
+        settings, estimate = identify_with_fallback(self.given, self.stated)
+        without_scatter = IdentifiedJoints(settings, estimate, self.given)
+        scatter = find_scatter(self.given, estimate)
         if scatter == self.given.measurements.scatter:
-            return first
+            return without_scatter
         rows = self.given.with_scatter(scatter)
-        second = IdentifiedJoints(*identify_with_fallback(rows, self.stated), rows)
-        test = second.estimate.sigma_test
-        # Errors that do not explain the residuals are no explanation of a part of the residuals.
-        explains_nothing = test is not None and test.result == "residuals_too_large"
-        return first if explains_nothing else second
+        settings, estimate = identify_with_fallback(rows, self.stated)
+        # If the residuals are too large even with the scatter, the scatter is no explanation of them.
+        test = estimate.sigma_test
+        if test is not None and test.result == "residuals_too_large":
+            return without_scatter
+        return IdentifiedJoints(settings, estimate, rows)
 
     @property
     def rows(self) -> Rows:
@@ -161,8 +165,9 @@ class JointsAlone:
 
         If the estimate's residuals are within the stated noise, no mistake is sought.
         """
-        explained = residuals_within_noise(estimate) and not self.shows_scatter
-        return None if explained else self._alternative
+        if residuals_within_noise(estimate) and not self.shows_scatter:
+            return None
+        return self._alternative
 
     @property
     def are_sound(self) -> bool:

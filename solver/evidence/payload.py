@@ -100,16 +100,17 @@ class _ComparedJoints:
     @classmethod
     def of(cls, joints: Sequence[JointCompliance]) -> _ComparedJoints:
         """Select the identified joints from the results for all six joints."""
-        stiffness_or_none = [
-            joint.stiffness if joint.status == "identified" else None for joint in joints[1:_SIX]
-        ]
-        stiffness = np.array([np.nan if each is None else each for each in stiffness_or_none])
+        compared = joints[1:_SIX]
+        stiffness = np.full(len(compared), np.nan)
+        for i, joint in enumerate(compared):
+            if joint.status == "identified" and joint.stiffness is not None:
+                stiffness[i] = joint.stiffness
         is_known = stiffness > 0.0
-        names = [joint.name for joint, known in zip(joints[1:_SIX], is_known, strict=True) if known]
+        names = [compared[i].name for i in np.flatnonzero(is_known).tolist()]
         if not names:
             return cls("", is_known, np.nan)
-        text = f"{names[0]} to {names[-1]}" if is_known.all() else ", ".join(names)
-        return cls(text, is_known, _geometric_mean(stiffness[is_known]))
+        names_text = f"{names[0]} to {names[-1]}" if is_known.all() else ", ".join(names)
+        return cls(names_text, is_known, _geometric_mean(stiffness[is_known]))
 
     @property
     def ratios_of_arms(self) -> list[float]:
@@ -131,19 +132,21 @@ class _ComparedJoints:
 
 
 def _request_payload(robot: Robot, measurements: Measurements, compared: _ComparedJoints) -> Finding:
-    """Return the finding that the unit of forces is not checked, because the robot states no payload."""
-    reach = measure_reach(robot)
+    """Return the finding that the unit of forces is not checked, because the robot states no payload.
+
+    The finding tells for which payloads the stiffnesses are plausible, in each unit that people type.
+    """
+    torque_of_one_kg = payload_torque(1.0, measure_reach(robot))
     least_ratio, greatest_ratio = compared.plausible_ratios
     payload_texts = []
     for unit, size in _relative_units(measurements.force_unit).items():
-        if size == 1.0 or unit in _TYPED_UNITS:
+        is_declared = size == 1.0
+        if is_declared or unit in _TYPED_UNITS:
             stiffness = size * compared.stiffness
-            # A stiff arm for its payload has the greatest ratio.
-            least = stiffness / (greatest_ratio * payload_torque(1.0, reach))
-            greatest = stiffness / (least_ratio * payload_torque(1.0, reach))
-            payload_texts.append(
-                f"{figure(least, '.2g')} to {figure(greatest, '.2g')} kg with forces in {unit}"
-            )
+            # A stiff arm for its payload has the greatest ratio of stiffness to torque.
+            least = figure(stiffness / (greatest_ratio * torque_of_one_kg), ".2g")
+            greatest = figure(stiffness / (least_ratio * torque_of_one_kg), ".2g")
+            payload_texts.append(f"{least} to {greatest} kg with forces in {unit}")
     return Finding(
         code="payload_not_stated",
         weight="use_with_care",
@@ -164,7 +167,7 @@ def _compare_with_payload(
     ratio = compared.stiffness / payload_torque(payload, reach)
     if least <= ratio <= greatest:
         return
-    arms = [
+    ratio_texts_of_arms = [
         f"{figure(mean, '.3g')} ({arm.name})"
         for arm, mean in zip(MEASURED_ARMS, compared.ratios_of_arms, strict=True)
     ]
@@ -172,33 +175,34 @@ def _compare_with_payload(
     message = (
         f"the geometric mean of the stiffnesses of {compared.names}, divided by payload · g · reach "
         f"({figure(payload)} kg, {figure(reach, '.3g')} m), is {figure(ratio, '.3g')} rad⁻¹; the "
-        f"arm of our comparison has {' or '.join(arms)}, and {range_text} is plausible"
+        f"arm of our comparison has {' or '.join(ratio_texts_of_arms)}, and {range_text} is plausible"
     )
     declared = measurements.force_unit
     ratios = {unit: ratio * size for unit, size in _relative_units(declared).items()}
     plausible_units = [unit for unit in FORCE_UNITS if least <= ratios[unit] <= greatest]
     # The likeliest unit, whose ratio is nearest to the usual ratio, comes first.
     plausible_units.sort(key=lambda unit: abs(np.log(ratios[unit] / compared.usual_ratio)))
-    for number, unit in enumerate(plausible_units):
-        comparison_text = (
-            f"forces in {unit}, not in {declared} as declared, would give {figure(ratios[unit], '.3g')} rad⁻¹"
-        )
-        yield Finding(
-            code="stiffness_against_payload",
-            weight="use_with_care",
-            message=f"{comparison_text}; {range_text} is plausible"
-            if number
-            else f"{message}; {comparison_text}",
-            remedy=f"check in which unit the forces were read; {PAST_CARE}; if in {unit}, set `units.force` "
-            f"to {unit}",
-            action=AdvisedAction.of("convert_units", unit=unit),
-        )
     if not plausible_units:
         yield Finding(
             code="stiffness_against_payload",
             weight="use_with_care",
             message=f"{message}; no other unit of force would give a plausible value",
             remedy=f"check `units.force`, and the robot's `payload`; {PAST_CARE}",
+        )
+    for number, unit in enumerate(plausible_units):
+        comparison_text = (
+            f"forces in {unit}, not in {declared} as declared, would give {figure(ratios[unit], '.3g')} rad⁻¹"
+        )
+        is_first = number == 0  # only the first finding repeats the whole comparison
+        yield Finding(
+            code="stiffness_against_payload",
+            weight="use_with_care",
+            message=f"{message}; {comparison_text}"
+            if is_first
+            else f"{comparison_text}; {range_text} is plausible",
+            remedy=f"check in which unit the forces were read; {PAST_CARE}; if in {unit}, set `units.force` "
+            f"to {unit}",
+            action=AdvisedAction.of("convert_units", unit=unit),
         )
 
 

@@ -54,31 +54,54 @@ def compute_pure_error(rows: Rows, residual: FloatArray, unknowns: float) -> Pur
         None without postures of three targets that form a triangle, or without degrees of freedom.
     """
     measurements = rows.measurements
-    usable = np.flatnonzero((measurements.coordinates == 3).sum(axis=1) >= MIN_TARGETS)
-    if measurements.direction is not None or not len(usable):
+    has_triangle = (measurements.coordinates == 3).sum(axis=1) >= MIN_TARGETS
+    if measurements.direction is not None or not has_triangle.any():
         return None
-    part, residual = rows.at(None)[usable], residual[usable]
-    pure = rigid = 0.0
-    start = 0
+    usable = np.flatnonzero(has_triangle)
+    part = rows.at(None)[usable]
     try:
-        for block in part.generate_blocks():
-            stop = start + len(block.torque)
-            white = block.whiten(residual[start:stop, ..., None]).reshape(stop - start, -1)
-            along = np.einsum("bri,br->bi", factorise_displacement(block)[0], white)
-            rigid += float(np.square(along).sum())
-            pure += float(np.square(white).sum() - np.square(along).sum())
-            start = stop
+        motion_squares, noise_squares = _split_residual_squares(part, residual[usable])
     except UnsupportedMethodError:  # targets on a line do not show the whole motion
         return None
-    freedom = float(part.measurements.coordinates.sum()) - _RIGID * len(part)
-    # The unknowns take away only from what moves the flange; those of few targets count here as well.
+    freedom_of_noise = float(part.measurements.coordinates.sum()) - _RIGID * len(part)
+    # All unknowns are subtracted here, also those that observations with few targets determine.
     freedom_of_motion = _RIGID * len(part) - unknowns
-    if freedom < 1.0 or freedom_of_motion < 1.0:
+    if freedom_of_noise < 1.0 or freedom_of_motion < 1.0:
         return None
-    noise = max(pure, 0.0) / freedom + _RESOLUTION**2
-    left = rigid / freedom_of_motion + _RESOLUTION**2
+    noise_variance = max(noise_squares, 0.0) / freedom_of_noise + _RESOLUTION**2
+    motion_variance = motion_squares / freedom_of_motion + _RESOLUTION**2
+    variance_ratio = motion_variance / noise_variance
     return PureError(
-        sigma=float(np.sqrt(noise)),
-        left=float(np.sqrt(left)),
-        p_value=float(special.fdtrc(freedom_of_motion, freedom, left / noise)),
+        sigma=float(np.sqrt(noise_variance)),
+        left=float(np.sqrt(motion_variance)),
+        p_value=float(special.fdtrc(freedom_of_motion, freedom_of_noise, variance_ratio)),
     )
+
+
+def _split_residual_squares(rows: Rows, residual: FloatArray) -> tuple[float, float]:
+    """Return the sum of squared residuals that a rigid motion of the flange could cause, and the other sum.
+
+    The residuals of an observation are projected on the six directions in which a rigid motion moves its
+    targets.
+
+    Args:
+        rows: N observations of at least three targets.
+        residual: (N, T, 3) residuals of the model, axes of R0 [m].
+
+    Raises:
+        UnsupportedMethodError: the targets of an observation are on a line.
+    """
+    motion_squares = noise_squares = 0.0
+    start = 0
+    for block in rows.generate_blocks():
+        stop = start + len(block.torque)
+        # Scale the residuals so that their noise is uncorrelated, with variance sigma².
+        whitened = block.whiten(residual[start:stop, ..., None])
+        whitened = whitened.reshape(stop - start, -1)  # (b, 3 T)
+        motion_directions, *_ = factorise_displacement(block)  # (b, 3 T, 6) orthonormal columns
+        motion_part = np.einsum("bri,br->bi", motion_directions, whitened)  # (b, 6)
+        squares_along_motion = float(np.square(motion_part).sum())
+        motion_squares += squares_along_motion
+        noise_squares += float(np.square(whitened).sum()) - squares_along_motion
+        start = stop
+    return motion_squares, noise_squares

@@ -17,22 +17,28 @@ _LASTING: Final[frozenset[FindingCode]] = frozenset({"target_moved"})
 
 
 def list_refuted(measurements: Measurements, findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return the labels of observations that findings forbid to use, if these are few of the set.
+    """Return the labels of observations that findings forbid to use; none if these are too many.
 
     Args:
         measurements: N observations.
         findings: findings of the integrity checks of these measurements.
     """
-    named = {
-        finding.observation
-        for finding in findings
-        if finding.weight == "do_not_use" and finding.code not in _LASTING
-    }
-    refuted = tuple(label for label in measurements.labels if label in named)
-    return refuted if len(refuted) <= _MOST_REFUTED * len(measurements) else ()
+    forbidden_labels = set()
+    for finding in findings:
+        concerns_one_observation = finding.code not in _LASTING
+        if finding.weight == "do_not_use" and concerns_one_observation:
+            forbidden_labels.add(finding.observation)
+    refuted = tuple(label for label in measurements.labels if label in forbidden_labels)
+    are_few = len(refuted) <= _MOST_REFUTED * len(measurements)
+    return refuted if are_few else ()
 
 
 def leave_out(measurements: Measurements, labels: Sequence[str]) -> Measurements:
-    """Return the measurements without the observations of these labels; the same object without any."""
+    """Return the measurements without the observations of these labels.
+
+    The measurements themselves are returned if they contain none of the labels.
+    """
     kept = [i for i, label in enumerate(measurements.labels) if label not in labels]
-    return measurements if len(kept) == len(measurements) else measurements[np.array(kept)]
+    if len(kept) == len(measurements):
+        return measurements
+    return measurements[np.array(kept)]

@@ -13,7 +13,7 @@ the readings know better than the statement, so that h is small where little was
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, NamedTuple, TypeAlias
@@ -80,7 +80,10 @@ class LeastMistake:
 
 @dataclass(frozen=True, eq=False)
 class _Ellipsoid:
-    """Mistakes eᵀ M e ≤ 1 that no test finds, with the largest of them."""
+    """Mistakes e with eᵀ M e ≤ 1, which no test finds.
+
+    In coordinates ``y = rows e`` the ellipsoid is the ball ‖y‖ ≤ 1.
+    """
 
     rows: FloatArray  # (r, k) root of M: eᵀ M e = ‖rows e‖²
     positive: bool  # whether all unknowns are positive or zero
@@ -90,51 +93,52 @@ class _Ellipsoid:
 
         `responses` (q, k) are the changes of q joints' compliances per unit of each unknown of the mistake.
         """
-        axes = self._axes
-        targets = (responses / axes.length) @ axes.Vt.T / axes.singular_values @ axes.U.T
+        gradients = responses @ self._mistake_of_ball_point  # (q, r) change per unit of each coordinate y
         if self.positive:
-            pairs = zip(responses, targets, strict=True)
-            return np.array([self._find_worst_positive(response, target) for response, target in pairs])
-        worst = targets @ axes.U / axes.singular_values @ axes.Vt / axes.length
-        sizes = np.linalg.norm(targets, axis=1, keepdims=True)
-        return np.asarray(worst / np.maximum(sizes, np.finfo(float).tiny))
+            pairs = zip(responses, gradients, strict=True)
+            return np.array([self._find_worst_positive(response, gradient) for response, gradient in pairs])
+        # The point of the ball that moves a joint most is in the direction of the gradient.
+        lengths = np.linalg.norm(gradients, axis=1, keepdims=True)
+        ball_points = gradients / np.maximum(lengths, np.finfo(float).tiny)
+        return np.asarray(ball_points @ self._mistake_of_ball_point.T)
 
-    def _find_worst_positive(self, response: FloatArray, target: FloatArray) -> FloatArray:
+    def _find_worst_positive(self, response: FloatArray, gradient: FloatArray) -> FloatArray:
         """Return the mistake (k,) of positive unknowns that moves the compliance of a joint most.
 
         Args:
             response: (k,) change of the joint's compliance per unit of each unknown.
-            target: (r,) `response` in coordinates in which the ellipsoid is a ball.
+            gradient: (r,) change of the joint's compliance per unit of each coordinate y.
         """
-        mistakes = [solve_nonnegative(self.rows, sign * target)[0] for sign in (1.0, -1.0)]
-        sizes = [float(np.linalg.norm(self.rows @ each)) for each in mistakes]
-        mistakes = [each / size if size > 0.0 else each for each, size in zip(mistakes, sizes, strict=True)]
-        return max(mistakes, key=lambda each: abs(float(response @ each)))
+        worst = np.zeros_like(response)
+        # One of the two mistakes makes the joint softer, the other one stiffer.
+        for direction in (gradient, -gradient):
+            mistake, _ = solve_nonnegative(self.rows, direction)
+            length = float(np.linalg.norm(self.rows @ mistake))
+            if length > 0.0:
+                mistake = mistake / length  # on the surface of the ellipsoid
+            if abs(float(response @ mistake)) > abs(float(response @ worst)):
+                worst = mistake
+        return worst
 
     @cached_property
-    def _axes(self) -> _Axes:
-        """Axes of the ellipsoid, which all joints share."""
+    def _mistake_of_ball_point(self) -> FloatArray:
+        """Matrix (k, r) that maps y to the mistake e: pseudo-inverse of the rows, scaled to unit columns.
+
+        Directions that move no reading are left out.
+        """
         unit_vectors, length = unit_columns(self.rows)
         U, singular_values, Vt = np.linalg.svd(unit_vectors, full_matrices=False)
         is_shown = singular_values > _SMALLEST_COLUMN
-        return _Axes(U[:, is_shown], singular_values[is_shown], Vt[is_shown], length)
-
-
-class _Axes(NamedTuple):
-    """Singular values of an ellipsoid's unit columns, without directions that move nothing."""
-
-    U: FloatArray
-    singular_values: FloatArray
-    Vt: FloatArray
-    length: FloatArray  # of the columns
+        scaled_mistakes = (Vt[is_shown].T / singular_values[is_shown]) @ U[:, is_shown].T
+        return np.asarray(scaled_mistakes / length[:, None])
 
 
 @dataclass(frozen=True, eq=False)
 class _Remaining:
-    """Motion by a term that joints and causes known before leave unexplained."""
+    """Motion of the targets by a mistake, without the part that joints and fitted causes can absorb."""
 
     columns: FloatArray  # (N, m, k) for each observation, per unit of each unknown
-    largest: float  # largest length of a mistake
+    largest: float  # largest plausible length of a mistake
 
     @classmethod
     def from_stack(cls, stack: Stack, term: Term, fitted_basis: FloatArray, force: float) -> _Remaining:
@@ -148,22 +152,57 @@ class _Remaining:
         """
         columns = stack.flat[:, stack.span[term.name]]
         remaining_columns = columns - fitted_basis @ (fitted_basis.T @ columns)
-        largest_mistake = (
-            _LARGEST_FORCE * force if term.unit == "N" and force else _LARGEST.get(term.name, np.inf)
-        )
-        return cls(remaining_columns.reshape(*stack.rows.shape[:2], -1), largest_mistake)
+        observation_count, row_count = stack.rows.shape[:2]
+        is_force = term.unit == "N" and force > 0.0
+        largest_mistake = _LARGEST_FORCE * force if is_force else _LARGEST.get(term.name, np.inf)
+        return cls(remaining_columns.reshape(observation_count, row_count, -1), largest_mistake)
 
     def enlarge(self, mistakes: FloatArray) -> FloatArray:
         """Return mistakes (q, k) enlarged so that each shows even without the observation that it moves most.
 
         A mistake stays below the largest plausible size.
         """
-        squares = np.square(self.columns @ mistakes.T).sum(axis=1)  # (N, q)
-        remaining_share = 1.0 - squares.max(axis=0) / np.maximum(squares.sum(axis=0), np.finfo(float).tiny)
+        tiny = np.finfo(float).tiny
+        squared_motion = np.square(self.columns @ mistakes.T).sum(axis=1)  # (N, q) of each observation
+        total_motion = np.maximum(squared_motion.sum(axis=0), tiny)
+        share_of_others = 1.0 - squared_motion.max(axis=0) / total_motion
+        needed_factor = 1.0 / np.sqrt(np.maximum(share_of_others, np.finfo(float).eps))
         length = np.linalg.norm(mistakes, axis=1)
-        limit = np.where(length > 0.0, self.largest / np.where(length > 0.0, length, 1.0), 1.0)
-        factor = np.minimum(1.0 / np.sqrt(np.maximum(remaining_share, np.finfo(float).eps)), limit)
-        return np.asarray(factor[:, None] * mistakes)
+        largest_factor = np.full(len(mistakes), 1.0)
+        np.divide(self.largest, length, out=largest_factor, where=length > 0.0)
+        return np.asarray(np.minimum(needed_factor, largest_factor)[:, None] * mistakes)
+
+
+class _WorstMistake(NamedTuple):
+    """Of all mistakes of a term that no test finds, the one that moves a joint by most uncertainties."""
+
+    moves: float  # change of the joint's compliance, in its standard uncertainties; 0 if no joint moves
+    joint: int  # position of the joint among the joints that were compared
+    unknowns: FloatArray  # (k,) unknowns of the mistake, in the term's unit
+
+
+def _find_worst_mistake(
+    ellipsoids: Iterable[_Ellipsoid],
+    remaining: _Remaining,
+    responses: FloatArray,
+    uncertainties: FloatArray,
+) -> _WorstMistake:
+    """Find the mistake that moves a joint by most standard uncertainties.
+
+    Args:
+        ellipsoids: mistakes that the tests do not find.
+        remaining: motion of the targets by the mistake that the fitted terms cannot absorb.
+        responses: (q, k) changes of q joints' compliances per unit of each unknown [rad/(N·m)].
+        uncertainties: (q,) standard uncertainties of these compliances [rad/(N·m)].
+    """
+    worst = _WorstMistake(0.0, 0, np.zeros(0))
+    for ellipsoid in ellipsoids:
+        mistakes = remaining.enlarge(ellipsoid.list_worst(responses))  # one for each joint
+        moves = np.abs((responses * mistakes).sum(axis=1)) / uncertainties
+        joint = int(moves.argmax())
+        if moves[joint] > worst.moves:
+            worst = _WorstMistake(float(moves[joint]), joint, mistakes[joint])
+    return worst
 
 
 def find_least_mistakes(
@@ -219,29 +258,23 @@ def find_least_mistakes(
         triangle_given_statements.rows -= int(stack.read.max())
         prior_of_term = term.prior(common_uncertainty) if name in stated_terms else ()
         remaining = _Remaining.from_stack(stack, term, fitted_basis, force)
-        ellipsoids = list(
-            _list_ellipsoids(triangle_given_statements, term, fitted_names, sigma, level, prior_of_term)
+        ellipsoids = _list_ellipsoids(
+            triangle_given_statements, term, fitted_names, sigma, level, prior_of_term
         )
-        # Of all mistakes that the tests do not find, the mistake that moves a joint by most uncertainties
-        uncertainties_moved, moved_joint, mistake = 0.0, 0, np.zeros(0)
-        response = responses[name][determined_joints]
-        for ellipsoid in ellipsoids:
-            candidates = remaining.enlarge(ellipsoid.list_worst(response))
-            moved = np.abs((response * candidates).sum(axis=1)) / uncertainty[determined_joints]
-            most = int(moved.argmax())
-            if moved[most] > uncertainties_moved:
-                uncertainties_moved, moved_joint = float(moved[most]), determined_joints[most]
-                mistake = candidates[most]
-        if uncertainties_moved > 0.0:
-            is_turn = term.unit == "m, rad"
+        worst = _find_worst_mistake(
+            ellipsoids, remaining, responses[name][determined_joints], uncertainty[determined_joints]
+        )
+        if worst.moves > 0.0:
+            is_shift_and_turn = term.unit == "m, rad"
+            turn_or_all = worst.unknowns[3:] if is_shift_and_turn else worst.unknowns
             mistakes.append(
                 LeastMistake(
                     name=name,
                     unit=_UNITS[term.unit],
-                    size=float(np.linalg.norm(mistake[3:] if is_turn else mistake)),
-                    joint=rows.robot.joint_names[moved_joint],
-                    moves=uncertainties_moved,
-                    unknowns=tuple(mistake.tolist()),
+                    size=float(np.linalg.norm(turn_or_all)),
+                    joint=rows.robot.joint_names[determined_joints[worst.joint]],
+                    moves=worst.moves,
+                    unknowns=tuple(worst.unknowns.tolist()),
                     is_assumed=name in common_uncertainty.assumed,
                 )
             )
@@ -262,7 +295,7 @@ def _list_ellipsoids(
     that the statement does not contradict.
 
     Args:
-        triangle: all terms, given the statements about other terms.
+        triangle: triangular factor R of the rows of all terms, given the statements about other terms.
         term: term that is tested.
         fitted: names of the terms that are fitted in any case.
         sigma: standard uncertainty of a coordinate of a reading [m].
@@ -272,29 +305,28 @@ def _list_ellipsoids(
     """
     fitted_basis = orthonormal_basis(triangle.unit_columns(fitted))
     unit_vectors, length = unit_columns(triangle.matrix[:, triangle.span[term.name]])
-    _, singular_values, Vt = np.linalg.svd(
-        unit_vectors - fitted_basis @ (fitted_basis.T @ unit_vectors), full_matrices=False
-    )
+    # What the fitted terms explain of a mistake no test can find.
+    remaining = unit_vectors - fitted_basis @ (fitted_basis.T @ unit_vectors)
+    _, singular_values, Vt = np.linalg.svd(remaining, full_matrices=False)
     is_tested = singular_values > DISTINCT
     tested_count = int(is_tested.sum())
     degrees_of_freedom = triangle.rows - fitted_basis.shape[1] - tested_count
     noncentrality = compute_noncentrality(tested_count, degrees_of_freedom, level)
-    rows = (singular_values[is_tested, None] * Vt[is_tested]) * length / (sigma * np.sqrt(noncentrality))
+    # A mistake is found if it moves the readings, in sigma, by more than the root of the non-centrality.
+    motion = singular_values[is_tested, None] * Vt[is_tested] * length
+    rows = motion / (sigma * np.sqrt(noncentrality))
     largest_mistake = _LARGEST.get(term.name)
-    if largest_mistake is not None:
+    if largest_mistake is not None:  # bounds also the directions that no test looks at
         rows = np.vstack([rows, np.eye(len(length)) / (_BEYOND * largest_mistake)])
     if len(rows):
         yield _Ellipsoid(rows, term.nonnegative)
     if len(stated_uncertainties) and tested_count:
         uncertainties = np.resize(stated_uncertainties, len(length))
-        _, singular_values, Vt = np.linalg.svd(
-            (unit_vectors - fitted_basis @ (fitted_basis.T @ unit_vectors)) * (length * uncertainties),
-            full_matrices=False,
-        )
+        _, singular_values, Vt = np.linalg.svd(remaining * (length * uncertainties), full_matrices=False)
         refuting_noncentrality = compute_noncentrality(tested_count, degrees_of_freedom, STATEMENT_LEVEL)
-        weight = singular_values / np.sqrt((np.square(singular_values) + sigma**2) * refuting_noncentrality)
-        rows = weight[:, None] * Vt / uncertainties
-        yield _Ellipsoid(rows, False)
+        variance = np.square(singular_values) + sigma**2
+        weight = singular_values / np.sqrt(variance * refuting_noncentrality)
+        yield _Ellipsoid(weight[:, None] * Vt / uncertainties, positive=False)
 
 
 def compute_noncentrality(tested_count: int, degrees_of_freedom: int, level: float) -> float:
@@ -307,20 +339,19 @@ def compute_noncentrality(tested_count: int, degrees_of_freedom: int, level: flo
     """
     if tested_count < 1 or degrees_of_freedom < 1:
         return np.inf
-    critical_ratio = float(special.fdtri(tested_count, degrees_of_freedom, 1.0 - level))
+    critical_f = float(special.fdtri(tested_count, degrees_of_freedom, 1.0 - level))
 
-    def compute_excess_miss_probability(noncentrality: float) -> float:
-        """Return the probability that the test finds nothing, minus the accepted probability 1 − POWER."""
-        return float(special.ncfdtr(tested_count, degrees_of_freedom, noncentrality, critical_ratio)) - (
-            1.0 - POWER
-        )
+    def compute_missing_power(noncentrality: float) -> float:
+        """Return `POWER` minus the probability that the test finds a mistake of this non-centrality."""
+        miss_probability = float(special.ncfdtr(tested_count, degrees_of_freedom, noncentrality, critical_f))
+        return miss_probability - (1.0 - POWER)
 
     upper_limit = float(tested_count)
-    while compute_excess_miss_probability(upper_limit) > 0.0:
+    while compute_missing_power(upper_limit) > 0.0:
         upper_limit *= 4.0
         if upper_limit > _LARGEST_NONCENTRALITY:
             return np.inf
-    return float(brentq(compute_excess_miss_probability, 0.0, upper_limit, xtol=1e-6))
+    return float(brentq(compute_missing_power, 0.0, upper_limit, xtol=1e-6))
 
 
 _UNITS: Final[dict[str, Unit]] = {"m": "m", "rad": "rad", "N": "N", "1": "1", "m, rad": "rad"}
@@ -365,23 +396,25 @@ def describe_unseen_mistakes(mistakes: Sequence[LeastMistake]) -> str | None:
     The sentence says what to do about these mistakes; None without such mistakes. Clean campaigns have such
     mistakes, too.
     """
-    harmful = [each for each in mistakes if each.moves > HARMLESS]
+    harmful = [mistake for mistake in mistakes if mistake.moves > HARMLESS]
     if not harmful:
         return None
     effects, remedies = [], []
-    for each in harmful[:_MOST_NAMED]:
-        words, remedy = _MISTAKES[each.name]
-        if each.is_assumed:
+    for mistake in harmful[:_MOST_NAMED]:
+        words, remedy = _MISTAKES[mistake.name]
+        if mistake.is_assumed:
             remedy = _REMEDY_OF_ASSUMED
+        size_text = words.format(_format_size(mistake.size, mistake.unit))
         effects.append(
-            f"{words.format(_format_size(each.size, each.unit))}, which would change the compliance of "
-            f"{each.joint} by {figure(each.moves, '.2g')} times its standard uncertainty"
+            f"{size_text}, which would change the compliance of {mistake.joint} by "
+            f"{figure(mistake.moves, '.2g')} times its standard uncertainty"
         )
-        remedies.append(remedy.format(_format_size(each.size / each.moves, each.unit)))
+        size_of_one_uncertainty = mistake.size / mistake.moves
+        remedies.append(remedy.format(_format_size(size_of_one_uncertainty, mistake.unit)))
     more = len(harmful) - _MOST_NAMED
     others_text = f" (and {more} more, in `causes`)" if more > 0 else ""
-    advice = "; ".join(remedies)
-    return f"The readings cannot show {'; nor '.join(effects)}{others_text}. To show such mistakes, {advice}."
+    effects_text, advice = "; nor ".join(effects), "; ".join(remedies)
+    return f"The readings cannot show {effects_text}{others_text}. To show such mistakes, {advice}."
 
 
 def _format_size(size: float, unit: str) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -63,9 +63,9 @@ class StageStack:
         readings.
 
         Args:
-            weights: w (K, N), how often each configuration counts in each subset.
+            weights: w (K, N), how often each configuration i counts in each subset k.
         """
-        return np.asarray(np.einsum("kn,nij->kij", weights, self.stack.grams))
+        return np.asarray(np.einsum("ki,iab->kab", weights, self.stack.grams))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +86,8 @@ class MethodStacks:
     def compensation(self, compliance: FloatArray) -> FloatArray:
         """Return the compensation ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all readings (method.md §6).
 
+        δp are the deflections that were read, δp̂ those that the compliances predict.
+
         Args:
             compliance: (K, n) compliances of K repetitions [rad/(N·m)].
 
@@ -94,13 +96,16 @@ class MethodStacks:
         """
         mean_deflection = np.linalg.norm(self.deflection, axis=0).mean()
         mean_residual = np.empty(len(compliance))
+        # Some repetitions at a time, so that their residuals stay in the cache.
         tile_size = max(1, TILE_RESIDUALS // self.deflection.size)
-        for start in range(0, len(mean_residual), tile_size):
-            visible_compliance = compliance[start : start + tile_size, self.visible]
-            residual = self.deflection - np.einsum("kv,vim->kim", visible_compliance, self.regressor)
-            mean_residual[start : start + tile_size] = np.sqrt(np.square(residual).sum(axis=1)).mean(axis=1)
-        shares: FloatArray = 1.0 - mean_residual / mean_deflection
-        return shares
+        for start in range(0, len(compliance), tile_size):
+            tile = slice(start, start + tile_size)
+            visible_compliance = compliance[tile, self.visible]
+            # Repetition k, visible joint v, axis i, reading m.
+            predicted = np.einsum("kv,vim->kim", visible_compliance, self.regressor)
+            residual_length = np.sqrt(np.square(self.deflection - predicted).sum(axis=1))
+            mean_residual[tile] = residual_length.mean(axis=1)
+        return np.asarray(1.0 - mean_residual / mean_deflection)
 
 
 def build_method_stacks(rows: Rows, settings: Settings, estimate: Estimate) -> MethodStacks:
@@ -115,30 +120,30 @@ def build_method_stacks(rows: Rows, settings: Settings, estimate: Estimate) -> M
     """
     rows = rows.at(estimate.balanced)
     method = Method(rows.robot, settings, estimate.characteristic_length)
-    statements = estimate.statements  # a part of the readings corrects a statement like the whole
-    stage_rows, regressors, deflections = [], [], []
+    statements = estimate.statements  # a subset corrects stated values, such as the load point, as all do
+    blocks_of_stages: list[list[FloatArray]] = [[] for _ in method.stages]
+    regressors, deflections = [], []
     for of_block in statements.statements.generate(rows, [JOINTS], whitened=False):
         block, corrected = of_block.block, statements.subtract(of_block)
-        stage_rows.append([mapped.fitted for mapped in method.map_rows(corrected.whiten())])
+        stage_rows = method.map_rows(corrected.whiten())
+        for blocks, mapped in zip(blocks_of_stages, stage_rows, strict=True):
+            blocks.append(mapped.fitted)
         present = block.measurements.present
         regressors.append(block.A[present])
         deflections.append(corrected.targets[present][..., -1])
     observable = ~Excitation.of(rows).observability().null
+    stages = []
+    for stage, blocks in zip(method.stages, blocks_of_stages, strict=True):
+        joints, known = stage.joints[observable[stage.joints]], stage.known[observable[stage.known]]
+        if len(joints):
+            stages.append(_build_stage_stack(np.concatenate(blocks), joints, known))
     visible = np.flatnonzero(observable)
-    stages = (
-        _build_stage_stack(
-            np.concatenate(of_stage),
-            stage.joints[observable[stage.joints]],
-            stage.known[observable[stage.known]],
-        )
-        for stage, of_stage in zip(method.stages, zip(*stage_rows, strict=True), strict=True)
-        if observable[stage.joints].any()
-    )
+    regressor_of_readings = np.concatenate(regressors)  # (M, 3, n)
     return MethodStacks(
         parameters=rows.robot.n,
         stages=tuple(stages),
         visible=visible,
-        regressor=np.ascontiguousarray(np.concatenate(regressors).transpose(2, 1, 0)[visible]),
+        regressor=np.ascontiguousarray(regressor_of_readings.T[visible]),
         deflection=np.ascontiguousarray(np.concatenate(deflections).T),
     )
 
@@ -189,8 +194,9 @@ class Draws:
         """Return the range of repetitions of each step of the work, as (first, one past the last)."""
         readings = int(self._joints.measurements.present.sum())
         seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
-        size, count = max(1, int(STEP_SECONDS / seconds)), self._plan.repetitions
-        return tuple((start, min(start + size, count)) for start in range(0, count, size))
+        step_size = max(1, int(STEP_SECONDS / seconds))
+        count = self._plan.repetitions
+        return tuple((first, min(first + step_size, count)) for first in range(0, count, step_size))
 
     def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
         """Fit the compliances in the repetitions of one step of the work.
@@ -216,8 +222,9 @@ class Draws:
             results: arrays that `compute` returned for each step, in the order of the steps.
         """
         joints = self._joints.estimate.joints
+        resamples = [Resamples(step["compliance"], step["compensation"]) for step in results]
         return summarise_resamples(
-            Resamples.concatenate([Resamples(each["compliance"], each["compensation"]) for each in results]),
+            Resamples.concatenate(resamples),
             [joint.name for joint in joints],
             kinds=[joint.kind for joint in joints],
             is_hidden=np.array([joint.status == "not_observable" for joint in joints]),
@@ -255,10 +262,10 @@ def _build_stage_stack(rows: FloatArray, joints: IndexArray, known: IndexArray) 
     """
     stage_rows = rows[..., [*joints, *known, -1]]
     row_counts = np.full(len(rows), rows.shape[1])  # every row counts as a reading
-    stack, norms = Stack(
-        stage_rows, row_counts, {"joints": len(joints), "known": len(known)}
-    ).scale_to_unit_columns()
-    return StageStack(joints, known, stack, norms[-1] / norms[:-1])
+    stack = Stack(stage_rows, row_counts, {"joints": len(joints), "known": len(known)})
+    unit_stack, lengths = stack.scale_to_unit_columns()
+    unit = lengths[-1] / lengths[:-1]  # the readings are the last column
+    return StageStack(joints, known, unit_stack, unit)
 
 
 def draw_configurations(plan: Resampling, configurations: int, start: int, stop: int) -> IndexArray:
@@ -327,21 +334,25 @@ def resample(
     """
     stop = plan.repetitions if stop is None else stop
     batch_size = max(1, min(TILE, _TILE_WEIGHTS // len(blocks)))
-    starts = range(start, stop, batch_size) or [start]
-    draws = (draw_configurations(plan, len(blocks), first, min(first + batch_size, stop)) for first in starts)
     batches = []
-    for drawn_batch in draws:
-        # Count how often each repetition drew each configuration: a table (repetitions, configurations).
-        table_shape = len(drawn_batch), len(blocks)
-        cell_numbers = np.arange(len(drawn_batch))[:, None] * len(blocks) + drawn_batch
-        counts = (
-            np.bincount(cell_numbers.ravel(), minlength=table_shape[0] * table_shape[1])
-            .reshape(table_shape)
-            .astype(np.float64)
-        )
-        compliance = fit_subsets(blocks, counts, bounds)
+    for first in range(start, stop, batch_size) or [start]:  # an empty range is one empty batch
+        drawn = draw_configurations(plan, len(blocks), first, min(first + batch_size, stop))
+        compliance = fit_subsets(blocks, _count_draws(drawn, len(blocks)), bounds)
         batches.append(Resamples(compliance, blocks.compensation(compliance)))
     return Resamples.concatenate(batches)
+
+
+def _count_draws(drawn: IndexArray, configurations: int) -> FloatArray:
+    """Return how often each of K repetitions drew each of N configurations: a table (K, N).
+
+    Args:
+        drawn: (K, m) indices of the configurations that each repetition drew.
+        configurations: N.
+    """
+    repetitions = np.arange(len(drawn))[:, None]
+    cells = repetitions * configurations + drawn  # number of the cell in the flattened table
+    counts = np.bincount(cells.ravel(), minlength=len(drawn) * configurations)
+    return counts.reshape(len(drawn), configurations).astype(np.float64)
 
 
 def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> FloatArray:
@@ -360,8 +371,10 @@ def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> Fl
     """
     compliance = np.full((len(weights), blocks.parameters), np.nan)
     for stage in blocks.stages:
-        known, stage_bounds = compliance[:, stage.known], bounds.select(stage.joints)
-        compliance[:, stage.joints] = _solve_stage(stage, weights, known, stage_bounds)
+        compliance_of_earlier_stages = compliance[:, stage.known]
+        compliance[:, stage.joints] = _solve_stage(
+            stage, weights, compliance_of_earlier_stages, bounds.select(stage.joints)
+        )
     return compliance
 
 
@@ -370,18 +383,20 @@ def _solve_stage(
 ) -> FloatArray:
     """Return the compliances (K, p) of a stage's joints in K subsets [rad/(N·m)]; NaN where undetermined.
 
-    The right-hand side is ``A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the stage's joints, and A_k the
-    columns of joints whose compliances c_k an earlier stage has estimated: `known_compliance` (K, q).
+    The normal equations are ``A_jᵀ A_j c = A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the stage's p
+    joints, and A_k the columns of q joints whose compliances c_k an earlier stage has estimated:
+    `known_compliance` (K, q). Subsets whose Gram matrix is too ill-conditioned are fitted to their rows.
     """
     joint_count = len(stage.joints)
+    of_joints, of_known = slice(0, joint_count), slice(joint_count, -1)
     units = stage.unit[:joint_count]
     scaled_known = known_compliance / stage.unit[joint_count:]
     scaled_bounds = Bounds(bounds.lower / units, bounds.upper / units)
-    grams = stage.total(weights)
-    gram = grams[:, :joint_count, :joint_count]
-    moment = grams[:, :joint_count, -1] - (
-        grams[:, :joint_count, joint_count:-1] * scaled_known[:, None, :]
-    ).sum(axis=2)
+    grams = stage.total(weights)  # of the columns [A_j A_k d] of each subset
+    gram = grams[:, of_joints, of_joints]
+    explained_by_known = (grams[:, of_joints, of_known] * scaled_known[:, None, :]).sum(axis=2)
+    moment = grams[:, of_joints, -1] - explained_by_known
+    # The diagonal holds the squared lengths of the columns.
     observable = (np.diagonal(gram, axis1=1, axis2=2) > NULL_COLUMN**2).all(axis=1)
     solvable = np.flatnonzero(observable & np.isfinite(scaled_known).all(axis=1))
     solution = solve_batch(gram[solvable], moment[solvable], scaled_bounds)
@@ -392,7 +407,9 @@ def _solve_stage(
     for k in np.flatnonzero(is_pending):
         drawn = np.repeat(np.arange(weights.shape[1]), weights[k].astype(np.intp))
         scaled_compliance[k] = _solve_from_rows(stage, drawn, scaled_known[k], scaled_bounds)
-    return bounds.hold_exactly(scaled_compliance * units, scaled_bounds.active_bounds_at(scaled_compliance))
+    # The multiplication by the units would move a compliance at a bound off it by rounding.
+    active_bounds = scaled_bounds.active_bounds_at(scaled_compliance)
+    return bounds.hold_exactly(scaled_compliance * units, active_bounds)
 
 
 def _solve_from_rows(
@@ -410,20 +427,24 @@ def _solve_from_rows(
         (p,) scaled parameters, NaN where undetermined.
     """
     joint_count = len(stage.joints)
-    solution_or_nan = np.full(joint_count, np.nan)
-    triangle = stage.stack[drawn].triangle().R
+    undetermined = np.full(joint_count, np.nan)
+    triangle = stage.stack[drawn].triangle().R  # factor R of the rows: columns of joints, known, readings
     is_null = np.linalg.norm(triangle, axis=0) <= NULL_COLUMN
     # An undetermined joint of an earlier stage does no harm if it has no effect on these rows either.
-    known = np.where(is_null[joint_count:-1] & np.isnan(known), 0.0, known)
-    columns = np.flatnonzero(~is_null[:joint_count])
-    if np.isnan(known).any() or not len(columns):
-        return solution_or_nan
-    R, z = triangle[:, columns], triangle[:, -1] - triangle[:, joint_count:-1] @ known
-    spectrum = Spectrum(R)
-    solution = solve_step(IdentificationProblem(spectrum.determined, z, scaled_bounds.select(columns)))
-    is_combined = np.isin(columns, list(analyse_spectrum(spectrum, columns).combined))
-    solution_or_nan[columns] = np.where(is_combined, np.nan, solution.compliance)
-    return solution_or_nan
+    has_no_effect = is_null[joint_count:-1]
+    known = np.where(has_no_effect & np.isnan(known), 0.0, known)
+    shown = np.flatnonzero(~is_null[:joint_count])  # joints with an effect on these rows
+    if np.isnan(known).any() or not len(shown):
+        return undetermined
+    readings = triangle[:, -1] - triangle[:, joint_count:-1] @ known
+    spectrum = Spectrum(triangle[:, shown])
+    problem = IdentificationProblem(spectrum.determined, readings, scaled_bounds.select(shown))
+    solution = solve_step(problem)
+    # Joints of which the readings show only a combination have no value of their own.
+    is_combined = np.isin(shown, list(analyse_spectrum(spectrum, shown).combined))
+    parameters = undetermined
+    parameters[shown] = np.where(is_combined, np.nan, solution.compliance)
+    return parameters
 
 
 def summarise_resamples(
@@ -445,56 +466,68 @@ def summarise_resamples(
         is_hidden: (n,) whether a joint is not observable in the whole set; such a joint gets no statistics.
         confidence: share of the repetitions within the percentile intervals, between 0 and 1.
     """
-    compliances = np.where(False if is_hidden is None else is_hidden, np.nan, resamples.compliance)
+    compliances = resamples.compliance.copy()
+    if is_hidden is not None:
+        compliances[:, is_hidden] = np.nan
     is_undetermined = np.isnan(compliances)
     determined_counts = np.maximum((~is_undetermined).sum(axis=0), 1)
-    columns = [samples[~np.isnan(samples)] for samples in compliances.T]
-    compliance, compliance_deviation, compliance_interval = _summarise_samples(columns, confidence)
-    stiffness, stiffness_deviation, _ = _summarise_samples(
-        [1.0 / samples[samples != 0] for samples in columns], confidence
-    )
-    compensation = resamples.compensation[~np.isnan(resamples.compensation)]
-    compensation_mean, compensation_deviation, compensation_interval = _summarise_samples(
-        [compensation], confidence
-    )
+    compliances_of_joints = [_drop_nan(values) for values in compliances.T]
+    stiffnesses_of_joints = [1.0 / values[values != 0] for values in compliances_of_joints]
+    compliance = _summarise_samples(compliances_of_joints, confidence)
+    stiffness = _summarise_samples(stiffnesses_of_joints, confidence)
+    compensation = _summarise_samples([_drop_nan(resamples.compensation)], confidence)
     joint_messages = build_messages(
         ResampledJoint,
         name=joints,
         kind=["revolute"] * len(joints) if kinds is None else kinds,
-        compliance_mean=compliance,
-        compliance_deviation=compliance_deviation,
-        compliance_interval=compliance_interval,
-        stiffness_mean=stiffness,
-        stiffness_deviation=stiffness_deviation,
+        compliance_mean=compliance.mean,
+        compliance_deviation=compliance.deviation,
+        compliance_interval=compliance.interval,
+        stiffness_mean=stiffness.mean,
+        stiffness_deviation=stiffness.deviation,
         share_negative=(compliances < 0).sum(axis=0) / determined_counts,
         share_infinite=(compliances == 0).sum(axis=0) / determined_counts,
         share_undetermined=is_undetermined.mean(axis=0),
     )
+    has_negative_joint = (resamples.compliance < 0).any(axis=1)
     (result,) = build_messages(
         ResamplingResult,
         repetitions=[len(compliances)],
         joints=[joint_messages],
-        share_any_negative=[float((resamples.compliance < 0).any(axis=1).mean())],
-        compensation_mean=compensation_mean,
-        compensation_deviation=compensation_deviation,
-        compensation_interval=compensation_interval,
+        share_any_negative=[float(has_negative_joint.mean())],
+        compensation_mean=compensation.mean,
+        compensation_deviation=compensation.deviation,
+        compensation_interval=compensation.interval,
     )
     return result
 
 
-def _summarise_samples(
-    samples: Sequence[FloatArray], confidence: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return mean (k,), standard deviation (k,) and percentile interval (k, 2) of k samples.
+class _Statistics(NamedTuple):
+    """Statistics of k samples; NaN where a sample has too few values."""
+
+    mean: FloatArray  # (k,)
+    deviation: FloatArray  # (k,) standard deviation
+    interval: FloatArray  # (k, 2) percentiles
+
+
+def _drop_nan(values: FloatArray) -> FloatArray:
+    """Return the values that are not NaN."""
+    return values[~np.isnan(values)]
+
+
+def _summarise_samples(samples: Sequence[FloatArray], confidence: float) -> _Statistics:
+    """Return mean, standard deviation and percentile interval of each of k samples.
 
     A mean or an interval needs one value of the sample, a deviation two values; else the number is NaN.
     """
     tail = (1.0 - confidence) / 2.0
     mean = np.full(len(samples), np.nan)
     deviation = np.full(len(samples), np.nan)
-    interval = []
+    interval = np.full((len(samples), 2), np.nan)
     for k, values in enumerate(samples):
-        mean[k] = values.mean() if len(values) else np.nan
-        deviation[k] = values.std(ddof=1) if len(values) > 1 else np.nan
-        interval.append(np.quantile(values, [tail, 1.0 - tail]) if len(values) else [np.nan, np.nan])
-    return mean, deviation, np.array(interval)
+        if len(values):
+            mean[k] = values.mean()
+            interval[k] = np.quantile(values, [tail, 1.0 - tail])
+        if len(values) > 1:
+            deviation[k] = values.std(ddof=1)
+    return _Statistics(mean, deviation, interval)

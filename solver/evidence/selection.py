@@ -10,7 +10,6 @@ and is dropped if the others make it unnecessary.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -21,7 +20,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence.fitted_causes import FittedCauses, fit_causes_with_joints, subtract_errors
 from jointstiff.solver.evidence.suspects import Suspect, list_suspects
-from jointstiff.solver.evidence.term_tests import LINKS_LEVEL, MISTAKE_LEVEL, TermTests
+from jointstiff.solver.evidence.term_tests import LINKS_LEVEL, MISTAKE_LEVEL, TermTests, WrongPosture
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import CorrectedMeasurements, Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -89,11 +88,13 @@ class Step:
         suspects = list_suspects(measurements, tested, compliance, fitted_terms)
         terms = [suspect.term for suspect in suspects]
         tests = TermTests(tested, compliance, visible, fitted_terms, terms, scattered=scattered)
-        p_values = tests.p_values([term.name for term in terms]) if terms else []
-        # A cause sought by its onset is tested once for each onset that was tried (Bonferroni).
-        return cls(
-            {s: min(1.0, s.tried * max(s.least_p, p)) for s, p in zip(suspects, p_values, strict=True)}, tests
-        )
+        single_p_values = tests.p_values([term.name for term in terms]) if terms else []
+        p_values = {}
+        for suspect, single_p_value in zip(suspects, single_p_values, strict=True):
+            p_value = max(suspect.least_p, single_p_value)
+            # A cause sought by its onset is tested once for each onset that was tried (Bonferroni).
+            p_values[suspect] = min(1.0, suspect.tried * p_value)
+        return cls(p_values, tests)
 
     @cached_property
     def links_p_value(self) -> float:
@@ -108,23 +109,27 @@ class Step:
     def is_explained_better(self, criterion: float, unknowns: int = 0) -> bool:
         """Return whether a fit explains the readings better than links that bend or a base that bends.
 
-        Causes and postures that are left out have so many unknowns that they could take the place of links.
+        Links and base compete only where their tests are significant.
 
         Args:
             criterion: Bayesian information criterion of the fit.
-            unknowns: number of unknowns of the causes that were selected before, which the criterion counts.
+            unknowns: number of unknowns of the causes that were selected before. The criterion of the fit
+                counts these unknowns, so that they are added to the criteria of links and base.
         """
-        tests, criterion_of_unknowns = self.tests, self.tests.criterion(1.0, unknowns)
-        links = tests.links_criterion() if self.links_p_value < LINKS_LEVEL else np.inf
-        base = tests.base_criterion() if self.base_p_value < MISTAKE_LEVEL else np.inf
-        return criterion < min(links, base) + criterion_of_unknowns
+        penalty_of_unknowns = self.tests.criterion(1.0, unknowns)
+        least_criterion = np.inf
+        if self.links_p_value < LINKS_LEVEL:
+            least_criterion = self.tests.links_criterion()
+        if self.base_p_value < MISTAKE_LEVEL:
+            least_criterion = min(least_criterion, self.tests.base_criterion())
+        return criterion < least_criterion + penalty_of_unknowns
 
     @property
     def significant(self) -> list[Suspect]:
         """Suspects whose tests are significant, the most significant first."""
-        level = MISTAKE_LEVEL / max(1, len(self.p_values))
-        significant = [suspect for suspect, p_value in self.p_values.items() if p_value < level]
-        return sorted(significant, key=self.p_values.__getitem__)
+        level_of_each_test = MISTAKE_LEVEL / max(1, len(self.p_values))
+        significant = [suspect for suspect, p in self.p_values.items() if p < level_of_each_test]
+        return sorted(significant, key=lambda suspect: self.p_values[suspect])
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +157,24 @@ class Selection:
     start: Step  #: tests of each cause alone, without the postures that were left out
 
 
+@dataclass(eq=False)
+class _Selected:
+    """Causes that were selected one after the other."""
+
+    fits: list[_Fit]  # after each step, each with one cause more
+    pool: dict[str, Suspect]  # the suspects that were significant in a step, by the name of their term
+    wrong_label: str | None = None  # posture whose wrong readings explain more than the next cause
+
+
+def _explains_most(
+    wrong_posture: WrongPosture, best_fit: _Fit | None, tests: Step, unknown_count: int
+) -> bool:
+    """Return whether a posture with wrong readings explains more than a further cause, links or a base."""
+    if best_fit is not None and best_fit.criterion <= wrong_posture.criterion:
+        return False
+    return tests.is_explained_better(wrong_posture.criterion, unknown_count)
+
+
 class _Search:
     """Forward selection of causes for some observations."""
 
@@ -174,13 +197,14 @@ class _Search:
         """Fit causes together with the joints until convergence; return None if they are no explanation.
 
         Causes are no explanation if they imply loads without a balance, or if a cause that can only be
-        positive gets a negative size.
+        positive gets a negative size. The fit of each combination of causes is computed once.
         """
         key = tuple(suspects)
         if key not in self._fits:
-            self._fits[key] = None
-            with suppress(SolverError):
+            try:
                 self._fits[key] = self._fit_anew(key)
+            except SolverError:  # loads without a balance
+                self._fits[key] = None
         return self._fits[key]
 
     def _fit_anew(self, suspects: tuple[Suspect, ...]) -> _Fit | None:
@@ -191,24 +215,21 @@ class _Search:
         """
         terms = [*self._always, *(suspect.term for suspect in suspects)]
         fitted = fit_causes_with_joints(self._part, terms, self._start.tests.compliance)
-        errors, last = fitted.errors, len(fitted.errors.root)
-        uncertainty = np.linalg.norm(errors.root, axis=1)
-        for suspect, unknowns in zip(reversed(suspects), reversed(errors.unknowns), strict=False):
-            standardised = unknowns / uncertainty[last - len(unknowns) : last]
-            last -= len(unknowns)
-            # The unknown that is known best decides on the sign.
-            if suspect.term.nonnegative and standardised[np.abs(standardised).argmax()] < 0.0:
-                return None
+        errors = fitted.errors
+        uncertainties = np.linalg.norm(errors.root, axis=1)  # of the unknowns of all terms
+        ends = np.cumsum([len(unknowns) for unknowns in errors.unknowns])
+        for term, unknowns, end in zip(terms, errors.unknowns, ends, strict=True):
+            if term.nonnegative and term not in self._always:
+                standardised = unknowns / uncertainties[end - len(unknowns) : end]
+                best_known = standardised[np.abs(standardised).argmax()]
+                if best_known < 0.0:
+                    return None
         residual_squares = fitted.tests.residual_squares()
         # The onset of a cause that sets in later counts as one more unknown.
-        unknown_count = errors.determined + sum(suspect.first is not None for suspect in suspects)
-        return _Fit(
-            suspects,
-            fitted,
-            residual_squares,
-            unknown_count,
-            fitted.tests.criterion(residual_squares, unknown_count),
-        )
+        onset_count = sum(suspect.first is not None for suspect in suspects)
+        unknown_count = errors.determined + onset_count
+        criterion = fitted.tests.criterion(residual_squares, unknown_count)
+        return _Fit(suspects, fitted, residual_squares, unknown_count, criterion)
 
     def test_others(self, fit: _Fit) -> Step:
         """Test all other causes, added to the joints and to fitted causes.
@@ -218,50 +239,59 @@ class _Search:
         """
         fitted = fit.fitted
         at_fitted = self._part.at(fitted.compliance)
-        corrected = subtract_errors(at_fitted, fitted.errors)
-        part = at_fitted.of(CorrectedMeasurements.from_measurements(corrected, fitted.errors))
+        without_causes = subtract_errors(at_fitted, fitted.errors)
+        corrected = CorrectedMeasurements.from_measurements(without_causes, fitted.errors)
         return Step.test(
-            part, self._measurements, fitted.compliance, fitted.visible, scattered=self._scattered
+            at_fitted.of(corrected),
+            self._measurements,
+            fitted.compliance,
+            fitted.visible,
+            scattered=self._scattered,
         )
 
-    def run(self, *, seek_wrong: bool) -> tuple[list[_Fit], dict[str, Suspect], str | None]:
-        """Select causes one after the other.
+    def run(self, *, seek_wrong: bool) -> _Selected:
+        """Select causes one after the other, until none is significant or a wrong posture explains more.
 
         Args:
             seek_wrong: whether single wrong postures compete with the causes.
-
-        Returns:
-            The fits after each step; the suspects that were significant in a step, by the name of their term;
-            and the label of a posture whose wrong readings explain more than the next cause, or None.
         """
-        fits, tests, pool = list[_Fit](), self._start, dict[str, Suspect]()
+        selected = _Selected([], {})
+        tests = self._start
         for _ in range(_MOST_STEPS + 1):
             significant = tests.significant
-            self._p_values |= {each: tests.p_values[each] for each in significant}
-            pool = {each.term.name: each for each in significant} | pool
-            selected = fits[-1].suspects if fits else ()
-            candidate_fits = (
-                [self.fit((*selected, each)) for each in significant] if len(fits) < _MOST_STEPS else []
-            )
-            best_fit = min(
-                (each for each in candidate_fits if each is not None), key=_by_criterion, default=None
-            )
-            unknowns = fits[-1].unknowns if fits else 0
-            wrong_posture = tests.tests.find_wrong_posture(unknowns) if seek_wrong else None
-            if (
-                wrong_posture is not None
-                and (best_fit is None or wrong_posture.criterion < best_fit.criterion)
-                and tests.is_explained_better(wrong_posture.criterion, unknowns)
-            ):
-                return fits, pool, wrong_posture.label
+            for suspect in significant:
+                self._p_values[suspect] = tests.p_values[suspect]
+            # A suspect of an earlier step stays where a later one has the same name.
+            selected.pool = {suspect.term.name: suspect for suspect in significant} | selected.pool
+            best_fit = self._fit_next(selected.fits, significant)
+            unknown_count = selected.fits[-1].unknowns if selected.fits else 0
+            if seek_wrong:
+                wrong_posture = tests.tests.find_wrong_posture(unknown_count)
+                if wrong_posture is not None and _explains_most(
+                    wrong_posture, best_fit, tests, unknown_count
+                ):
+                    selected.wrong_label = wrong_posture.label
+                    return selected
             if best_fit is None:
                 break
-            fits.append(best_fit)
+            selected.fits.append(best_fit)
             try:
                 tests = self.test_others(best_fit)
             except SolverError:  # the causes imply loads without a balance near these
                 break
-        return fits, pool, None
+        return selected
+
+    def _fit_next(self, fits: Sequence[_Fit], significant: Sequence[Suspect]) -> _Fit | None:
+        """Return the best fit of one more cause, or None if no further cause is to be selected.
+
+        `fits` are the fits of the steps before; `significant` are the causes to choose from.
+        """
+        if len(fits) == _MOST_STEPS:
+            return None
+        selected = fits[-1].suspects if fits else ()
+        fits_or_none = [self.fit((*selected, suspect)) for suspect in significant]
+        candidates = [fit for fit in fits_or_none if fit is not None]
+        return min(candidates, key=_by_criterion, default=None)
 
     def exchange(self, chosen: _Fit, pool: Iterable[Suspect]) -> _Fit:
         """Exchange selected causes for other causes of the pool, as long as the fit improves.
@@ -283,24 +313,24 @@ class _Search:
 
         `position` is the index of the replaced cause among the selected causes.
         """
-        names = {each.term.name for each in chosen.suspects}
-        replacements = [each for each in pool if each.term.name not in names]
-        fits = [
-            self.fit((*chosen.suspects[:position], each, *chosen.suspects[position + 1 :]))
-            for each in replacements
-        ]
-        return [each for each in fits if each is not None]
+        names = {suspect.term.name for suspect in chosen.suspects}
+        before, after = chosen.suspects[:position], chosen.suspects[position + 1 :]
+        fits = [self.fit((*before, other, *after)) for other in pool if other.term.name not in names]
+        return [fit for fit in fits if fit is not None]
 
     def drop_unnecessary(self, chosen: _Fit) -> _Fit:
-        """Drop the causes that the others make unnecessary."""
+        """Drop each cause that is no longer significant when the others are fitted without it."""
         for suspect in reversed(chosen.suspects):
-            others = tuple(each for each in chosen.suspects if each is not suspect)
-            fit = self.fit(others) if others else None
-            if fit is None:
+            others = tuple(other for other in chosen.suspects if other is not suspect)
+            fit_of_others = self.fit(others) if others else None
+            if fit_of_others is None:
                 continue
-            with suppress(SolverError):
-                if all(each.name != suspect.name for each in self.test_others(fit).significant):
-                    chosen = fit
+            try:
+                significant = self.test_others(fit_of_others).significant
+            except SolverError:  # a load has no balance: keep the cause
+                continue
+            if suspect.name not in {other.name for other in significant}:
+                chosen = fit_of_others
         return chosen
 
     def describe(self, chosen: _Fit, pool: Iterable[Suspect]) -> tuple[Cause, ...]:
@@ -310,26 +340,31 @@ class _Search:
         """
         causes = []
         for position, suspect in enumerate(chosen.suspects):
-            replaced = sorted(self._list_replacements(chosen, position, pool), key=_by_criterion)
-            equally_good = [fit for fit in replaced if fit.criterion <= chosen.criterion + EQUALLY_GOOD]
-            best_by_name: dict[str, _Fit] = {}  # the best fit for each name
-            for fit in equally_good:
-                if fit.suspects[position].name != suspect.name:
-                    best_by_name.setdefault(fit.suspects[position].name, fit)
-            causes += [self._describe_one(fit, position) for fit in (chosen, *best_by_name.values())]
+            causes.append(self._describe_one(chosen, position))
+            replacements = sorted(self._list_replacements(chosen, position, pool), key=_by_criterion)
+            described_names = {suspect.name}
+            for fit in replacements:
+                name = fit.suspects[position].name
+                is_equally_good = fit.criterion <= chosen.criterion + EQUALLY_GOOD
+                # The best fit comes first; other onsets of the same cause are not described again.
+                if is_equally_good and name not in described_names:
+                    described_names.add(name)
+                    causes.append(self._describe_one(fit, position))
         return tuple(causes)
 
     def _describe_one(self, fit: _Fit, position: int) -> Cause:
         """Return the cause at a position of a fit, with its unknowns, tests and effect on the residuals."""
         suspect, fitted = fit.suspects[position], fit.fitted
+        position_among_terms = len(self._always) + position  # terms that are always fitted come first
+        squares_without_causes = self._start.tests.residual_squares()
         return Cause(
-            suspect,
-            fitted.errors.unknowns[len(self._always) + position],
-            self._p_values[suspect],
-            fitted.tests.links_p_value(),
-            fitted.compliance,
-            fit.squares / self._start.tests.residual_squares(),
-            fit.criterion,
+            suspect=suspect,
+            unknowns=fitted.errors.unknowns[position_among_terms],
+            p_value=self._p_values[suspect],
+            links_p_value=fitted.tests.links_p_value(),
+            compliance=fitted.compliance,
+            ratio=fit.squares / squares_without_causes,
+            criterion=fit.criterion,
             step=position,
         )
 
@@ -345,43 +380,61 @@ def select_causes(tested: Rows, measurements: Measurements, start: Step, *, scat
         start: tests of each cause added to the joints.
         scattered: whether the residuals show a scatter of the joints.
     """
-    wrong_labels = list[str]()
-    remaining = tested
     most_wrong = max(1, int(_MOST_WRONG * len(tested)))
-    tests = start
+    wrong_labels: list[str] = []
+    remaining, tests = tested, start
     while True:
         search = _Search(remaining, measurements, tests, scattered=scattered)
-        fits, pool, wrong_label = search.run(seek_wrong=len(wrong_labels) <= most_wrong)
-        if wrong_label is None:
+        too_many_are_wrong = len(wrong_labels) > most_wrong
+        selected = search.run(seek_wrong=not too_many_are_wrong)
+        if selected.wrong_label is None:
             break
-        wrong_labels.append(wrong_label)
-        is_right = np.array([label != wrong_label for label in remaining.measurements.labels])
-        remaining = remaining[np.flatnonzero(is_right)]
-        if len(wrong_labels) > most_wrong:  # too many to be single mistakes
+        wrong_labels.append(selected.wrong_label)
+        if len(wrong_labels) > most_wrong:  # too many to be single mistakes: keep all postures
             remaining, tests = tested, start
             continue
+        is_right = np.array([label != selected.wrong_label for label in remaining.measurements.labels])
+        remaining = remaining[np.flatnonzero(is_right)]
         tests = Step.test(
             remaining, measurements, start.tests.compliance, start.tests.visible, scattered=scattered
         )
-    left_out = () if len(wrong_labels) > most_wrong else tuple(wrong_labels)
+    left_out = () if too_many_are_wrong else tuple(wrong_labels)
+    return Selection(_describe_selected(search, selected, tests), left_out, tests)
+
+
+def _describe_selected(search: _Search, selected: _Selected, tests: Step) -> tuple[Cause, ...]:
+    """Return the selected causes that explain the readings better than links, or as well as links.
+
+    If several causes together do not explain the readings better than links, only the first step counts.
+
+    Args:
+        search: the search that selected the causes.
+        selected: fits of the causes, step by step.
+        tests: tests of each cause added to the joints.
+    """
+    fits, pool = selected.fits, selected.pool.values()
     if not fits:
-        return Selection((), left_out, tests)
+        return ()
     if len(fits) > 1:
-        chosen = search.drop_unnecessary(search.exchange(fits[-1], pool.values()))
-        causes = search.describe(chosen, pool.values())
+        best_fit = search.drop_unnecessary(search.exchange(fits[-1], pool))
+        causes = search.describe(best_fit, pool)
         if _explain_better_than_links(causes, tests):
-            return Selection(causes, left_out, tests)
-    first_causes = search.describe(fits[0], tests.significant)
-    links_explain_more = (
-        tests.links_p_value < LINKS_LEVEL and tests.tests.links_criterion() < fits[0].criterion - EQUALLY_GOOD
-    )
-    kept_causes = [each for each in first_causes if each.makes_links_unnecessary or not links_explain_more]
-    return Selection(tuple(kept_causes), left_out, tests)
+            return causes
+    causes = search.describe(fits[0], tests.significant)
+    links_are_significant = tests.links_p_value < LINKS_LEVEL
+    if links_are_significant and tests.tests.links_criterion() < fits[0].criterion - EQUALLY_GOOD:
+        return tuple(cause for cause in causes if cause.makes_links_unnecessary)
+    return causes
 
 
 def _explain_better_than_links(causes: Sequence[Cause], start: Step) -> bool:
-    """Return whether several causes leave nothing for links, and explain more than links and a base do."""
-    last = [cause for cause in causes if cause.step == causes[-1].step]
-    return all(cause.makes_links_unnecessary for cause in last) and start.is_explained_better(
-        min(cause.criterion for cause in causes)
-    )
+    """Return whether causes explain the readings better than bending links or a bending base.
+
+    With all causes fitted, the test of links must also find nothing. `start` are the tests of links and base
+    added to the joints alone.
+    """
+    last_step = causes[-1].step
+    causes_of_last_step = [cause for cause in causes if cause.step == last_step]
+    best_criterion = min(cause.criterion for cause in causes)
+    links_explain_nothing_more = all(cause.makes_links_unnecessary for cause in causes_of_last_step)
+    return links_explain_nothing_more and start.is_explained_better(best_criterion)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -60,11 +60,15 @@ def list_suspected_terms(measurements: Measurements, tested: Rows) -> list[Term]
         measurements: N observations.
         tested: some of these observations.
     """
-    loads, block = group_distinct_loads(measurements), tested.block
-    turn = build_turn_term(block.points[block.measurements.present].mean(axis=0))
-    by_load = [build_load_scale_term(loads)] if len(loads) > 1 else []
-    curve = build_curve_term(np.abs(block.torque).max(axis=0))
-    return [term for term in (*TERMS.values(), turn, *by_load, curve) if term.suspected]
+    block = tested.block
+    centre_of_targets = block.points[block.measurements.present].mean(axis=0)
+    largest_torques = np.abs(block.torque).max(axis=0)
+    terms = [*TERMS.values(), build_turn_term(centre_of_targets)]
+    loads = group_distinct_loads(measurements)
+    if len(loads) > 1:
+        terms.append(build_load_scale_term(loads))
+    terms.append(build_curve_term(largest_torques))
+    return [term for term in terms if term.suspected]
 
 
 def list_suspects(
@@ -87,45 +91,64 @@ def list_suspects(
         firsts: labels of observations that may be the onset of a cause; None to search for the onset.
     """
     labels = measurements.labels
-    tried_count = len(tested) - 2 * _LEAST_PART + 1
     terms_of_set = list_suspected_terms(measurements, tested)
     turn = next(term for term in terms_of_set if term.name == "turn")
     # Causes that may set in at a later observation.
     later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: build_load_scale_term([labels])}
-    suspects = [Suspect(term.name, term) for term in terms_of_set]
-    if firsts is not None:
-        known_firsts = [first for first in firsts if first in labels]
-        suspects += [
-            Suspect(t.name, limit_to_later(t, labels, first), first)
-            for t in later.values()
-            for first in known_firsts
-        ]
-    else:  # fit each term with each observation as the onset, to find the best onset
-        fitted_names = [term.name for term in (JOINTS, *always_fitted)]
-        others = [term for term in (*terms_of_set, FORCE_SCALE) if term.name not in fitted_names]
-        stack = tested.stack([JOINTS, *always_fitted, *others], compliance)
-        shown = list_shown_terms(stack, fitted_names, [term.name for term in terms_of_set])
-        suspects = [each for each in suspects if each.name in shown]
-        terms = [*(each.term for each in suspects), FORCE_SCALE]
-        fits = _OnsetFits(stack, [term.name for term in terms], fitted_names)
-        least_p_values = fits.compute_p_values_without_best_observation(np.zeros(len(terms), np.intp))
-        suspects = [
-            replace(each, least_p=p) for each, p in zip(suspects, least_p_values.tolist(), strict=False)
-        ]
-        if tried_count > 0:
-            onsets = fits.find_onsets()
-            for each, onset, p in zip(
-                terms,
-                onsets.tolist(),
-                fits.compute_p_values_without_best_observation(onsets).tolist(),
-                strict=True,
-            ):
-                if each.name in later:
-                    term, first = later[each.name], tested.measurements.labels[onset]
-                    suspects.append(
-                        Suspect(term.name, limit_to_later(term, labels, first), first, tried_count, p)
-                    )
-    return [suspect for suspect in suspects if suspect.term.name not in {term.name for term in always_fitted}]
+    if firsts is None:
+        suspects = _search_suspects(tested, compliance, always_fitted, terms_of_set, later, labels)
+    else:
+        suspects = [Suspect(term.name, term) for term in terms_of_set]
+        for term in later.values():
+            for first in firsts:
+                if first in labels:
+                    suspects.append(Suspect(term.name, limit_to_later(term, labels, first), first))
+    always_fitted_names = {term.name for term in always_fitted}
+    return [suspect for suspect in suspects if suspect.term.name not in always_fitted_names]
+
+
+def _search_suspects(
+    tested: Rows,
+    compliance: FloatArray,
+    always_fitted: Sequence[Term],
+    terms_of_set: Sequence[Term],
+    later: Mapping[str, Term],
+    labels: Sequence[str],
+) -> list[Suspect]:
+    """Return the causes that the readings can show, and the causes that set in later with their best onset.
+
+    Args:
+        tested: observations that are tested.
+        compliance: (n,) of the joints [rad/(N·m)].
+        always_fitted: terms that are fitted in any case.
+        terms_of_set: terms that may have moved the targets of all observations.
+        later: terms that may set in at a later observation, by name.
+        labels: labels of all observations, of which some are tested.
+    """
+    fitted_names = [term.name for term in (JOINTS, *always_fitted)]
+    other_terms = [term for term in (*terms_of_set, FORCE_SCALE) if term.name not in fitted_names]
+    stack = tested.stack([JOINTS, *always_fitted, *other_terms], compliance)
+    shown_names = list_shown_terms(stack, fitted_names, [term.name for term in terms_of_set])
+    shown_terms = [term for term in terms_of_set if term.name in shown_names]
+    # The scale of all forces cannot be told from the compliances, except if it sets in later.
+    names = [*(term.name for term in shown_terms), FORCE_SCALE.name]
+    fits = _OnsetFits(stack, names, fitted_names)
+    from_first = np.zeros(len(names), np.intp)
+    least_p_values = fits.compute_p_values_without_best_observation(from_first).tolist()
+    suspects = [
+        Suspect(term.name, term, least_p=p) for term, p in zip(shown_terms, least_p_values, strict=False)
+    ]
+    onset_count = len(tested) - 2 * _LEAST_PART + 1
+    if onset_count < 1:
+        return suspects
+    onsets = fits.find_onsets()
+    least_p_values = fits.compute_p_values_without_best_observation(onsets).tolist()
+    for name, onset, p in zip(names, onsets.tolist(), least_p_values, strict=True):
+        if name in later:
+            term, first = later[name], tested.measurements.labels[onset]
+            term_from_onset = limit_to_later(term, labels, first)
+            suspects.append(Suspect(term.name, term_from_onset, first, onset_count, p))
+    return suspects
 
 
 def list_shown_terms(stack: Stack, fitted: Sequence[str], names: Sequence[str]) -> list[str]:
@@ -140,14 +163,15 @@ def list_shown_terms(stack: Stack, fitted: Sequence[str], names: Sequence[str]) 
         names: names of the terms of interest.
     """
     fitted_columns = np.concatenate([stack.span[name] for name in fitted])
-    basis = orthonormal_basis(unit_columns(stack.flat[:, fitted_columns])[0])
+    fitted_unit_vectors, _ = unit_columns(stack.flat[:, fitted_columns])
+    basis = orthonormal_basis(fitted_unit_vectors)
     shown = []
     for name in names:
         if name in fitted:
             continue
-        columns = unit_columns(stack.flat[:, stack.span[name]])[0]
-        remaining_columns = columns - basis @ (basis.T @ columns)
-        if np.linalg.norm(remaining_columns, ord=2) > DISTINCT:
+        unit_vectors, _ = unit_columns(stack.flat[:, stack.span[name]])
+        unexplained = unit_vectors - basis @ (basis.T @ unit_vectors)
+        if np.linalg.norm(unexplained, ord=2) > DISTINCT:
             shown.append(name)
     return shown
 
@@ -161,12 +185,14 @@ def group_distinct_loads(measurements: Measurements) -> tuple[tuple[str, ...], .
     fitted = fitted_errors(measurements)
     if fitted.terms:
         return fitted.loads
-    load_size = np.hypot(
-        np.linalg.norm(measurements.force, axis=1), np.linalg.norm(measurements.moment, axis=1)
-    )
+    force_size = np.linalg.norm(measurements.force, axis=1)
+    moment_size = np.linalg.norm(measurements.moment, axis=1)
+    load_size = np.hypot(force_size, moment_size)
     ascending = np.argsort(load_size, kind="stable")
-    steps = 1 + np.flatnonzero(np.diff(load_size[ascending]) > _DISTINCT * load_size[ascending][1:])
-    groups = [group for group in np.split(ascending, steps) if len(group) >= _LEAST_PART]
+    ascending_sizes = load_size[ascending]
+    is_distinct = np.diff(ascending_sizes) > _DISTINCT * ascending_sizes[1:]  # from the next smaller load
+    starts = 1 + np.flatnonzero(is_distinct)  # where the next group begins
+    groups = [group for group in np.split(ascending, starts) if len(group) >= _LEAST_PART]
     if len(groups) > _MOST_LOADS:
         return ()
     return tuple(tuple(measurements.labels[i] for i in group.tolist()) for group in groups)
@@ -175,67 +201,83 @@ def group_distinct_loads(measurements: Measurements) -> tuple[tuple[str, ...], .
 class _OnsetFits:
     """Fits of S terms that act only from some observation on, for each of N observations as the onset.
 
-    Each term is fitted together with the joints and other terms. Columns have unit length over all
-    observations.
+    Each term is fitted together with the joints and other known terms, whose columns were projected out of
+    the readings. Columns have unit length over all observations; m rows for each observation, at most k
+    columns for each term.
     """
 
     def __init__(self, stack: Stack, names: Sequence[str], known: Sequence[str]) -> None:
         """Fit each term for each observation as its onset.
+
+        A term that begins at observation i has zero columns before i. Its normal equations are sums over the
+        observations i to N − 1, so that sums from the last observation on give the fits for all onsets.
 
         Args:
             stack: N observations.
             names: names of the S terms.
             known: names of terms that are fitted in any case.
         """
-        flat = stack.scale_to_unit_columns()[0].flat
+        unit_stack, _ = stack.scale_to_unit_columns()
+        flat = unit_stack.flat
         basis = orthonormal_basis(flat[:, np.concatenate([stack.span[name] for name in known])])
-        residual = stack.flat[:, -1] - basis @ (basis.T @ stack.flat[:, -1])
-        columns = [flat[:, stack.span[name]] for name in names]
-        q, self._width = basis.shape[1], np.array([each.shape[1] for each in columns])
-        X = stack_padded(columns)  # (S, N m, k)
-        shape, k = (len(stack), -1), X.shape[-1]
-        rows = np.concatenate([basis, residual[:, None], *X], axis=1).reshape(*shape, q + 1 + len(names) * k)
-        trailing = Stack(
-            rows, stack.read, {"known": q, "residual": 1, "terms": len(names) * k}
-        ).trailing_gram_sums
-        # Sums of Gram matrices from each observation to the last give the fits for all onsets at once.
-        columns_of_term = (q + 1 + np.arange(len(names) * k)).reshape(len(names), k)
-        overlap = trailing[:, :q][:, :, columns_of_term].transpose(2, 0, 1, 3)  # (S, N, q, k)
-        # Gram matrix of each term after the known terms have been projected out.
-        grams = trailing[:, columns_of_term[:, :, None], columns_of_term[:, None]].transpose(1, 0, 2, 3)
-        projected = grams - overlap.mT @ overlap
-        self._moment = trailing[:, columns_of_term, q, None].transpose(1, 0, 2, 3)  # (S, N, k, 1)
-        self._unknowns = np.linalg.solve(projected + INDEPENDENT * np.eye(k), self._moment)
-        self._read, self._X = stack.read, X.reshape(len(names), *shape, k)
-        self._known, self._left = basis.reshape(*shape, q), residual.reshape(*shape, 1)
+        readings = stack.flat[:, -1]
+        residual = readings - basis @ (basis.T @ readings)
+        columns_of_terms = [flat[:, stack.span[name]] for name in names]
+        padded_columns = stack_padded(columns_of_terms)  # (S, N m, k)
+        q, k, term_count = basis.shape[1], padded_columns.shape[-1], len(names)
+        # Columns: q of the known terms, 1 of the residual, S k of the terms. Sums (N, K, K) of Gram matrices.
+        rows = np.concatenate([basis, residual[:, None], *padded_columns], axis=1)
+        widths = {"known": q, "residual": 1, "terms": term_count * k}
+        sums = Stack(rows.reshape(len(stack), -1, rows.shape[-1]), stack.read, widths).trailing_gram_sums
+        moments, unknowns = [], []  # of each term
+        for term in range(term_count):
+            start = q + 1 + term * k
+            of_term = slice(start, start + k)
+            overlap = sums[:, :q, of_term]  # (N, q, k) with the known terms
+            gram = sums[:, of_term, of_term] - overlap.mT @ overlap
+            moment = sums[:, of_term, q, None]  # (N, k, 1) with the residual
+            moments.append(moment)
+            unknowns.append(np.linalg.solve(gram + INDEPENDENT * np.eye(k), moment))
+        self._moment, self._unknowns = np.array(moments), np.array(unknowns)  # (S, N, k, 1)
+        self._read = stack.read
+        self._width = np.array([columns.shape[1] for columns in columns_of_terms])
+        self._columns = padded_columns.reshape(term_count, len(stack), -1, k)
+        self._known = basis.reshape(len(stack), -1, q)
+        self._residual = residual.reshape(len(stack), -1, 1)
 
     def find_onsets(self) -> IndexArray:
         """Return the best onset (S,) of each of S terms: the index of the first observation that it moves.
 
         Enough observations lie before and after the onset.
         """
-        gain = (self._moment * self._unknowns).sum(axis=(2, 3))
-        allowed = gain[:, _LEAST_PART : gain.shape[1] - _LEAST_PART + 1]
+        gain = (self._moment * self._unknowns).sum(axis=(2, 3))  # (S, N) decrease of the residual sum
+        observation_count = gain.shape[1]
+        allowed = gain[:, _LEAST_PART : observation_count - _LEAST_PART + 1]
         return np.asarray(_LEAST_PART + np.argmax(allowed, axis=1))
 
     def compute_p_values_without_best_observation(self, first: IndexArray) -> FloatArray:
-        """Return the p-values (S,) of S terms that begin at given onsets, each without one observation.
+        """Return the p-values (S,) of F tests of S terms that begin at given onsets.
 
         For each term the observation that the term explains best is left out, as the observation may be a
         single wrong reading. `first` (S,) are the indices of the onsets.
         """
-        count = len(self._read)
-        motion = self._X @ self._unknowns[np.arange(len(first)), first][:, None]
-        motion = np.where(np.arange(count)[:, None, None] >= first[:, None, None, None], motion, 0.0)
-        # The known terms absorb part of the motion by the term.
-        absorbed = self._known @ np.einsum("brk,sbrl->skl", self._known, motion)[:, None]
-        squares = np.square(self._left)
-        squares_with_term = np.square(self._left - motion + absorbed)
-        squares, gain = squares.sum(axis=(1, 2)), (squares - squares_with_term).sum(axis=(2, 3))
-        others = np.arange(count) != np.argmax(gain, axis=1)[:, None]
-        freedom = (others * self._read).sum(axis=1) - self._known.shape[-1] - self._width
-        explained = np.maximum((others * gain).sum(axis=1), 0.0)
-        residual = np.maximum((others * squares).sum(axis=1) - explained, 1e-300)
+        term_count, observation_count = len(first), len(self._read)
+        observations = np.arange(observation_count)
+        unknowns = self._unknowns[np.arange(term_count), first]  # (S, k, 1)
+        motion = self._columns @ unknowns[:, None]  # (S, N, m, 1)
+        is_before = observations < first[:, None]
+        motion[is_before] = 0.0
+        # The known terms absorb part of the motion: their share q of term s, from rows r of observations b.
+        absorbed_shares = np.einsum("brq,sbrl->sql", self._known, motion)
+        absorbed = self._known @ absorbed_shares[:, None]
+        squares = np.square(self._residual).sum(axis=(1, 2))  # (N,)
+        squares_with_term = np.square(self._residual - motion + absorbed).sum(axis=(2, 3))  # (S, N)
+        gain = squares - squares_with_term
+        is_kept = observations != np.argmax(gain, axis=1)[:, None]
+        freedom = (is_kept * self._read).sum(axis=1) - self._known.shape[-1] - self._width
+        explained = np.maximum((is_kept * gain).sum(axis=1), 0.0)
+        residual = np.maximum((is_kept * squares).sum(axis=1) - explained, 1e-300)
         divisor = np.maximum(freedom, 1)  # without freedom the p-value is 1, see below
-        p = special.fdtrc(self._width, divisor, explained / self._width / (residual / divisor))
-        return np.where(freedom < 1, 1.0, p)
+        f_ratio = (explained / self._width) / (residual / divisor)
+        p_values = special.fdtrc(self._width, divisor, f_ratio)
+        return np.where(freedom < 1, 1.0, p_values)

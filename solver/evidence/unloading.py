@@ -45,6 +45,9 @@ class Unloading:
 def compare_unloaded_positions(rows: Rows, compliance: FloatArray) -> Unloading | None:
     """Compare the positions after the load with those before the load.
 
+    The share κ of the deflections that remains is a regression of the remaining displacements r on the
+    predicted deflections m, ``κ = Σ rᵀm / Σ mᵀm``, both whitened (uncorrelated noise of variance sigma²).
+
     Args:
         rows: N observations.
         compliance: (n,) fitted joint compliances [rad/(N·m)].
@@ -58,24 +61,28 @@ def compare_unloaded_positions(rows: Rows, compliance: FloatArray) -> Unloading 
     read_again = np.flatnonzero(returned.present.any(axis=1))
     part = rows.at(None)[read_again]
     remaining, present = returned.remaining[read_again], returned.present[read_again]
-    products, squares = [], []  # of each posture: rᵀ m and mᵀ m with the predicted deflections m, whitened
+    products, squares = [], []  # of each posture: rᵀ m and mᵀ m
     start = 0
     for block in part.generate_blocks():
         stop = start + len(block.torque)
-        both = np.stack([block.A @ compliance, remaining[start:stop] / np.sqrt(_VARIANCE)], axis=-1)
-        white = block.whiten(np.where(present[start:stop, :, None, None], both, 0.0))
-        products.append((white[..., 0] * white[..., 1]).sum(axis=(1, 2)))
-        squares.append(np.square(white[..., 0]).sum(axis=(1, 2)))
+        predicted = block.A @ compliance  # (B, T, 3) deflections [m]
+        remaining_scaled = remaining[start:stop] / np.sqrt(_VARIANCE)  # with the variance of a deflection
+        both = np.stack([predicted, remaining_scaled], axis=-1)
+        both[~present[start:stop]] = 0.0
+        whitened = block.whiten(both)
+        m, r = whitened[..., 0], whitened[..., 1]
+        products.append((m * r).sum(axis=(1, 2)))
+        squares.append(np.square(m).sum(axis=(1, 2)))
         start = stop
     product, square = np.concatenate(products), np.concatenate(squares)
     distance = float(np.sqrt(np.square(remaining[present]).sum(axis=-1).mean()))
     count = len(read_again)
     if count < _LEAST_POSTURES or not square.sum() > 0.0:
-        return Unloading(count, distance, None, None, 1.0)
-    scale = float(np.sqrt(_VARIANCE))  # whitened rows of r were divided by this number
+        return Unloading(count, distance, share=None, standard_uncertainty=None, p_value=1.0)
     share = float(product.sum() / square.sum())
-    spread = product - share * square
-    u = float(np.sqrt(np.square(spread).sum() * count / (count - 1.0)) / square.sum())
-    ratio = abs(share) / u if u > 0.0 else np.inf
-    p_value = float(2.0 * special.stdtr(count - 1, -ratio))
-    return Unloading(count, distance, scale * share, scale * u, p_value)
+    deviation = product - share * square  # of each posture from the common share
+    uncertainty = float(np.sqrt(np.square(deviation).sum() * count / (count - 1.0)) / square.sum())
+    student_t = abs(share) / uncertainty if uncertainty > 0.0 else np.inf
+    p_value = float(2.0 * special.stdtr(count - 1, -student_t))
+    scale = float(np.sqrt(_VARIANCE))  # undoes the division of r
+    return Unloading(count, distance, scale * share, scale * uncertainty, p_value)

@@ -1,14 +1,16 @@
-"""Decision between the readings of a table: which one fits, and by which margin."""
+"""Decision between the interpretations of a table: which one fits, and by which margin."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from jointstiff.solver.meaning.search import Reading
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.meaning.search import Interpretation
+from jointstiff.solver.meaning.table import PointColumns
 
 LARGEST_RESIDUAL: Final = 5e-3
 """Largest median distance [m] of positions from their places by a nominal model."""
@@ -21,13 +23,13 @@ _LEAST_FREEDOM: Final = 9
 _COMPUTED: Final = 1.5e-4
 """Median distance [m] below which a controller has computed the positions: a nominal model is no better."""
 _CLEARLY_WORSE: Final = 4.0
-"""Ratio of the distances of a position by two readings from which the position is a vote."""
+"""Ratio of the distances of a position by two interpretations from which the position is a vote."""
 _LEAST_VOTES: Final = 3
 _VOTES_AGAINST: Final = 5
 _TWIN: Final = 0.02
-"""Relative difference of residuals up to which a mirrored reading fits as well."""
+"""Relative difference of residuals up to which a mirrored interpretation fits as well."""
 _FAR_OFF: Final = 0.05
-"""Median distance relative to the movement from which a reading is no alternative."""
+"""Median distance relative to the movement from which an interpretation is no alternative."""
 _SAME_EFFECT: Final = 1e-4
 _MIRROR: Final = np.array([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
 """Signs of joints with which an arm of six joints in a plane is its mirror image."""
@@ -35,37 +37,38 @@ _MIRROR: Final = np.array([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """Reading that fits with a margin, or the reason why none does."""
+    """Interpretation that fits with a margin, or the reason why none does."""
 
-    best: Reading | None  #: None without a margin
-    next: Reading | None  #: the best reading that contradicts the best
-    equals: tuple[Reading, ...]  #: other words for the best reading
-    reason: str  #: why there is no reading; empty with one
-    shifted: tuple[Reading, ...] = ()  #: fitting readings of the same joints that use other columns
+    best: Interpretation | None  #: None without a margin
+    next: Interpretation | None  #: the best interpretation that contradicts the best
+    equals: tuple[Interpretation, ...]  #: interpretations with the same effect as the best one
+    reason: str  #: why there is no interpretation; empty with one
+    #: fitting interpretations with the same joints, whose x, y and z belong to two states of a target
+    shifted: tuple[Interpretation, ...] = ()
 
 
-def decide(readings: Sequence[Reading]) -> Decision:
-    """Choose the reading that fits and that no other reading contradicts.
+def decide(interpretations: Sequence[Interpretation]) -> Decision:
+    """Choose the interpretation that fits and that no other interpretation contradicts.
 
     Args:
-        readings: by residual, the smallest first.
+        interpretations: by residual, the smallest first.
     """
-    right_handed = [reading for reading in readings if not reading.fit.frame.is_mirrored]
+    right_handed = [each for each in interpretations if not each.fit.frame.is_mirrored]
     if not right_handed:
-        if readings:
-            return Decision(None, readings[0], (), "the positions fit only in a left-handed frame")
+        if interpretations:
+            return Decision(None, interpretations[0], (), "the positions fit only in a left-handed frame")
         return Decision(None, None, (), "no columns fit the robot")
-    fitting = [reading for reading in right_handed if fits(reading)]
-    # Columns that one robot computes are no readings of another robot of the same class either.
-    computed = {_name_points(reading) for reading in fitting if is_computed(reading)}
-    measured = [reading for reading in fitting if _name_points(reading) not in computed]
+    fitting = [each for each in right_handed if fits(each)]
     if not fitting:
-        first = right_handed[0]
-        return Decision(None, first, (), f"no columns fit the robot (best {_in_mm(first)})")
+        best = right_handed[0]
+        return Decision(None, best, (), f"no columns fit the robot (best {best.fit.typical * 1e3:.3g} mm)")
+    # Positions that a controller computed for one robot are no measured positions of another robot either.
+    computed = [each.points for each in fitting if is_computed(each)]
+    measured = [each for each in fitting if not any(_are_same_positions(each.points, c) for c in computed)]
     if not measured:
         reason = "the positions were computed from the joints, so that they are no readings"
         return Decision(None, fitting[0], (), reason)
-    best = _choose_words(measured)
+    best = _choose_simplest(measured)
     equals = tuple(each for each in right_handed if each is not best and _have_same_effect(each, best))
     shifted = tuple(each for each in measured if _is_shifted(each, (best, *equals)))
     others = [each for each in right_handed if each not in equals and each not in shifted]
@@ -76,162 +79,213 @@ def decide(readings: Sequence[Reading]) -> Decision:
     return Decision(best, rival, equals, "", shifted)
 
 
-def fits(reading: Reading) -> bool:
-    """Return whether most positions are near their places by the robot."""
-    typical = reading.fit.typical
-    return typical < LARGEST_RESIDUAL and measure_share(reading) >= _LEAST_SHARE
+def _are_same_positions(first: PointColumns, second: PointColumns) -> bool:
+    """Return whether two triples x, y and z are the same columns of the same table, in any groups of rows."""
+    return first.table == second.table and first.columns == second.columns
 
 
-def measure_share(reading: Reading) -> float:
-    """Return the fraction of the positions that are near their places."""
-    limit = min(2.0 * LARGEST_RESIDUAL, max(5.0 * reading.fit.typical, 2e-3))
-    distances = reading.fit.distances
-    return float(np.mean(distances[np.isfinite(distances)] < limit))
+def fits(interpretation: Interpretation) -> bool:
+    """Return whether most positions are near the places where the robot would put the targets."""
+    typical = interpretation.fit.typical  # median distance [m]
+    return typical < LARGEST_RESIDUAL and measure_share(interpretation) >= _LEAST_SHARE
 
 
-def is_computed(reading: Reading) -> bool:
+def measure_share(interpretation: Interpretation) -> float:
+    """Return the fraction of the positions that are near the places where the robot would put the targets."""
+    limit = min(2.0 * LARGEST_RESIDUAL, max(5.0 * interpretation.fit.typical, 2e-3))  # [m]
+    distances = interpretation.fit.distances
+    known_distances = distances[np.isfinite(distances)]
+    return float(np.mean(known_distances < limit))
+
+
+def is_computed(interpretation: Interpretation) -> bool:
     """Return whether positions are nearer to a nominal model than the positions of any real arm."""
-    return reading.fit.typical < _COMPUTED
+    return interpretation.fit.typical < _COMPUTED
 
 
-def _name_points(reading: Reading) -> tuple[str, tuple[int, int, int]]:
-    """Return table and columns of the positions of a reading."""
-    return reading.points.table, reading.points.columns
+def _choose_simplest(measured: Sequence[Interpretation]) -> Interpretation:
+    """Return the interpretation with the smallest residual, or one with the same effect that is simpler.
 
+    Rows that are grouped by posture are simpler than single rows, and the maker's own way of counting the
+    joints is simpler than that of another maker.
 
-def _in_mm(reading: Reading) -> str:
-    """Return the median distance of a reading in words."""
-    return f"{reading.fit.typical * 1e3:.3g} mm"
-
-
-def _choose_words(measured: Sequence[Reading]) -> Reading:
-    """Return the reading with the smallest residual, in the simplest words.
-
-    Rows that are grouped by posture say more than single rows. The maker's own counting is simplest.
+    Args:
+        measured: interpretations that fit, the smallest residual first.
     """
     best = measured[0]
-    alike = [each for each in measured if each is best or _have_same_effect(each, best)]
-    grouped = [each for each in measured if _have_same_columns(each, best)]
-    most = max(grouped, key=lambda each: each.joints.groups.count)
-    if most.joints.groups.count > best.joints.groups.count:
-        best = most
-        alike = [each for each in measured if each is best or _have_same_effect(each, best)]
-    own = [each for each in alike if each.joints.counting.is_own]
-    return own[0] if own else best
+    differently_grouped = [each for each in measured if _have_same_columns(each, best)]
+    # The one with the most rows for each posture; the first of several.
+    best = max(differently_grouped, key=lambda each: each.joints.groups.count)
+    for each in measured:
+        has_same_effect = each is best or _have_same_effect(each, best)
+        if has_same_effect and each.joints.counting.is_own:
+            return each
+    return best
 
 
-def _have_same_words(first: Reading, second: Reading) -> bool:
-    """Return whether two readings have the same robot, columns of joints, unit and counting."""
+def _read_same_joints(first: Interpretation, second: Interpretation) -> bool:
+    """Return whether two interpretations have the same robot, columns of joints, unit and counting."""
+    joints, other_joints = first.joints, second.joints
     return (
         first.known is second.known
-        and first.joints.table == second.joints.table
-        and first.joints.columns == second.joints.columns
-        and first.joints.unit == second.joints.unit
-        and first.joints.counting.name == second.joints.counting.name
+        and joints.table == other_joints.table
+        and joints.columns == other_joints.columns
+        and joints.unit == other_joints.unit
+        and joints.counting.name == other_joints.counting.name
     )
 
 
-def _have_same_columns(first: Reading, second: Reading) -> bool:
-    """Return whether two readings differ at most in the groups of the rows."""
-    same_points = first.points.table == second.points.table and first.points.columns == second.points.columns
-    return same_points and _have_same_words(first, second)
+def _have_same_columns(first: Interpretation, second: Interpretation) -> bool:
+    """Return whether two interpretations differ at most in how rows are grouped by posture."""
+    return _are_same_positions(first.points, second.points) and _read_same_joints(first, second)
 
 
-def _have_same_effect(first: Reading, second: Reading) -> bool:
-    """Return whether two readings of the same columns have the same residual to the last digits."""
-    difference = abs(first.fit.residual - second.fit.residual)
-    return (
-        first.joints.table == second.joints.table
-        and first.joints.columns == second.joints.columns
-        and first.joints.unit == second.joints.unit
-        and first.joints.groups == second.joints.groups
+def _have_same_effect(first: Interpretation, second: Interpretation) -> bool:
+    """Return whether two interpretations of the same columns have the same residual but for rounding.
+
+    For example two robots that differ in nothing that moves the targets, or two ways to count joints that
+    the frame of the positions makes equal.
+    """
+    joints, other_joints = first.joints, second.joints
+    are_same_columns = (
+        joints.table == other_joints.table
+        and joints.columns == other_joints.columns
+        and joints.unit == other_joints.unit
+        and joints.groups == other_joints.groups
         and first.points == second.points
-        and difference < 1e-6 + _SAME_EFFECT * second.fit.residual
     )
+    difference = abs(first.fit.residual - second.fit.residual)
+    return are_same_columns and difference < 1e-6 + _SAME_EFFECT * second.fit.residual
 
 
 def _find_rival(
-    best: Reading, right_handed: Sequence[Reading], fitting: Sequence[Reading], equals: Sequence[Reading]
-) -> tuple[Reading | None, tuple[int, int]]:
-    """Return the reading that contradicts the best one most, with the votes for and against the best."""
+    best: Interpretation,
+    right_handed: Sequence[Interpretation],
+    fitting: Sequence[Interpretation],
+    equals: Sequence[Interpretation],
+) -> tuple[Interpretation | None, Votes]:
+    """Return the interpretation that contradicts the best one most, with the votes of the postures.
+
+    If nothing contradicts the best one, all postures count as votes for it.
+    """
     tied = (best, *equals)
-    rival: Reading | None = None
-    least = (10**6, 0)
+    rival: Interpretation | None = None
+    least_votes = Votes(10**6, 0)
     for other in right_handed:
-        if other in tied or is_computed(other) or other.fit.typical > _FAR_OFF * other.movement:
+        is_far_off = other.fit.typical > _FAR_OFF * other.movement
+        if other in tied or is_computed(other) or is_far_off:
             continue
-        if any(_agree(each, other, is_fitting=other in fitting) for each in tied):
+        is_fitting = other in fitting
+        if any(_can_both_be_true(each, other, is_fitting=is_fitting) for each in tied):
             continue
         votes = count_votes(best, other)
-        if votes[0] - _VOTES_AGAINST * votes[1] < least[0] - _VOTES_AGAINST * least[1]:
-            rival, least = other, votes
-    return rival, least
+        if votes.margin < least_votes.margin:
+            rival, least_votes = other, votes
+    return rival, least_votes
 
 
-def _agree(best: Reading, other: Reading, *, is_fitting: bool) -> bool:
-    """Return whether two readings with the same joints can be true together."""
-    if not _have_same_words(best, other):
+def _can_both_be_true(best: Interpretation, other: Interpretation, *, is_fitting: bool) -> bool:
+    """Return whether the columns can mean both, because the positions are of other targets or states.
+
+    `is_fitting` tells whether the other interpretation fits: then it may group the same rows differently.
+    """
+    if not _read_same_joints(best, other):
         return False
     is_regrouped = is_fitting and _have_same_columns(best, other)
     return is_regrouped or not best.points.overlaps(other.points)
 
 
-def _is_shifted(other: Reading, tied: Sequence[Reading]) -> bool:
-    """Return whether a reading has the joints of the best one, or of its mirror image, and other positions.
+def _is_shifted(other: Interpretation, tied: Sequence[Interpretation]) -> bool:
+    """Return whether an interpretation takes x, y and z from two states of a target, one column too late.
 
     The loaded position is so near to the unloaded one that y and z of the first, and x of the second, are a
-    position in a frame with exchanged axes. Such a reading explains fewer columns.
+    position in a frame with exchanged axes. Such an interpretation explains fewer columns than the right one.
+
+    Args:
+        other: interpretation to check.
+        tied: the best interpretation, then those with the same effect; the joints must be those of one of
+            them, or of its mirror image.
     """
     best = tied[0]
     if other.points == best.points or other.joints.groups != best.joints.groups:
         return False
-    return any(_have_same_words(other, each) or _have_mirrored_words(other, each) for each in tied)
+    return any(_read_same_joints(other, each) or _read_mirrored_joints(other, each) for each in tied)
 
 
-def _have_mirrored_words(first: Reading, second: Reading) -> bool:
-    """Return whether two readings of the same joints differ in the signs that mirror an arm: J1, J4, J6."""
+def _read_mirrored_joints(first: Interpretation, second: Interpretation) -> bool:
+    """Return whether two interpretations differ in the signs of J1, J4 and J6, which mirror an arm."""
     if first.known is not second.known or first.known.robot.n != len(_MIRROR):
         return False
-    same_columns = first.joints.columns == second.joints.columns and first.joints.unit == second.joints.unit
-    mirrored = second.joints.counting.matrix * _MIRROR
-    return same_columns and bool(np.allclose(first.joints.counting.matrix, mirrored))
+    joints, other_joints = first.joints, second.joints
+    are_same_columns = joints.columns == other_joints.columns and joints.unit == other_joints.unit
+    mirrored_matrix = other_joints.counting.matrix * _MIRROR
+    return are_same_columns and bool(np.allclose(joints.counting.matrix, mirrored_matrix))
 
 
-def count_votes(first: Reading, second: Reading) -> tuple[int, int]:
-    """Count the postures that clearly speak for the first, and for the second reading (method.md §17)."""
-    if first.fit.distances.shape[0] != second.fit.distances.shape[0]:
+class Votes(NamedTuple):
+    """Number of postures that clearly speak for one of two interpretations."""
+
+    supporting: int  #: for the first one
+    opposing: int  #: for the second one
+
+    @property
+    def margin(self) -> int:
+        """Votes for the first one, less `_VOTES_AGAINST` for each vote for the second one."""
+        return self.supporting - _VOTES_AGAINST * self.opposing
+
+
+def count_votes(first: Interpretation, second: Interpretation) -> Votes:
+    """Count the postures that clearly speak for the first, and for the second (method.md §17).
+
+    A posture speaks for an interpretation whose positions are near, if those of the other are
+    `_CLEARLY_WORSE` times as far from where the robot would put the targets.
+    """
+    have_same_postures = len(first.fit.distances) == len(second.fit.distances)
+    if not have_same_postures:
         is_clear = second.fit.residual > _CLEARLY_WORSE * max(first.fit.residual, 5e-5)
-        return (99, 0) if is_clear else (0, 0)
-    by_first = np.nanmax(np.nan_to_num(first.fit.distances, nan=-1.0), axis=1)
-    by_second = np.nanmax(np.nan_to_num(second.fit.distances, nan=-1.0), axis=1)
-    limit = max(LARGEST_RESIDUAL, 3.0 * first.fit.typical)
-    known = (by_first >= 0.0) & (by_second >= 0.0)
-    for_first = (by_first < limit) & (by_second > _CLEARLY_WORSE * np.maximum(by_first, first.fit.typical))
-    for_second = (by_second < limit) & (by_first > _CLEARLY_WORSE * np.maximum(by_second, second.fit.typical))
-    return int((for_first & known).sum()), int((for_second & known).sum())
+        return Votes(99 if is_clear else 0, 0)
+    distance_by_first, distance_by_second = _find_largest_distances(first), _find_largest_distances(second)
+    is_known = (distance_by_first >= 0.0) & (distance_by_second >= 0.0)
+    near = max(LARGEST_RESIDUAL, 3.0 * first.fit.typical)
+    least_by_first = np.maximum(distance_by_first, first.fit.typical)
+    least_by_second = np.maximum(distance_by_second, second.fit.typical)
+    for_first = (distance_by_first < near) & (distance_by_second > _CLEARLY_WORSE * least_by_first)
+    for_second = (distance_by_second < near) & (distance_by_first > _CLEARLY_WORSE * least_by_second)
+    return Votes(int((for_first & is_known).sum()), int((for_second & is_known).sum()))
 
 
-def _find_obstacle(best: Reading, votes: tuple[int, int]) -> str:
-    """Return why the best reading is not certain enough; empty if it is."""
-    if best.fit.degrees_of_freedom < _LEAST_FREEDOM:
-        freedom = best.fit.degrees_of_freedom
-        return f"too few positions: {freedom} degrees of freedom, {_LEAST_FREEDOM} are needed"
-    if best.fit.typical > _LARGEST_PART * best.movement:
+def _find_largest_distances(interpretation: Interpretation) -> FloatArray:
+    """Return the largest distance (N,) [m] of a position of each posture; −1 without positions."""
+    return np.asarray(np.nan_to_num(interpretation.fit.distances, nan=-1.0).max(axis=1))
+
+
+def _find_obstacle(best: Interpretation, votes: Votes) -> str:
+    """Return why the best interpretation is not certain enough; empty if it is."""
+    fit = best.fit
+    if fit.degrees_of_freedom < _LEAST_FREEDOM:
+        return f"too few positions: {fit.degrees_of_freedom} degrees of freedom, {_LEAST_FREEDOM} are needed"
+    if fit.typical > _LARGEST_PART * best.movement:
         return f"the targets move by {best.movement * 1e3:.0f} mm only"
-    if abs(best.fit.free_scale - 1.0) > _LARGEST_SCALE_ERROR:
-        return f"the lengths of the robot differ by the factor {best.fit.free_scale:.4f}"
-    if votes[0] < _LEAST_VOTES + _VOTES_AGAINST * votes[1]:
+    if abs(fit.free_scale - 1.0) > _LARGEST_SCALE_ERROR:
+        return f"the lengths of the robot differ by the factor {fit.free_scale:.4f}"
+    if votes.margin < _LEAST_VOTES:
         return "two readings of the columns fit"
     return ""
 
 
-def find_doubt(best: Reading, readings: Sequence[Reading]) -> str:
-    """Return the question between a counting of another maker and a mirrored frame; empty without one."""
+def find_doubt(best: Interpretation, interpretations: Sequence[Interpretation]) -> str:
+    """Return the question that only a person can decide; empty without one.
+
+    The best interpretation may count joints as another maker does. The readings then often fit as well with
+    the robot's own counting, if two of the axes x, y and z are exchanged, so that the frame is mirrored.
+    """
     if best.joints.counting.is_own:
         return ""
-    for other in readings:
-        is_twin = abs(other.fit.residual - best.fit.residual) < _TWIN * best.fit.residual
-        same_joints = other.joints.columns == best.joints.columns
-        if other.fit.frame.is_mirrored and other.joints.counting.is_own and same_joints and is_twin:
+    for other in interpretations:
+        has_own_counting_in_mirrored_frame = other.fit.frame.is_mirrored and other.joints.counting.is_own
+        has_same_columns = other.joints.columns == best.joints.columns
+        residual_difference = abs(other.fit.residual - best.fit.residual)
+        fits_as_well = residual_difference < _TWIN * best.fit.residual
+        if has_own_counting_in_mirrored_frame and has_same_columns and fits_as_well:
             return f"two of x, y and z may be exchanged instead of joints {best.joints.counting.name}"
     return ""

@@ -31,6 +31,8 @@ _STEPS: Final = (1, 2, 4)
 _LEAST_KNOWN: Final = 0.5
 """Least fraction of the rows in which a triple has numbers."""
 _ROUNDING: Final = 1e-9
+_LEAST_POSTURES: Final = 3
+"""Least number of postures of a table."""
 _FIRST_POSTURES: Final = 4
 """Postures that are compared before all are: most joints do not repeat."""
 _ORDINARY: Final = 90.0
@@ -54,27 +56,33 @@ class PointHypothesis:
 
 
 def list_countings(robot: Robot) -> list[JointCounting]:
-    """Return the ways in which controllers count joints: the maker's own, then those of other makers."""
+    """Return the ways in which controllers count joints: the maker's own, then those of other makers.
+
+    Each is a map ``q = M q_c + o`` from the controller's joints q_c to the model's joints q.
+    """
     own, offset, n = robot.joint_map.matrix, robot.joint_map.offset, robot.n
-    countings = [JointCounting("as the maker counts", own, offset, is_own=True)]
-    countings.append(JointCounting("as the model counts", np.eye(n), np.zeros(n)))
+    countings = [
+        JointCounting("as the maker counts", own, offset, is_own=True),
+        JointCounting("as the model counts", np.eye(n), np.zeros(n)),
+    ]
     if n == 6:
-        coupled, reverse = np.eye(6), np.eye(6)
-        coupled[2, 1], reverse[2, 1] = 1.0, -1.0
-        kuka, yaskawa = np.diag([-1.0, 1, 1, -1, 1, -1]), np.diag([1.0, 1, -1, -1, -1, -1])
-        fanuc = np.diag([1.0, 1, -1, -1, -1, -1])
-        fanuc[2, 1] = -1.0
+        add_j2, subtract_j2 = np.eye(6), np.eye(6)
+        add_j2[2, 1], subtract_j2[2, 1] = 1.0, -1.0
+        kuka = np.diag([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
+        yaskawa = np.diag([1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
+        fanuc = yaskawa.copy()
+        fanuc[2, 1] = -1.0  # J3 from the horizontal
         countings += [
-            JointCounting("with J3 from the horizontal (J3 + J2)", own @ coupled, offset),
-            JointCounting("with J3 from the horizontal (J3 − J2)", own @ reverse, offset),
+            JointCounting("with J3 from the horizontal (J3 + J2)", own @ add_j2, offset),
+            JointCounting("with J3 from the horizontal (J3 − J2)", own @ subtract_j2, offset),
             JointCounting("with J1, J4, J6 reversed, as KUKA", own @ kuka, offset),
             JointCounting("with J3 to J6 reversed, as Yaskawa", own @ yaskawa, offset),
             JointCounting("as FANUC counts", fanuc, np.zeros(6)),
         ]
     different: list[JointCounting] = []
-    for each in countings:
-        if not any(_are_equal(each, earlier) for earlier in different):
-            different.append(each)
+    for counting in countings:
+        if not any(_are_equal(counting, earlier) for earlier in different):
+            different.append(counting)
     return different
 
 
@@ -85,34 +93,44 @@ def _are_equal(first: JointCounting, second: JointCounting) -> bool:
 
 
 def find_windows(table: Table, n: int) -> list[tuple[int, ...]]:
-    """Return the columns that can be n joints, from base to flange or in reverse order."""
+    """Return the runs of n columns that can be the joints, from base to flange or in reverse order.
+
+    All rows must have numbers no larger than angles in degrees, and three columns or more must change.
+    """
     if len(table.joints) == n:
         return [table.joints]
-    moving = find_moving_columns(table.numbers)
-    known = np.isfinite(table.numbers).all(axis=0)
+    is_moving = find_moving_columns(table.numbers)
+    is_complete = np.isfinite(table.numbers).all(axis=0)
     size = np.nanpercentile(np.abs(np.nan_to_num(table.numbers)), _ORDINARY, axis=0)
-    can_be_angles: list[bool] = (known & (size <= _LARGEST_DEGREES)).tolist()
-    fits = [can_be and column not in table.others for column, can_be in enumerate(can_be_angles)]
+    can_be_joint: list[bool] = (is_complete & (size <= _LARGEST_DEGREES)).tolist()
+    for column in table.others:
+        can_be_joint[column] = False
+    least_moving = min(3, n)
     windows: list[tuple[int, ...]] = []
-    for first in range(len(fits) - n + 1):
+    for first in range(len(can_be_joint) - n + 1):
         window = tuple(range(first, first + n))
-        if all(fits[c] for c in window) and sum(moving[c] for c in window) >= min(3, n):
+        moving_count = sum(is_moving[column] for column in window)
+        if all(can_be_joint[column] for column in window) and moving_count >= least_moving:
             windows += [window, window[::-1]]
     return windows
 
 
 def find_repeats(table: Table, window: Sequence[int]) -> list[RowGroups]:
-    """Return how the rows repeat their joints, such as three rows for each posture; ungrouped rows first."""
+    """Return how the rows repeat their joints, such as three rows for each posture; ungrouped rows first.
+
+    `window` are the columns of the joints.
+    """
     joints = table.numbers[:, list(window)]
-    rows, groups = len(joints), [RowGroups()]
-    for count in range(2, _MOST_GROUPED + 1):
-        if rows % count or rows // count < 3:
+    row_count, groups = len(joints), [RowGroups()]
+    for rows_of_posture in range(2, _MOST_GROUPED + 1):
+        postures, rest = divmod(row_count, rows_of_posture)
+        if rest or postures < _LEAST_POSTURES:
             continue
         for order in ("in turn", "in blocks"):
-            group = RowGroups(order, count)
-            split = group.split(joints)
-            if _repeats(split[:_FIRST_POSTURES]) and _repeats(split):
-                groups.append(group)
+            grouping = RowGroups(order, rows_of_posture)
+            joints_of_postures = grouping.split(joints)
+            if _repeats(joints_of_postures[:_FIRST_POSTURES]) and _repeats(joints_of_postures):
+                groups.append(grouping)
     return groups
 
 
@@ -129,39 +147,51 @@ def build_joints(
     robot: Robot,
     countings: Sequence[JointCounting],
 ) -> Iterator[JointHypothesis]:
-    """Yield the joints of a window of columns, in chosen postures, each unit and each way of counting."""
-    numbers = groups.split(table.numbers[:, list(window)])[rows, 0]
+    """Yield the model's joints by some columns of a table, for each possible unit and way of counting.
+
+    Args:
+        table: numbers of a file.
+        window: columns of the joints, from base to flange.
+        groups: which rows belong to one posture; they have equal joints, so that the first row is read.
+        rows: indices of the postures to read.
+        robot: robot with as many joints as columns.
+        countings: ways in which controllers count joints.
+    """
+    numbers_of_postures = groups.split(table.numbers[:, list(window)])
+    numbers = numbers_of_postures[rows, 0]
+    is_in_mm = np.percentile(np.abs(numbers), _ORDINARY, axis=0) > _LARGEST_SLIDE
+    lengths = np.where(is_in_mm, 1e-3 * numbers, numbers)
     for unit in _find_angle_units(numbers[:, ~robot.prismatic]):
         angles = np.radians(numbers) if unit == "deg" else numbers
-        slide = np.percentile(np.abs(numbers), _ORDINARY, axis=0) > _LARGEST_SLIDE
-        lengths = np.where(slide, 1e-3 * numbers, numbers)
-        controller = np.where(robot.prismatic, lengths, angles)
+        controller_joints = np.where(robot.prismatic, lengths, angles)
         for counting in countings:
             columns = JointColumns(table.name, window, unit, counting, groups)
-            yield JointHypothesis(columns, controller @ counting.matrix.T + counting.offset)
+            yield JointHypothesis(columns, controller_joints @ counting.matrix.T + counting.offset)
 
 
 def _find_angle_units(angles: FloatArray) -> list[AngleUnit]:
     """Return the units in which numbers can be angles."""
     if not angles.size:
         return ["rad"]
-    largest = float(np.percentile(np.abs(angles), 100.0 if len(angles) < 8 else 98.0))
-    if largest <= _LARGEST_RADIANS:
-        return ["rad", "deg"]
-    return ["deg"]
+    # In longer tables a few damaged numbers may be larger.
+    percentile = 100.0 if len(angles) < 8 else 98.0
+    largest = float(np.percentile(np.abs(angles), percentile))
+    return ["rad", "deg"] if largest <= _LARGEST_RADIANS else ["deg"]
 
 
 def find_triples(table: Table) -> list[tuple[int, int, int]]:
-    """Return the columns that can be x, y and z."""
-    moving = find_moving_columns(table.numbers)
-    known = np.isfinite(table.numbers).mean(axis=0) > _LEAST_KNOWN
+    """Return the columns that can be x, y and z: three columns at equal distances, two of which change."""
+    is_moving = find_moving_columns(table.numbers)
+    has_numbers = np.isfinite(table.numbers).mean(axis=0) > _LEAST_KNOWN
     excluded = table.others | set(table.joints)
+    _, column_count = table.size
     triples = []
     for step in _STEPS:
-        for first in range(table.size[1] - 2 * step):
+        for first in range(column_count - 2 * step):
             triple = (first, first + step, first + 2 * step)
             is_free = not excluded & set(triple)
-            if is_free and all(known[c] for c in triple) and sum(moving[c] for c in triple) >= 2:
+            moving_count = sum(is_moving[column] for column in triple)
+            if is_free and all(has_numbers[column] for column in triple) and moving_count >= 2:
                 triples.append(triple)
     return triples
 
@@ -170,10 +200,10 @@ def list_groups(rows: int, postures: int) -> list[RowGroups]:
     """Return the ways in which rows of positions belong to postures."""
     if rows == postures:
         return [RowGroups()]
-    count = rows // postures
-    if rows % postures or count > _MOST_GROUPED:
+    rows_of_posture, rest = divmod(rows, postures)
+    if rest or rows_of_posture > _MOST_GROUPED:
         return []
-    return [RowGroups("in turn", count), RowGroups("in blocks", count)]
+    return [RowGroups("in turn", rows_of_posture), RowGroups("in blocks", rows_of_posture)]
 
 
 def build_points(
@@ -181,13 +211,18 @@ def build_points(
 ) -> Iterator[PointHypothesis]:
     """Yield the positions of all tables that can belong to the postures of a table of joints.
 
-    Positions are those of chosen postures, the rows of `RowGroups.split`.
+    Args:
+        tables: numbers of files.
+        joint_table: table with the joints.
+        joint_groups: which rows of this table belong to one posture.
+        rows: indices of the postures to read.
     """
-    postures = joint_table.size[0] // joint_groups.count
+    row_count, _ = joint_table.size
+    posture_count = row_count // joint_groups.count
     for table in tables:
-        is_same = table is joint_table
-        groups = [joint_groups] if is_same else list_groups(table.size[0], postures)
+        groupings = [joint_groups] if table is joint_table else list_groups(table.size[0], posture_count)
         for triple in find_triples(table):
-            for group in groups:
-                points = group.split(table.numbers[:, list(triple)])[rows]
-                yield PointHypothesis(PointColumns(table.name, triple, group), points)
+            for grouping in groupings:
+                positions_of_postures = grouping.split(table.numbers[:, list(triple)])
+                columns = PointColumns(table.name, triple, grouping)
+                yield PointHypothesis(columns, positions_of_postures[rows])

@@ -25,26 +25,32 @@ class FlangeModel:
     def of(cls, robot: Robot) -> FlangeModel:
         """Read the axes from the Jacobian of the robot at zero positions."""
         zero = Postures(robot, np.zeros((1, robot.n)))
-        linear, angular = zero.jacobian[0, :3].T, zero.jacobian[0, 3:].T
+        linear = zero.jacobian[0, :3].T  # (n, 3) velocity at the origin of R0 per unit of each joint
+        angular = zero.jacobian[0, 3:].T  # (n, 3) angular velocity
         is_sliding = robot.prismatic[:, None]
         axes = np.where(is_sliding, linear, angular)
+        # With the velocity v = p × a at the origin, a × v is the point p of the axis nearest to the origin.
         points = np.where(is_sliding, 0.0, np.cross(axes, linear))
         return cls(axes, points, zero.flange_rotation[0], zero.flange_translation[0], robot.prismatic)
 
     def place_flange(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return rotations R (..., 3, 3) and places d (..., 3) [m] of the flange for positions q (..., n)."""
+        """Return rotations R (..., 3, 3) and places d (..., 3) [m] of the flange for positions q (..., n).
+
+        The displacements ``x → rotation x + place`` by the joints are chained from base to flange, and then
+        applied to the flange at zero positions.
+        """
         shape = q.shape[:-1]
         rotation: FloatArray = np.broadcast_to(np.eye(3), (*shape, 3, 3))
         place: FloatArray = np.zeros((*shape, 3))
         for joint, axis in enumerate(self.axes):
-            angle = q[..., joint]
+            position = q[..., joint]  # angle [rad], or length [m] of a prismatic joint
             if self.prismatic[joint]:
-                place = place + angle[..., None] * (rotation @ axis)
+                place = place + position[..., None] * (rotation @ axis)
                 continue
-            turn = _turn_about(axis, angle)
+            turn = _turn_about(axis, position)
             point = self.points[joint]
-            lever = point - turn @ point
-            place = place + (rotation @ lever[..., None])[..., 0]
+            shift = point - turn @ point  # so that the point on the axis stays
+            place = place + (rotation @ shift[..., None])[..., 0]
             rotation = rotation @ turn
         return rotation @ self.rotation, place + rotation @ self.place
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -14,11 +14,10 @@ from jointstiff.solver.meaning.hypotheses import build_joints, build_points
 from jointstiff.solver.meaning.kinematics import FlangeModel
 from jointstiff.solver.meaning.refinement import FramePlacement, fit_targets
 from jointstiff.solver.meaning.search import (
-    MOST_READINGS,
-    Reading,
-    choose_rows,
+    MOST_INTERPRETATIONS,
+    Interpretation,
     count_hypotheses,
-    find_readings,
+    find_interpretations,
 )
 from jointstiff.solver.meaning.table import JointColumns, LengthUnit, PointColumns, Table
 from jointstiff.solver.mechanics.robot import KnownRobot
@@ -71,9 +70,10 @@ class Proposal:
     @property
     def is_in_base_frame(self) -> bool:
         """Return whether the positions are in R0 as they are written."""
-        cosine = 0.5 * (float(np.trace(self.frame.rotation)) - 1.0)
-        angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        return angle < _BASE_ANGLE and float(np.linalg.norm(self.frame.origin)) < _BASE_DISTANCE
+        cosine_of_turn = 0.5 * (float(np.trace(self.frame.rotation)) - 1.0)
+        turn = float(np.arccos(np.clip(cosine_of_turn, -1.0, 1.0)))
+        distance_of_origin = float(np.linalg.norm(self.frame.origin))
+        return turn < _BASE_ANGLE and distance_of_origin < _BASE_DISTANCE
 
     @property
     def target_count(self) -> int:
@@ -92,7 +92,7 @@ class Proposals:
 
     best: Proposal | None  #: None without a margin
     reason: str  #: why there is no proposal; empty with one
-    readings: tuple[Reading, ...]  #: all readings that were compared, the smallest residual first
+    readings: tuple[Interpretation, ...]  #: all readings that were compared, the smallest residual first
 
 
 def propose(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> Proposals:
@@ -102,90 +102,117 @@ def propose(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> Proposals:
         tables: numbers of files, the joints in one of them.
         robots: robots that may have been measured.
     """
-    known = list(robots)
-    if count_hypotheses(tables, known) > MOST_READINGS:
+    known_robots = list(robots)
+    if count_hypotheses(tables, known_robots) > MOST_INTERPRETATIONS:
         return Proposals(None, "too many columns may be joints or positions: name the joints", ())
-    with np.errstate(invalid="ignore", divide="ignore"):
-        readings = find_readings(tables, known)
-        decision = decide(readings)
+    with np.errstate(invalid="ignore", divide="ignore"):  # cells without a number are NaN
+        interpretations = find_interpretations(tables, known_robots)
+        decision = decide(interpretations)
         if decision.best is None:
-            return Proposals(None, decision.reason, tuple(readings))
-        choices = [_complete(tables, each, decision, readings) for each in (decision.best, *decision.shifted)]
-        best = max(choices, key=lambda each: each.count)
-    return Proposals(best, "", tuple(readings))
+            return Proposals(None, decision.reason, tuple(interpretations))
+        proposals = [
+            _complete(tables, chosen, decision, interpretations)
+            for chosen in (decision.best, *decision.shifted)
+        ]
+    # An interpretation whose x, y and z belong to two states explains fewer positions.
+    best = max(proposals, key=lambda proposal: proposal.count)
+    return Proposals(best, "", tuple(interpretations))
 
 
 def _complete(
-    tables: Sequence[Table], reading: Reading, decision: Decision, readings: Sequence[Reading]
+    tables: Sequence[Table],
+    interpretation: Interpretation,
+    decision: Decision,
+    interpretations: Sequence[Interpretation],
 ) -> Proposal:
-    """Add the other targets and states that fit with the same joints and the same frame."""
-    by_name = {table.name: table for table in tables}
-    table = by_name[reading.joints.table]
-    rotation, place = place_flange(table, reading)
-    sets = list(_find_sets(tables, table, reading, rotation, place))
-    distances = np.concatenate([each.distances for each in sets])
+    """Add the other targets and states that fit with the same joints and the same frame.
+
+    Args:
+        tables: numbers of files.
+        interpretation: meaning of the columns of the joints, and of one triple of positions.
+        decision: decision for this interpretation, with those that have the same effect or contradict it.
+        interpretations: all interpretations that were compared.
+    """
+    table = next(table for table in tables if table.name == interpretation.joints.table)
+    rotation, place = place_flange(table, interpretation)
+    readings = list(_find_readings(tables, table, interpretation, rotation, place))
+    distances = np.concatenate([reading.distances for reading in readings])
     distances = distances[np.isfinite(distances)]
     residual = float(np.median(distances))
-    limit = min(2.0 * LARGEST_RESIDUAL, max(5.0 * residual, USUAL_RESIDUAL))
+    fitting_limit = min(2.0 * LARGEST_RESIDUAL, max(5.0 * residual, USUAL_RESIDUAL))
     rival = decision.next
     return Proposal(
-        robots=(reading.known, *_list_equal_robots(reading, decision.equals)),
-        joints=reading.joints,
-        readings=tuple(_number_targets(sets)),
-        unit=reading.fit.unit,
-        frame=reading.fit.frame,
+        robots=(interpretation.known, *_list_equal_robots(interpretation, decision.equals)),
+        joints=interpretation.joints,
+        readings=tuple(_number_targets(readings)),
+        unit=interpretation.fit.unit,
+        frame=interpretation.fit.frame,
         residual=residual,
         next_residual=np.inf if rival is None else rival.fit.typical,
-        fitting=int((distances < limit).sum()),
+        fitting=int((distances < fitting_limit).sum()),
         count=len(distances),
-        doubt=find_doubt(reading, readings),
+        doubt=find_doubt(interpretation, interpretations),
     )
 
 
-def place_flange(table: Table, reading: Reading) -> tuple[FloatArray, FloatArray]:
-    """Return rotation (N, 3, 3) and place (N, 3) [m] of the flange in all postures of a reading."""
-    joints, robot = reading.joints, reading.known.robot
-    count = table.size[0] // joints.groups.count
-    built = build_joints(
-        table, joints.columns, joints.groups, choose_rows(count, count), robot, [joints.counting]
+def place_flange(table: Table, interpretation: Interpretation) -> tuple[FloatArray, FloatArray]:
+    """Return rotation (N, 3, 3) and place (N, 3) [m] of the flange in all postures of a table of joints."""
+    joints, robot = interpretation.joints, interpretation.known.robot
+    posture_count = table.size[0] // joints.groups.count
+    hypotheses = build_joints(
+        table, joints.columns, joints.groups, np.arange(posture_count), robot, [joints.counting]
     )
-    q = next(each.q for each in built if each.columns.unit == joints.unit)
-    return FlangeModel.of(robot).place_flange(q)
+    chosen = next(hypothesis for hypothesis in hypotheses if hypothesis.columns.unit == joints.unit)
+    return FlangeModel.of(robot).place_flange(chosen.q)
 
 
-def _list_equal_robots(reading: Reading, equals: Sequence[Reading]) -> list[KnownRobot]:
-    """Return other robots that give the same places, each once."""
+def _list_equal_robots(interpretation: Interpretation, equals: Sequence[Interpretation]) -> list[KnownRobot]:
+    """Return other robots that give the same places, each once.
+
+    `equals` are the interpretations with the same effect as this one.
+    """
     robots: list[KnownRobot] = []
-    for each in equals:
-        if each.known is not reading.known and each.known not in robots:
-            robots.append(each.known)
+    for equal in equals:
+        if equal.known is not interpretation.known and equal.known not in robots:
+            robots.append(equal.known)
     return robots
 
 
-def _find_sets(
-    tables: Sequence[Table], table: Table, reading: Reading, rotation: FloatArray, place: FloatArray
+def _find_readings(
+    tables: Sequence[Table],
+    joint_table: Table,
+    interpretation: Interpretation,
+    rotation: FloatArray,
+    place: FloatArray,
 ) -> Iterator[TargetReading]:
-    """Yield the positions that fit, in the order of tables and columns, none with a column of another."""
-    chosen: list[PointColumns] = []
-    found: list[_PointSet] = []
-    for hypothesis in build_points(tables, table, reading.joints.groups, np.arange(len(place))):
-        positions = reading.fit.frame.to_base(hypothesis.points)
+    """Yield the positions that fit, in the order of tables and columns; each column is used once.
+
+    Args:
+        tables: numbers of files.
+        joint_table: table with the joints.
+        interpretation: meaning of its columns, with the frame of the positions.
+        rotation: (N, 3, 3) of the flange.
+        place: (N, 3) of the flange [m].
+    """
+    fitting: list[_PointSet] = []
+    all_postures = np.arange(len(place))
+    for hypothesis in build_points(tables, joint_table, interpretation.joints.groups, all_postures):
+        positions = interpretation.fit.frame.to_base(hypothesis.points)
         targets, distances = fit_targets(rotation, place, positions)
-        is_chosen = hypothesis.columns == reading.points
+        is_chosen = hypothesis.columns == interpretation.points
         if is_chosen or _fit_as_targets(positions, distances):
-            found.append(_PointSet(hypothesis.columns, targets, distances, is_chosen=is_chosen))
-    found.sort(key=lambda each: each.rank)
-    kept = []
-    for each in found:
-        if _is_free(each.columns, chosen, reading.joints):
-            chosen.append(each.columns)
-            kept.append(each)
-    order = {each.name: number for number, each in enumerate(tables)}
-    kept.sort(key=lambda each: (order[each.columns.table], each.columns.columns))
-    for each in kept:
-        for index in range(each.columns.groups.count):
-            place_on_flange, distances = each.targets[index], each.distances[:, index]
-            yield TargetReading(each.columns, index, 0, 0, place_on_flange, distances)
+            fitting.append(_PointSet(hypothesis.columns, targets, distances, is_chosen=is_chosen))
+    used: list[_PointSet] = []
+    for points in sorted(fitting, key=lambda points: points.rank):
+        used_columns = [other.columns for other in used]
+        if _is_free(points.columns, used_columns, interpretation.joints):
+            used.append(points)
+    order = {table.name: number for number, table in enumerate(tables)}
+    used.sort(key=lambda points: (order[points.columns.table], points.columns.columns))
+    for points in used:
+        for row in range(points.columns.groups.count):
+            # Numbers of target and state follow when all readings are known.
+            yield TargetReading(points.columns, row, 0, 0, points.targets[row], points.distances[:, row])
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,33 +230,41 @@ class _PointSet:
         return not self.is_chosen, float(np.nanmedian(self.distances))
 
 
-def _is_free(columns: PointColumns, chosen: Sequence[PointColumns], joints: JointColumns) -> bool:
-    """Return whether columns of positions are neither joints nor other positions."""
+def _is_free(columns: PointColumns, used: Sequence[PointColumns], joints: JointColumns) -> bool:
+    """Return whether columns of positions are neither joints nor positions that are used already."""
     are_joints = columns.table == joints.table and bool(set(columns.columns) & set(joints.columns))
-    return not are_joints and not any(columns.overlaps(each) for each in chosen)
+    are_used = any(columns.overlaps(other) for other in used)
+    return not are_joints and not are_used
 
 
 def _fit_as_targets(positions: FloatArray, distances: FloatArray) -> bool:
-    """Return whether positions (N, K, 3) [m] are those of measured targets, by distances (N, K) [m]."""
-    known = np.isfinite(distances)
-    if known.mean() < _LEAST_SHARE:
+    """Return whether positions (N, K, 3) [m] are those of measured targets.
+
+    `distances` (N, K) [m] are those from where the robot would put the targets. Most positions must be near,
+    but not as near as positions that a controller has computed.
+    """
+    is_known = np.isfinite(distances)
+    if is_known.mean() < _LEAST_SHARE:
         return False
-    typical = float(np.median(distances[known]))
+    known_distances = distances[is_known]
+    typical = float(np.median(known_distances))
     movement = float(np.nanstd(positions, axis=0).max())
-    share = float(np.mean(distances[known] < min(2.0 * LARGEST_RESIDUAL, max(5.0 * typical, USUAL_RESIDUAL))))
-    return _COMPUTED < typical < min(LARGEST_RESIDUAL, _LARGEST_PART * movement) and share >= _LEAST_SHARE
+    largest_typical = min(LARGEST_RESIDUAL, _LARGEST_PART * movement)
+    near = min(2.0 * LARGEST_RESIDUAL, max(5.0 * typical, USUAL_RESIDUAL))
+    share_of_near = float(np.mean(known_distances < near))
+    return _COMPUTED < typical < largest_typical and share_of_near >= _LEAST_SHARE
 
 
-def _number_targets(sets: Sequence[TargetReading]) -> Iterator[TargetReading]:
-    """Yield the sets with numbers of targets: sets whose places agree are states of one target."""
-    places: list[FloatArray] = []
-    states: list[int] = []
-    for each in sets:
-        gaps = [float(np.linalg.norm(each.place - place)) for place in places]
-        target = int(np.argmin(gaps)) if gaps else -1
-        if not gaps or gaps[target] > _SAME_PLACE:
-            target = len(places)
-            places.append(each.place)
-            states.append(-1)
-        states[target] += 1
-        yield TargetReading(each.points, each.index, target + 1, states[target], each.place, each.distances)
+def _number_targets(readings: Sequence[TargetReading]) -> Iterator[TargetReading]:
+    """Yield the readings with numbers of target and state: readings at one place are states of one target."""
+    places: list[FloatArray] = []  # of each target on the flange
+    state_counts: list[int] = []  # of each target
+    for reading in readings:
+        distances = [float(np.linalg.norm(reading.place - place)) for place in places]
+        is_new_target = min(distances, default=np.inf) > _SAME_PLACE
+        if is_new_target:
+            places.append(reading.place)
+            state_counts.append(0)
+        target = len(places) - 1 if is_new_target else int(np.argmin(distances))
+        yield replace(reading, target=target + 1, state=state_counts[target])
+        state_counts[target] += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -64,23 +64,33 @@ class RigidFit:
 
     @property
     def residual(self) -> float:
-        """Root mean square of the distances [m], with regard to the degrees of freedom.
+        """Root of the sum of squared distances over the degrees of freedom [m].
 
         A distance counts at most `_CAP`.
         """
-        known = self.distances[np.isfinite(self.distances)]
-        square = float((np.minimum(known, _CAP) ** 2).sum())
-        return float(np.sqrt(3.0 * square / max(self.degrees_of_freedom, 1)) / np.sqrt(3.0))
+        known_distances = self.distances[np.isfinite(self.distances)]
+        square = float((np.minimum(known_distances, _CAP) ** 2).sum())
+        return float(np.sqrt(square / max(self.degrees_of_freedom, 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """Positions of K targets in N postures, and the flange in these postures."""
+
+    rotation: FloatArray  # R (N, 3, 3) of the flange
+    place: FloatArray  # d (N, 3) of the flange [m]
+    centred: FloatArray  # p (N, K, 3) positions less their mean, in the unit of the file
+    known: BoolArray  # (N, K) which positions were read
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Unknowns of the fit, for positions about their mean."""
+    """Unknowns of the fit: ``s W p + c = R t + d`` for positions p about their mean."""
 
-    rotation: FloatArray
-    middle: FloatArray  #: place of the mean position in R0 [m]
-    targets: FloatArray
-    scale: float
+    rotation: FloatArray  # W (3, 3) of the frame of the positions
+    middle: FloatArray  # c (3,) place of the mean position in R0 [m]
+    targets: FloatArray  # t (K, 3) places of the targets on the flange [m]
+    scale: float  # s [m per unit of the file]
 
 
 def fit_frame(
@@ -95,25 +105,40 @@ def fit_frame(
         matrix: M (3, 3) of the linear fit.
         targets: t (K, 3) of the linear fit [m].
     """
-    left, size, right = np.linalg.svd(matrix)
-    if size[2] < _FLAT * size[0]:
-        left[:, 2] *= np.sign(np.linalg.det(left @ right))
-    turn = left @ right
-    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(turn))])
-    seen = points @ mirror
-    known: BoolArray = np.asarray(np.isfinite(seen).all(axis=2))
-    mean = seen[known].mean(axis=0)
-    centred = np.where(known[..., None], seen - mean, 0.0)
-    unit = _find_nearest_unit(float(np.median(size)))
-    start = _State(turn @ mirror, np.zeros(3), targets, METRES[unit])
-    start = _settle_middle(start, rotation, place, centred, known)
-    fitted = _iterate(start, rotation, place, centred, known, scale_is_free=False)
-    free = _iterate(fitted, rotation, place, centred, known, scale_is_free=True)
-    distance = np.linalg.norm(_compute_misfit(fitted, rotation, place, centred), axis=2)
+    nearest_rotation, scales = _find_nearest_rotation(matrix)
+    # A left-handed frame is fitted as a right-handed one whose z axis is reversed.
+    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(nearest_rotation))])
+    right_handed = points @ mirror
+    known: BoolArray = np.asarray(np.isfinite(right_handed).all(axis=2))
+    mean = right_handed[known].mean(axis=0)
+    centred = np.where(known[..., None], right_handed - mean, 0.0)
+    data = _Data(rotation, place, centred, known)
+    unit = _find_nearest_unit(float(np.median(scales)))
+    start = _State(nearest_rotation @ mirror, np.zeros(3), targets, METRES[unit])
+    fitted = _iterate(_settle_middle(start, data), data, scale_is_free=False)
+    with_free_scale = _iterate(fitted, data, scale_is_free=True)
+    distances = np.linalg.norm(_compute_misfit(fitted, data), axis=2)
     origin = fitted.middle - fitted.scale * fitted.rotation @ mean
-    frame = FramePlacement(fitted.rotation @ mirror, origin, fitted.scale)
-    distances = np.where(known, distance, np.nan)
-    return RigidFit(frame, unit, fitted.targets, distances, free.scale / METRES[unit])
+    return RigidFit(
+        frame=FramePlacement(fitted.rotation @ mirror, origin, fitted.scale),
+        unit=unit,
+        targets=fitted.targets,
+        distances=np.where(known, distances, np.nan),
+        free_scale=with_free_scale.scale / METRES[unit],
+    )
+
+
+def _find_nearest_rotation(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the rotation (3, 3) nearest to a matrix M, and the singular values (3,) of M.
+
+    The rotation has the determinant −1 if M mirrors. Positions in a plane cannot show that: their rotation
+    has the determinant 1.
+    """
+    U, singular_values, Vt = np.linalg.svd(matrix)
+    are_in_plane = singular_values[2] < _FLAT * singular_values[0]
+    if are_in_plane and np.linalg.det(U @ Vt) < 0.0:
+        U[:, 2] *= -1.0
+    return U @ Vt, singular_values
 
 
 def fit_targets(
@@ -121,9 +146,11 @@ def fit_targets(
 ) -> tuple[FloatArray, FloatArray]:
     """Fit places t (K, 3) of targets whose positions (N, K, 3) are in R0; return t and distances (N, K) [m].
 
-    Each place is the median over the postures, in the flange frame.
+    Each place is the median over the postures, in the flange frame. `rotation` (N, 3, 3) and `place` (N, 3)
+    [m] are those of the flange.
     """
-    in_flange = np.einsum("nji,nkj->nki", rotation, positions - place[:, None])
+    from_flange = positions - place[:, None]
+    in_flange = from_flange @ rotation  # Rᵀ (p − d) of each posture, (N, K, 3)
     targets = np.nanmedian(in_flange, axis=0)
     return targets, np.linalg.norm(in_flange - targets, axis=2)
 
@@ -133,48 +160,39 @@ def _find_nearest_unit(scale: float) -> LengthUnit:
     return min(METRES, key=lambda unit: abs(np.log(METRES[unit] / scale)))
 
 
-def _compute_misfit(
-    state: _State, rotation: FloatArray, place: FloatArray, centred: FloatArray
-) -> FloatArray:
-    """Return s W p + c − R t − d (N, K, 3) [m]."""
-    seen = state.scale * centred @ state.rotation.T + state.middle
-    carried = np.einsum("nij,kj->nki", rotation, state.targets)
-    return np.asarray(seen - carried - place[:, None])
+def _compute_misfit(state: _State, data: _Data) -> FloatArray:
+    """Return s W p + c − R t − d (N, K, 3) [m]: the positions less where the robot would put the targets."""
+    read = state.scale * data.centred @ state.rotation.T + state.middle
+    carried = state.targets @ data.rotation.swapaxes(1, 2) + data.place[:, None]
+    return np.asarray(read - carried)
 
 
-def _settle_middle(
-    state: _State, rotation: FloatArray, place: FloatArray, centred: FloatArray, known: BoolArray
-) -> _State:
-    """Return the state with the median of all origins that single positions give."""
-    misfit = _compute_misfit(state, rotation, place, centred)
-    middle = -np.median(misfit[known], axis=0)
-    return _State(state.rotation, middle, state.targets, state.scale)
+def _settle_middle(state: _State, data: _Data) -> _State:
+    """Return the state with c such that the median misfit of the positions is zero in each coordinate."""
+    misfit = _compute_misfit(state, data)
+    return replace(state, middle=state.middle - np.median(misfit[data.known], axis=0))
 
 
-def _iterate(
-    state: _State,
-    rotation: FloatArray,
-    place: FloatArray,
-    centred: FloatArray,
-    known: BoolArray,
-    *,
-    scale_is_free: bool,
-) -> _State:
+def _iterate(state: _State, data: _Data, *, scale_is_free: bool) -> _State:
     """Return the state after Gauss–Newton steps with weights that suppress rows that do not fit."""
-    count = len(state.targets)
+    target_count = len(state.targets)
     for _ in range(_STEPS):
-        misfit = _compute_misfit(state, rotation, place, centred)
-        weights = _weigh(misfit, known)
-        derivative = _build_derivative(state, rotation, centred, scale_is_free=scale_is_free)
-        matrix = (derivative * weights[..., None, None]).reshape(-1, derivative.shape[-1])
-        right = -(misfit * weights[..., None]).reshape(-1)
-        step = _solve_step(matrix, right)
-        turn = _turn_by(step[:3])
-        scale = state.scale
+        misfit = _compute_misfit(state, data)
+        root_weights = _weigh(misfit, data.known)
+        derivative = _build_derivative(state, data, scale_is_free=scale_is_free)
+        matrix = (derivative * root_weights[..., None, None]).reshape(-1, derivative.shape[-1])
+        right_side = -(misfit * root_weights[..., None]).reshape(-1)
+        step = _solve_step(matrix, right_side)
+        turn, shift, shift_of_targets = step[:3], step[3:6], step[6 : 6 + 3 * target_count]
+        state = _State(
+            _turn_by(turn) @ state.rotation,
+            state.middle + shift,
+            state.targets + shift_of_targets.reshape(target_count, 3),
+            state.scale,
+        )
         if scale_is_free:
-            scale = scale * float(np.exp(np.clip(step[-1], -_LARGEST_TURN, _LARGEST_TURN)))
-        targets = state.targets + step[6 : 6 + 3 * count].reshape(count, 3)
-        state = _State(turn @ state.rotation, state.middle + step[3:6], targets, scale)
+            log_factor = np.clip(step[-1], -_LARGEST_TURN, _LARGEST_TURN)
+            state = replace(state, scale=state.scale * float(np.exp(log_factor)))
         if np.abs(step).max() < _CONVERGED:
             break
     return state
@@ -188,41 +206,49 @@ def _solve_step(matrix: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _weigh(misfit: FloatArray, known: BoolArray) -> FloatArray:
-    """Return the square roots of weights (N, K): 1 up to the median distance, then falling."""
-    distance = np.linalg.norm(misfit, axis=2)
-    ratio = distance / (np.median(distance[known]) + 1e-9)
-    weight = 1.0 / np.maximum(ratio, 1.0)
-    weight = np.where(ratio > _FAR, _FAR_WEIGHT * weight, weight)
-    return np.sqrt(np.where(known, weight, 0.0))
+    """Return the square roots of weights (N, K): 1 up to the median distance, then falling.
 
-
-def _build_derivative(
-    state: _State, rotation: FloatArray, centred: FloatArray, *, scale_is_free: bool
-) -> FloatArray:
-    """Return the derivative (N, K, 3, 6 + 3K [+ 1]) of the misfit.
-
-    Its columns are turn, origin and targets, and the logarithm of the scale if it is free.
+    A missing position has the weight 0. `misfit` (N, K, 3) are the positions less where the robot would put
+    the targets [m].
     """
-    postures, count = centred.shape[:2]
-    turned = state.scale * centred @ state.rotation.T
-    derivative = np.zeros((postures, count, 3, 6 + 3 * count + scale_is_free))
+    distance = np.linalg.norm(misfit, axis=2)
+    typical_distance = np.median(distance[known]) + 1e-9
+    ratio = distance / typical_distance
+    weight: FloatArray = 1.0 / np.maximum(ratio, 1.0)
+    weight[ratio > _FAR] *= _FAR_WEIGHT
+    weight[~known] = 0.0
+    return np.asarray(np.sqrt(weight))
+
+
+def _build_derivative(state: _State, data: _Data, *, scale_is_free: bool) -> FloatArray:
+    """Return the derivative (N, K, 3, 6 + 3K [+ 1]) of the misfit s W p + c − R t − d.
+
+    Its columns are turn of W [rad], c, all t, and the logarithm of the scale s if it is free.
+    """
+    postures, target_count = data.centred.shape[:2]
+    turned = state.scale * data.centred @ state.rotation.T  # s W p
     x, y, z = turned[..., 0], turned[..., 1], turned[..., 2]
+    derivative = np.zeros((postures, target_count, 3, 6 + 3 * target_count + scale_is_free))
+    # A small turn v moves a position a by v × a.
     derivative[..., 0, 1], derivative[..., 0, 2] = z, -y
     derivative[..., 1, 0], derivative[..., 1, 2] = -z, x
     derivative[..., 2, 0], derivative[..., 2, 1] = y, -x
     derivative[..., 3:6] = np.eye(3)
-    for k in range(count):
-        derivative[:, k, :, 6 + 3 * k : 9 + 3 * k] = -rotation
+    for k in range(target_count):
+        derivative[:, k, :, 6 + 3 * k : 9 + 3 * k] = -data.rotation
     if scale_is_free:
         derivative[..., -1] = turned
     return derivative
 
 
 def _turn_by(vector: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) by a rotation vector [rad], at most `_LARGEST_TURN`."""
+    """Return the rotation (3, 3) by a rotation vector [rad], at most by the angle `_LARGEST_TURN`.
+
+    Rodrigues' formula ``I + sin φ K + (1 − cos φ) K²``, with K the cross matrix of the unit vector.
+    """
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:
         return np.eye(3)
-    cross = build_cross_matrix(vector / angle)
+    K = build_cross_matrix(vector / angle)
     angle = min(angle, _LARGEST_TURN)
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K))

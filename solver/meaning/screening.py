@@ -39,13 +39,19 @@ class FlangePlaces:
     place: FloatArray  #: d (H, N, 3) [m]
 
     def stack_columns(self, count: int) -> FloatArray:
-        """Return the columns of t_1 … t_K and of d for K targets, as an array (NK, 3, H, 3K + 1)."""
+        """Return the right side ``R_i t_k + d_i`` of all positions as columns: (N K, 3, H, 3K + 1).
+
+        For each of K = `count` targets in each of N postures, and each axis, row h holds the coefficients of
+        t_1 … t_K, and then d_i, by hypothesis h of the joints.
+        """
         hypotheses, postures = self.place.shape[:2]
         columns = np.zeros((postures, count, 3, hypotheses, 3 * count + 1))
-        rotation = self.rotation.transpose(1, 2, 0, 3)
+        # Hypotheses (axis 0) come after postures and axes of R0.
+        rotation = self.rotation.transpose(1, 2, 0, 3)  # (N, 3, H, 3)
+        place = self.place.transpose(1, 2, 0)  # (N, 3, H)
         for k in range(count):
             columns[:, k, :, :, 3 * k : 3 * k + 3] = rotation
-            columns[:, k, :, :, -1] = self.place.transpose(1, 2, 0)
+            columns[:, k, :, :, -1] = place
         return columns.reshape(postures * count, 3, hypotheses, 3 * count + 1)
 
 
@@ -62,55 +68,78 @@ class LinearFit:
 
 
 def fit_all(columns: FloatArray, points: FloatArray) -> list[LinearFit]:
-    """Fit all hypotheses of the joints to positions (N, K, 3); return the fits that make sense.
+    """Fit ``M p + c = R t + d`` to positions p, for each of H hypotheses of the joints.
 
-    The matrix M and c are eliminated by a projection, t by the normal equations, so that each fit costs a few
-    products of small matrices. Rows without a number are left out. `columns` are those of `FlangePlaces`.
+    Fits that make no sense, such as with a scale that is no unit of length, are not returned. M and c are
+    eliminated by a projection, t by the normal equations, so that each fit costs a few products of small
+    matrices. Rows without a number are left out.
+
+    Args:
+        columns: (N K, 3, H, 3K + 1) of `FlangePlaces`.
+        points: p (N, K, 3) in the unit of the file.
     """
     basis = _Basis.of(points)
-    count = points.shape[1]
-    free = 3 * basis.row_count - 12 - 3 * count
-    if free < 1:
+    target_count = points.shape[1]
+    degrees_of_freedom = 3 * basis.row_count - 12 - 3 * target_count
+    if degrees_of_freedom < 1:
         return []
-    known = columns if basis.known.all() else columns[basis.known]
-    by_hypothesis = known.transpose(2, 0, 1, 3).reshape(known.shape[2], -1, known.shape[3])
-    whole = np.swapaxes(by_hypothesis, 1, 2) @ by_hypothesis
-    parts = np.tensordot(basis.directions, known, axes=(0, 0)).transpose(2, 0, 1, 3)
-    by_part = parts.reshape(len(parts), -1, parts.shape[3])
-    normal = whole - np.swapaxes(by_part, 1, 2) @ by_part
+    known_columns = columns if basis.known.all() else columns[basis.known]
+    normal, parts = _project(known_columns, basis)
     targets = _solve_targets(normal)
-    solution = np.concatenate([targets, np.ones((len(targets), 1))], axis=1)
-    square = np.einsum("hi,hij,hj->h", solution, normal, solution)
-    residual = np.sqrt(np.maximum(square, 0.0) / free)
-    small = np.flatnonzero(residual < WORST_SCREENED)
-    coefficients = (parts[small] @ solution[small, None, :, None])[..., 0]
-    coefficients = np.swapaxes(coefficients, 1, 2) @ basis.to_coefficients.T
+    t_and_1 = np.concatenate([targets, np.ones((len(targets), 1))], axis=1)  # (H, 3K + 1)
+    residual_squares = np.einsum("hi,hij,hj->h", t_and_1, normal, t_and_1)
+    residual = np.sqrt(np.maximum(residual_squares, 0.0) / degrees_of_freedom)
+    kept = np.flatnonzero(residual < WORST_SCREENED)
+    in_basis = np.einsum("hari,hi->har", parts[kept], t_and_1[kept])  # R t + d for each axis a
+    coefficients = in_basis @ basis.to_coefficients.T  # (H, 3, 4) of x, y, z and 1
     matrix = coefficients[..., :3] / basis.scale
     # Most matrices are far from a rotation times a unit: their norm shows that without singular values.
-    near = _may_have_one_scale(matrix)
-    small, coefficients, matrix = small[near], coefficients[near], matrix[near]
-    if not len(small):
+    is_near = _may_have_one_scale(matrix)
+    kept, coefficients, matrix = kept[is_near], coefficients[is_near], matrix[is_near]
+    if not len(kept):
         return []
     origin = coefficients[..., 3] - matrix @ basis.mean
     movement = _measure_movement(matrix, points[np.isfinite(points).all(axis=2)])
     makes_sense = (movement >= LEAST_MOVEMENT) & _has_one_scale(matrix)
     return [
         LinearFit(
-            hypothesis=int(small[i]),
+            hypothesis=int(kept[i]),
             matrix=matrix[i],
             origin=origin[i],
-            targets=targets[small[i]].reshape(count, 3),
-            residual=float(residual[small[i]]),
+            targets=targets[kept[i]].reshape(target_count, 3),
+            residual=float(residual[kept[i]]),
             movement=float(movement[i]),
         )
-        for i in _choose_smallest(residual[small], makes_sense)
+        for i in _choose_smallest(residual[kept], makes_sense)
     ]
 
 
+def _project(columns: FloatArray, basis: _Basis) -> tuple[FloatArray, FloatArray]:
+    """Project the columns of t and d on the basis of the positions.
+
+    Args:
+        columns: (R, 3, H, 3K + 1) of R positions and H hypotheses.
+        basis: orthonormal directions B (R, r) of x, y, z and 1.
+
+    Returns:
+        Normal matrices (H, 3K + 1, 3K + 1) of what remains after the projection; and the columns in the basis
+        (H, 3, r, 3K + 1).
+    """
+    hypotheses, width = columns.shape[2:]
+    of_hypothesis = columns.transpose(2, 0, 1, 3).reshape(hypotheses, -1, width)
+    parts = np.tensordot(basis.directions, columns, axes=(0, 0))  # (r, 3, H, 3K + 1)
+    parts = parts.transpose(2, 1, 0, 3)
+    parts_as_rows = parts.reshape(hypotheses, -1, width)
+    # With columns C and their part P in the basis, CᵀC − PᵀP are the products of the remaining columns.
+    normal = of_hypothesis.mT @ of_hypothesis - parts_as_rows.mT @ parts_as_rows
+    return normal, parts
+
+
 def _choose_smallest(residual: FloatArray, makes_sense: BoolArray) -> list[int]:
-    """Return the indices of the smallest residuals among fits that make sense."""
-    order = np.argsort(residual)
-    return [int(i) for i in order if makes_sense[i]][:_MOST_OF_TRIPLE]
+    """Return the indices of up to `_MOST_OF_TRIPLE` fits that make sense, the smallest residual first."""
+    by_residual = np.argsort(residual)
+    sensible = by_residual[makes_sense[by_residual]]
+    return [int(i) for i in sensible[:_MOST_OF_TRIPLE]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,47 +164,58 @@ class _Basis:
         known: BoolArray = np.asarray(np.isfinite(rows).all(axis=1))
         if not known.any():
             return cls(np.zeros((len(rows), 1)), np.zeros((4, 1)), known, np.zeros(3), 1.0)
-        mean = rows[known].mean(axis=0)
-        scale = float(np.abs(rows[known] - mean).max()) or 1.0
-        regressors = np.ones((int(known.sum()), 4))
-        regressors[:, :3] = (rows[known] - mean) / scale
-        left, size, right = np.linalg.svd(regressors, full_matrices=False)
-        is_used = size > 1e-8 * size[0]
-        to_coefficients = right[is_used].T / size[is_used]
-        return cls(left[:, is_used], to_coefficients, known, mean, scale)
+        known_rows = rows[known]
+        mean = known_rows.mean(axis=0)
+        scale = float(np.abs(known_rows - mean).max()) or 1.0
+        regressors = np.ones((len(known_rows), 4))  # x, y, z and 1
+        regressors[:, :3] = (known_rows - mean) / scale
+        U, singular_values, Vt = np.linalg.svd(regressors, full_matrices=False)
+        is_used = singular_values > 1e-8 * singular_values[0]  # positions in a plane have fewer directions
+        to_coefficients = Vt[is_used].T / singular_values[is_used]
+        return cls(U[:, is_used], to_coefficients, known, mean, scale)
 
 
 def _solve_targets(normal: FloatArray) -> FloatArray:
-    """Return the places t (H, 3K) that minimise the residual, from normal matrices (H, 3K + 1, 3K + 1)."""
-    gram, right = normal[:, :-1, :-1], normal[:, :-1, -1]
-    size = gram.shape[1]
+    """Return the places t (H, 3K) that minimise the residual.
+
+    The normal matrices (H, 3K + 1, 3K + 1) of the columns of t and d are ``[[G, g], [gᵀ, γ]]``, so that
+    ``G t = −g``; a small ridge makes G regular.
+    """
+    gram, right_side = normal[:, :-1, :-1], -normal[:, :-1, -1]
     ridge = _SMALL * (1.0 + np.trace(gram, axis1=1, axis2=2))
-    solved = np.linalg.solve(gram + ridge[:, None, None] * np.eye(size), -right[..., None])
-    return np.asarray(solved[..., 0])
+    regular_gram = gram + ridge[:, None, None] * np.eye(gram.shape[1])
+    return np.asarray(np.linalg.solve(regular_gram, right_side[..., None])[..., 0])
 
 
 def _measure_movement(matrix: FloatArray, rows: FloatArray) -> FloatArray:
     """Return for each matrix (H, 3, 3) the second largest movement of positions (R, 3) along an axis [m]."""
-    centred = rows - np.median(rows, axis=0)
-    moved = np.abs(centred @ np.swapaxes(matrix, 1, 2))
-    along_axes = np.percentile(moved, _MOVEMENT_SHARE, axis=1)
-    return np.asarray(np.sort(along_axes, axis=1)[:, 1])
+    from_median = rows - np.median(rows, axis=0)
+    distances = np.abs(from_median @ matrix.swapaxes(1, 2))  # (H, R, 3) along axes of R0
+    movements = np.percentile(distances, _MOVEMENT_SHARE, axis=1)  # (H, 3)
+    _, second_largest, _ = np.sort(movements, axis=1).T
+    return np.asarray(second_largest)
 
 
 def _may_have_one_scale(matrix: FloatArray) -> BoolArray:
-    """Return which matrices (H, 3, 3) have a norm that two equal singular values near a unit allow."""
-    norm = np.sqrt((matrix**2).sum(axis=(1, 2)))
-    ratio = norm[:, None] / np.array(list(METRES.values()))
+    """Return which matrices (H, 3, 3) have a norm that two alike singular values near a unit allow.
+
+    The third singular value may be anything from zero, for positions in a plane, to `_LARGEST_RATIO` times
+    the unit. The squared norm is the sum of the squared singular values.
+    """
+    norm = np.linalg.norm(matrix, axis=(1, 2))
+    units = np.array(list(METRES.values()))
+    norm_in_units = norm[:, None] / units  # (H, units)
     least = np.sqrt(2.0) / _FACTOR_FROM_UNIT
     most = np.sqrt(2.0 + _LARGEST_RATIO**2) * _FACTOR_FROM_UNIT
-    return np.asarray(((ratio >= least) & (ratio <= most)).any(axis=1))
+    is_possible = (norm_in_units >= least) & (norm_in_units <= most)
+    return np.asarray(is_possible.any(axis=1))
 
 
 def _has_one_scale(matrix: FloatArray) -> BoolArray:
-    """Return which matrices (H, 3, 3) have two equal singular values that are near a unit of length."""
-    size = np.linalg.svd(matrix, compute_uv=False)
-    are_alike = size[:, 0] < _LARGEST_RATIO * size[:, 1]
+    """Return which matrices (H, 3, 3) have two alike singular values that are near a unit of length."""
+    largest, second, _ = np.linalg.svd(matrix, compute_uv=False).T
+    are_alike = largest < _LARGEST_RATIO * second
     units = np.array(list(METRES.values()))
-    factor = np.abs(np.log(size[:, 1:2] / units + 1e-300))
-    is_near = factor.min(axis=1) < np.log(_FACTOR_FROM_UNIT)
-    return np.asarray(are_alike & is_near)
+    log_factors = np.abs(np.log(second[:, None] / units + 1e-300))  # the sum avoids log 0
+    is_near_unit = log_factors.min(axis=1) < np.log(_FACTOR_FROM_UNIT)
+    return np.asarray(are_alike & is_near_unit)

@@ -1,4 +1,4 @@
-"""Search of the readings of tables that a robot fits, best first."""
+"""Search of the interpretations of tables that a robot fits, best first."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ from jointstiff.solver.mechanics.robot import KnownRobot
 _SCREENED_ROWS: Final = 48
 _REFINED_ROWS: Final = 150
 _SCREENED_TARGETS: Final = 3
-"""Targets of a posture with which readings are screened."""
+"""Targets of a posture with which interpretations are screened."""
 _REFINED: Final = 20
-"""Readings of a table that are fitted with a rotation of the frame."""
+"""Interpretations of a table that are fitted with a rotation of the frame."""
 _REFINED_OF_ALL: Final = 48
-"""Readings of all tables and robots that are fitted with a rotation of the frame."""
+"""Interpretations of all tables and robots that are fitted with a rotation of the frame."""
 _REFINED_OF_WORDS: Final = 6
-"""Of these, the readings with the same columns of joints, unit and way of counting."""
+"""Of these, the interpretations with the same columns of joints, unit and way of counting."""
 _GOOD: Final = 8e-3
 """Residual [m] of a linear fit that needs no search without rows that may be damaged."""
 _SUBSETS: Final = 8
-MOST_READINGS: Final = 1_500_000
-"""Readings that are compared at most, in some ten seconds."""
+MOST_INTERPRETATIONS: Final = 1_500_000
+"""Interpretations that are compared at most, in some ten seconds."""
 _LEAST_SUBSET: Final = 7
 _LEAST_POSTURES: Final = 3
-_READINGS_OF_PAIR: Final = 14
-"""Readings of columns of joints and of positions: units and ways of counting."""
+_INTERPRETATIONS_OF_PAIR: Final = 14
+"""Interpretations of columns of joints and of positions: units and ways of counting."""
 _ORDINARY_MOVEMENT: Final = 0.3
 """Movement [m] of the targets below which a small residual says less."""
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class Interpretation:
     """Meaning of the columns of joints and of one triple of positions, with the fit of a robot."""
 
     known: KnownRobot  #: robot that fits
@@ -63,7 +63,7 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """Reading that was screened."""
+    """Interpretation that was screened."""
 
     joints: JointHypothesis
     points: PointHypothesis
@@ -75,56 +75,63 @@ class _Candidate:
         return self.linear.residual * max(1.0, _ORDINARY_MOVEMENT / self.linear.movement)
 
 
-def find_readings(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> list[Reading]:
-    """Return the readings of tables that are worth a comparison, the smallest residual first.
+def find_interpretations(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> list[Interpretation]:
+    """Return the interpretations of tables that are worth a comparison, the smallest residual first.
 
-    If no robot has a good reading in all rows, subsets of the rows are tried: one damaged position moves a
-    fit by least squares, and a subset without damaged positions fits.
+    If no robot has a good interpretation in all rows, subsets of the rows are tried: one damaged position
+    moves a fit by least squares, and a subset without damaged positions fits.
     """
     searches = [search for known in robots for search in _list_searches(tables, known)]
-    screened = [(search, search.screen_all_rows()) for search in searches]
-    if not any(_is_good(candidates) for _, candidates in screened):
-        count = sum(len(search.joints) * len(search.points) for search in searches)
-        subsets = min(_SUBSETS, MOST_READINGS // max(count, 1))
-        screened = [(search, [*found, *search.screen_subsets(subsets)]) for search, found in screened]
-    kept = [(search, each) for search, found in screened for each in _keep_best(found)]
+    candidates_of_searches = [search.screen_all_rows() for search in searches]
+    is_any_good = any(
+        candidate.rank < _GOOD for candidates in candidates_of_searches for candidate in candidates
+    )
+    if not is_any_good:
+        hypothesis_count = sum(len(search.joints) * len(search.points) for search in searches)
+        subset_count = min(_SUBSETS, MOST_INTERPRETATIONS // max(hypothesis_count, 1))
+        for search, candidates in zip(searches, candidates_of_searches, strict=True):
+            candidates.extend(search.screen_subsets(subset_count))
+    kept = []
+    for search, candidates in zip(searches, candidates_of_searches, strict=True):
+        kept += [(search, candidate) for candidate in _keep_best(candidates)]
     kept.sort(key=lambda pair: pair[1].rank)
-    readings = [search.refine(each) for search, each in kept[:_REFINED_OF_ALL]]
-    readings.sort(key=lambda reading: reading.fit.residual)
-    return readings
-
-
-def _is_good(candidates: Sequence[_Candidate]) -> bool:
-    """Return whether a reading fits so well that no rows can be damaged."""
-    return any(candidate.rank < _GOOD for candidate in candidates)
+    interpretations = [search.refine(candidate) for search, candidate in kept[:_REFINED_OF_ALL]]
+    interpretations.sort(key=lambda interpretation: interpretation.fit.residual)
+    return interpretations
 
 
 def _list_searches(tables: Sequence[Table], known: KnownRobot) -> Iterator[_Search]:
-    """Yield the searches of a robot: one for each table of joints, and for each grouping of its rows."""
+    """Yield the searches of a robot: one for each table of joints, and for each grouping of its rows.
+
+    A grouping tells which rows belong to one posture, such as three rows in turn. A window is a run of
+    columns that can be the joints.
+    """
     model, countings = FlangeModel.of(known.robot), list_countings(known.robot)
     for table in tables:
-        by_groups: dict[RowGroups, list[tuple[int, ...]]] = defaultdict(list)
+        windows_of_grouping: dict[RowGroups, list[tuple[int, ...]]] = defaultdict(list)
         for window in find_windows(table, known.robot.n):
             for groups in find_repeats(table, window):
-                by_groups[groups].append(window)
-        for groups, windows in by_groups.items():
-            rows = choose_rows(table.size[0] // groups.count, _REFINED_ROWS)
-            joints = [
-                hypothesis
-                for window in windows
-                for hypothesis in build_joints(table, window, groups, rows, known.robot, countings)
-            ]
+                windows_of_grouping[groups].append(window)
+        for groups, windows in windows_of_grouping.items():
+            posture_count = table.size[0] // groups.count
+            rows = choose_rows(posture_count, _REFINED_ROWS)
+            joints: list[JointHypothesis] = []
+            for window in windows:
+                joints += build_joints(table, window, groups, rows, known.robot, countings)
             points = list(build_points(tables, table, groups, rows))
             if joints and points and len(rows) >= _LEAST_POSTURES:
                 yield _Search(known, model, joints, points)
 
 
 def count_hypotheses(tables: Sequence[Table], robots: Sequence[KnownRobot]) -> int:
-    """Return how many readings a search would compare, at most."""
-    triples = sum(len(find_triples(table)) for table in tables)
-    sizes = Counter(known.robot.n for known in robots)
-    windows = sum(len(find_windows(table, n)) * count for table in tables for n, count in sizes.items())
-    return windows * triples * _READINGS_OF_PAIR
+    """Return how many interpretations a search would compare, at most."""
+    triple_count = sum(len(find_triples(table)) for table in tables)  # columns that can be x, y and z
+    robots_of_size = Counter(known.robot.n for known in robots)
+    window_count = 0  # columns that can be the joints, for each robot
+    for table in tables:
+        for joint_count, robot_count in robots_of_size.items():
+            window_count += len(find_windows(table, joint_count)) * robot_count
+    return window_count * triple_count * _INTERPRETATIONS_OF_PAIR
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,30 +155,33 @@ class _Search:
         return FlangePlaces(*self.model.place_flange(q))
 
     def screen_all_rows(self) -> list[_Candidate]:
-        """Return the readings that fit in the screened rows, by their linear fits."""
-        chosen = np.arange(len(self.rows))
-        return list(_fit_rows(self.places, self.joints, self.points, self.rows, chosen))
+        """Return the interpretations that fit in the screened rows, by their linear fits."""
+        all_rows = np.arange(len(self.rows))
+        return list(_fit_rows(self.places, self.joints, self.points, self.rows, all_rows))
 
-    def screen_subsets(self, subsets: int) -> Iterator[_Candidate]:
-        """Yield the readings that fit in one of some random halves of the screened rows."""
-        count = len(self.rows)
-        size = max(_LEAST_SUBSET, count // 2)
+    def screen_subsets(self, subset_count: int) -> Iterator[_Candidate]:
+        """Yield the interpretations that fit in one of some random halves of the screened rows."""
+        row_count = len(self.rows)
+        subset_size = max(_LEAST_SUBSET, row_count // 2)
+        if subset_size >= row_count:
+            return
         generator = np.random.default_rng(0)
-        for _ in range(subsets if size < count else 0):
-            chosen = np.sort(generator.choice(count, size, replace=False))
+        for _ in range(subset_count):
+            chosen = np.sort(generator.choice(row_count, subset_size, replace=False))
             yield from _fit_rows(self.places, self.joints, self.points, self.rows, chosen)
 
-    def refine(self, candidate: _Candidate) -> Reading:
-        """Fit the frame of a screened reading in more rows."""
+    def refine(self, candidate: _Candidate) -> Interpretation:
+        """Fit the frame of a screened interpretation in more rows, and with all K targets."""
         rotation, place = self.model.place_flange(candidate.joints.q)
-        points = candidate.points.points
-        targets = candidate.linear.targets
-        missing = points.shape[1] - len(targets)
-        start = np.concatenate([targets, np.repeat(targets[:1], missing, axis=0)])
-        fit = fit_frame(rotation, place, points, candidate.linear.matrix, start)
-        spread = np.nanstd(points - np.nanmean(points, axis=0), axis=0)
-        movement = fit.frame.scale * float(np.nanmax(spread))
-        return Reading(self.known, candidate.joints.columns, candidate.points.columns, fit, movement)
+        points = candidate.points.points  # (N, K, 3)
+        screened_targets = candidate.linear.targets
+        # The fit starts with the other targets at the place of the first one.
+        missing_count = points.shape[1] - len(screened_targets)
+        targets = np.concatenate([screened_targets, np.repeat(screened_targets[:1], missing_count, axis=0)])
+        fit = fit_frame(rotation, place, points, candidate.linear.matrix, targets)
+        deviations = np.nanstd(points - np.nanmean(points, axis=0), axis=0)
+        movement = fit.frame.scale * float(np.nanmax(deviations))
+        return Interpretation(self.known, candidate.joints.columns, candidate.points.columns, fit, movement)
 
 
 def choose_rows(count: int, most: int) -> IndexArray:
@@ -188,38 +198,48 @@ def _fit_rows(
     rows: IndexArray,
     chosen: IndexArray,
 ) -> Iterator[_Candidate]:
-    """Yield the readings that fit in chosen rows of the screened rows."""
-    part = FlangePlaces(places.rotation[:, chosen], places.place[:, chosen])
-    columns: dict[int, FloatArray] = {}
-    for hypothesis in points:
-        seen = hypothesis.points[rows[chosen], :_SCREENED_TARGETS]
-        count = seen.shape[1]
-        if count not in columns:
-            columns[count] = part.stack_columns(count)
-        for linear in fit_all(columns[count], seen):
-            joint = joints[linear.hypothesis]
-            if not _share_columns(joint.columns, hypothesis.columns):
-                yield _Candidate(joint, hypothesis, linear)
+    """Yield the interpretations that fit in some of the screened rows.
+
+    Args:
+        places: flange in the screened rows, by each hypothesis of the joints.
+        joints: hypotheses, which columns are joints.
+        points: hypotheses, which columns are positions of targets.
+        rows: indices of the screened rows, of the rows of the hypotheses.
+        chosen: indices of the rows to fit, of the screened rows.
+    """
+    chosen_places = FlangePlaces(places.rotation[:, chosen], places.place[:, chosen])
+    columns_by_target_count: dict[int, FloatArray] = {}
+    for point_hypothesis in points:
+        positions = point_hypothesis.points[rows[chosen], :_SCREENED_TARGETS]  # (N, K, 3)
+        target_count = positions.shape[1]
+        if target_count not in columns_by_target_count:
+            columns_by_target_count[target_count] = chosen_places.stack_columns(target_count)
+        for linear in fit_all(columns_by_target_count[target_count], positions):
+            joint_hypothesis = joints[linear.hypothesis]
+            if not _share_columns(joint_hypothesis.columns, point_hypothesis.columns):
+                yield _Candidate(joint_hypothesis, point_hypothesis, linear)
 
 
 def _share_columns(joints: JointColumns, points: PointColumns) -> bool:
-    """Return whether a column is a joint and a coordinate."""
+    """Return whether a column is both a joint and a coordinate, which is impossible."""
     return joints.table == points.table and bool(set(joints.columns) & set(points.columns))
 
 
 def _keep_best(candidates: list[_Candidate]) -> list[_Candidate]:
-    """Return the best candidates, each reading once, not all with the same columns of joints."""
-    candidates.sort(key=lambda candidate: candidate.rank)
+    """Return up to `_REFINED` of the best candidates, each pair of hypotheses once.
+
+    At most `_REFINED_OF_WORDS` of them have the same hypothesis of the joints. Subsets of the rows give the
+    same pair again.
+    """
     kept: list[_Candidate] = []
-    seen: set[tuple[int, int]] = set()
-    of_words: Counter[int] = Counter()
-    for candidate in candidates:
-        words = id(candidate.joints)
-        key = (words, id(candidate.points))
-        if key in seen or of_words[words] >= _REFINED_OF_WORDS:
+    kept_pairs: set[tuple[int, int]] = set()
+    kept_of_joints: Counter[int] = Counter()
+    for candidate in sorted(candidates, key=lambda candidate: candidate.rank):
+        joints, points = id(candidate.joints), id(candidate.points)
+        if (joints, points) in kept_pairs or kept_of_joints[joints] >= _REFINED_OF_WORDS:
             continue
-        seen.add(key)
-        of_words[words] += 1
+        kept_pairs.add((joints, points))
+        kept_of_joints[joints] += 1
         kept.append(candidate)
         if len(kept) == _REFINED:
             break

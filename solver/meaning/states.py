@@ -20,27 +20,31 @@ def order_states(proposal: Proposal, tables: Sequence[Table], forces: FloatArray
         tables: the tables of the proposal.
         forces: (N, 3) forces on the robot in axes of R0, in any unit.
     """
-    first, second = (_read_state(proposal, tables, state) for state in (0, 1))
+    first = _read_state(proposal, tables, state=0)
+    second = _read_state(proposal, tables, state=1)
     targets = sorted(first.keys() & second.keys())
     if not targets:
         return proposal
-    moved = np.array([second[target] - first[target] for target in targets])
-    work = np.einsum("ni,kni->kn", forces, moved)
-    if float(np.nansum(work)) >= 0.0:
+    deflections = np.array([second[target] - first[target] for target in targets])  # (K, N, 3)
+    work = np.einsum("ni,kni->kn", forces, deflections)  # force times deflection
+    first_is_unloaded = float(np.nansum(work)) >= 0.0
+    if first_is_unloaded:
         return proposal
-    exchanged = [
-        replace(each, state=1 - each.state) if each.state < 2 else each for each in proposal.readings
-    ]
+    exchanged = []
+    for reading in proposal.readings:
+        state = 1 - reading.state if reading.state < 2 else reading.state
+        exchanged.append(replace(reading, state=state))
     return replace(proposal, readings=tuple(exchanged))
 
 
 def _read_state(proposal: Proposal, tables: Sequence[Table], state: int) -> dict[int, FloatArray]:
     """Return target → positions (N, 3) in R0 [m] of one state."""
-    by_name = {table.name: table for table in tables}
+    table_of_name = {table.name: table for table in tables}
     positions = {}
-    for each in proposal.readings:
-        if each.state == state:
-            numbers = by_name[each.points.table].numbers[:, list(each.points.columns)]
-            rows = each.points.groups.split(numbers)[:, each.index]
-            positions[each.target] = proposal.frame.to_base(rows)
+    for reading in proposal.readings:
+        if reading.state == state:
+            points = reading.points
+            numbers = table_of_name[points.table].numbers[:, list(points.columns)]
+            rows_of_postures = points.groups.split(numbers)  # (N, rows of a posture, 3)
+            positions[reading.target] = proposal.frame.to_base(rows_of_postures[:, reading.index])
     return positions

@@ -46,11 +46,12 @@ class RowGroups:
     count: int = 1  #: rows for each posture
 
     def split(self, numbers: FloatArray) -> FloatArray:
-        """Return rows (N · count, m) as an array (N, count, m)."""
+        """Return rows (N · count, m) of a table by posture, as an array (N, count, m)."""
         rows, columns = numbers.shape
         postures = rows // self.count
         if self.order == "in blocks":
-            return numbers.reshape(self.count, postures, columns).transpose(1, 0, 2)
+            blocks = numbers.reshape(self.count, postures, columns)
+            return blocks.swapaxes(0, 1)
         return numbers.reshape(postures, self.count, columns)
 
 
@@ -95,10 +96,10 @@ class PointColumns:
 
 def find_moving_columns(numbers: FloatArray) -> list[bool]:
     """Return for each column (N, m) whether its numbers differ."""
+    is_number = np.isfinite(numbers)
     with np.errstate(invalid="ignore"):
-        finite = np.isfinite(numbers)
-        least = np.where(finite, numbers, np.inf).min(axis=0)
-        greatest = np.where(finite, numbers, -np.inf).max(axis=0)
-        scale = 1.0 + np.maximum(np.abs(least), np.abs(greatest))
-        moving = (greatest - least) > 1e-9 * scale
-    return [bool(each) for each in moving & finite.any(axis=0)]
+        least = np.where(is_number, numbers, np.inf).min(axis=0)
+        greatest = np.where(is_number, numbers, -np.inf).max(axis=0)
+        rounding = 1e-9 * (1.0 + np.maximum(np.abs(least), np.abs(greatest)))
+        is_moving = (greatest - least > rounding) & is_number.any(axis=0)
+    return [bool(column_is_moving) for column_is_moving in is_moving]

@@ -19,21 +19,21 @@ def describe(proposal: Proposal, names: Sequence[str] = ()) -> str:
 
     `names` are the targets and states of the readings; without names, the targets have numbers.
     """
-    names = names or [name_reading(proposal, each) for each in proposal.readings]
-    several = len({proposal.joints.table, *(each.points.table for each in proposal.readings)}) > 1
-    parts = [_describe_joints(proposal.joints, with_table=several)]
-    parts += [
-        f"{name_columns(each, with_table=several)} as {name} [{proposal.unit}]"
-        for each, name in zip(proposal.readings, names, strict=True)
-    ]
+    names = names or [name_reading(proposal, reading) for reading in proposal.readings]
+    tables = {proposal.joints.table, *(reading.points.table for reading in proposal.readings)}
+    with_table = len(tables) > 1
+    parts = [_describe_joints(proposal.joints, with_table=with_table)]
+    for reading, name in zip(proposal.readings, names, strict=True):
+        columns = name_columns(reading, with_table=with_table)
+        parts.append(f"{columns} as {name} [{proposal.unit}]")
     frame = "" if proposal.is_in_base_frame else " in a frame of the instrument"
-    names = " or ".join(known.name for known in proposal.robots)
-    following = f"more than {format_mm(WORST_SCREENED)}"
+    robots = " or ".join(known.name for known in proposal.robots)
+    next_best = f"more than {format_mm(WORST_SCREENED)}"
     if np.isfinite(proposal.next_residual):
-        following = format_mm(proposal.next_residual)
+        next_best = format_mm(proposal.next_residual)
     return (
-        f"{join(parts)}{frame} fit the {names} to {format_mm(proposal.residual)} in {proposal.fitting} of "
-        f"{proposal.count} positions (next best: {following})"
+        f"{join(parts)}{frame} fit the {robots} to {format_mm(proposal.residual)} in {proposal.fitting} of "
+        f"{proposal.count} positions (next best: {next_best})"
     )
 
 
@@ -46,9 +46,12 @@ def remark(proposal: Proposal) -> str:
 
 def name_reading(proposal: Proposal, reading: TargetReading) -> str:
     """Return target and state of a reading, such as `T1 loaded`; a target in one state has no state."""
-    states = [each.state for each in proposal.readings if each.target == reading.target]
     target = f"T{reading.target}"
-    return target if len(states) == 1 else f"{target} {STATES[min(reading.state, len(STATES) - 1)]}"
+    readings_of_target = [other for other in proposal.readings if other.target == reading.target]
+    if len(readings_of_target) == 1:
+        return target
+    state = STATES[min(reading.state, len(STATES) - 1)]
+    return f"{target} {state}"
 
 
 STATES = ("unloaded", "loaded", "unloaded after", "repeat")
@@ -58,7 +61,9 @@ STATES = ("unloaded", "loaded", "unloaded after", "repeat")
 def name_columns(reading: TargetReading, *, with_table: bool) -> str:
     """Return the columns of a reading, counted from 1, with the rows of a posture if there are several."""
     first, second, third = (column + 1 for column in reading.points.columns)
-    columns = f"{first}–{third}" if third == first + 2 else f"{first}, {second}, {third}"
+    columns = f"{first}, {second}, {third}"
+    if third == first + 2:
+        columns = f"{first}–{third}"
     groups = reading.points.groups
     rows = "" if groups.count == 1 else f" (row {reading.index + 1} of {groups.count}, {groups.order})"
     table = f"{reading.points.table} " if with_table else ""
@@ -67,20 +72,21 @@ def name_columns(reading: TargetReading, *, with_table: bool) -> str:
 
 def _describe_joints(joints: JointColumns, *, with_table: bool) -> str:
     """Return the columns of the joints, their unit and the way of counting."""
-    first, last = joints.columns[0] + 1, joints.columns[-1] + 1
-    names = f"J1…J{len(joints.columns)}"
-    if joints.is_reversed:
-        first, last, names = last, first, f"J{len(joints.columns)}…J1"
+    joint_count = len(joints.columns)
+    first_column, last_column = sorted((joints.columns[0] + 1, joints.columns[-1] + 1))
+    names = f"J{joint_count}…J1" if joints.is_reversed else f"J1…J{joint_count}"
     counting = "" if joints.counting.is_own else f" {joints.counting.name}"
     table = f"{joints.table} columns" if with_table else "columns"
-    return f"{table} {first}–{last} as {names} [{joints.unit}]{counting}"
+    return f"{table} {first_column}–{last_column} as {names} [{joints.unit}]{counting}"
 
 
 def join(parts: Sequence[str]) -> str:
-    """Return parts as a list in words."""
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    """Return parts as a list in words, such as `a, b and c`."""
+    *others, last = parts
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def format_mm(length: float) -> str:
     """Return a length [m] in mm with two digits."""
-    return f"{float(f'{length * 1e3:.2g}'):g} mm"
+    rounded = float(f"{length * 1e3:.2g}")
+    return f"{rounded:g} mm"

@@ -71,6 +71,7 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
         jackknife = error.left_out
     except JointstiffError as failure:  # the run is valid without a model error; predictions say why
         error = failure
+    # After a gross mistake in the data, a lack of fit means nothing.
     has_lack_of_fit = screening.lack_of_fit and joints.are_sound
     budget = UncertaintyBudget.from_estimate(
         estimate, settings.confidence, jackknife, lack_of_fit=has_lack_of_fit
@@ -84,15 +85,16 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
         # The tests of causes account for scatter only where the residuals show it.
         tested = rows if joints.shows_scatter else joints.given
         least_mistakes = find_least_mistakes(tested, estimate, len(screening.tests), prior)
+    prediction = predict(
+        rows.at(estimate.balanced),
+        estimate.compliance,
+        is_estimated=estimate.estimated,
+        statements=estimate.statements,
+    )
     return Found(
         rows=rows,
         estimate=estimate,
-        prediction=predict(
-            rows.at(estimate.balanced),
-            estimate.compliance,
-            is_estimated=estimate.estimated,
-            statements=estimate.statements,
-        ),
+        prediction=prediction,
         predictor=predictor,
         model_error=error,
         choice=choice,
@@ -122,7 +124,20 @@ def find_elastic(
         error = estimate_error_by_leaving_folds_out(rows, fit)
     except JointstiffError as failure:  # the run is valid without a model error; predictions say why
         error = failure
-    coupled = fit.coupled_joints
+    coupled_joints = fit.coupled_joints
+    links = LinksResult(
+        loss_source="cross_validation" if competition.loss_is_compared else "given",
+        penalty=fit.penalty,
+        penalty_source="given" if competition.penalty_is_given else "cross_validation",
+        coupled_joints=None if coupled_joints is None else coupled_joints.tolist(),
+        links=list(fit.links),
+        base=fit.base,
+        elements=list(fit.elements),
+        unexplained=fit.unexplained,
+        effective_freedom=fit.effective_freedom,
+        parameters=fit.parameters,
+        certificate=fit.certificate,
+    )
     return Found(
         rows=rows,
         estimate=replace_by_effective(joints.estimate, fit, elastic.effective),
@@ -131,19 +146,7 @@ def find_elastic(
         model_error=error,
         choice=describe_choice_by_comparison(winner, screening),
         screening=screening,
-        links=LinksResult(
-            loss_source="cross_validation" if competition.loss_is_compared else "given",
-            penalty=fit.penalty,
-            penalty_source="given" if competition.penalty_is_given else "cross_validation",
-            coupled_joints=None if coupled is None else coupled.tolist(),
-            links=list(fit.links),
-            base=fit.base,
-            elements=list(fit.elements),
-            unexplained=fit.unexplained,
-            effective_freedom=fit.effective_freedom,
-            parameters=fit.parameters,
-            certificate=fit.certificate,
-        ),
+        links=links,
         remarks=tuple(_list_remarks_on_choice(competition, winner, elastic, rows)),
     )
 
@@ -154,10 +157,12 @@ def _list_remarks_on_choice(
     """Return findings on a penalty at an end of its range, and on losses that were not compared."""
     if competition.penalty_is_given:
         return []
-    penalty = elastic.estimate.penalty
-    remarks = list(report_penalty(winner.held_out.penalty or penalty, penalty))
+    penalty_of_fit = elastic.estimate.penalty
+    penalty_by_comparison = winner.held_out.penalty or penalty_of_fit
+    remarks = list(report_penalty(penalty_by_comparison, penalty_of_fit))
     if competition.loss_is_automatic:
-        remarks += report_losses(int(rows.measurements.present.sum()))
+        reading_count = int(rows.measurements.present.sum())
+        remarks += report_losses(reading_count)
     return remarks
 
 
@@ -170,29 +175,22 @@ def describe_choice_of_joints(options: RunOptions, screening: Screening, exclude
         excluded: name of the option that rules out elastic links; None if no option does.
     """
     loss: Loss = "huber" if options.loss == "huber" else "squared"
-    p = f"F test of links added to the joints: p = {screening.links_p_value:.1g}"
     if options.elasticity != "automatic":
-        source, text = "given", f"The model has elastic joints alone, as requested ({p})."
+        source, why = "given", ", as requested"
     elif excluded is not None:
-        source = "options"
-        text = (
-            "The model has elastic joints alone: elastic links cannot be combined with the option "
-            f"{excluded.replace('_', ' ')} ({p})."
-        )
+        option = excluded.replace("_", " ")
+        source, why = "options", f": elastic links cannot be combined with the option {option}"
     elif screening.links_p_value < LINKS_LEVEL:
-        source = "screening"
-        text = f"The model has elastic joints alone: first correct the mistake that the reasons name ({p})."
+        source, why = "screening", ": first correct the mistake that the reasons name"
     else:
-        source, text = (
-            "screening",
-            f"The model has elastic joints alone: no test shows that other parts bend ({p}).",
-        )
+        source, why = "screening", ": no test shows that other parts bend"
+    evidence = f"F test of links added to the joints: p = {screening.links_p_value:.1g}"
     return ModelChoice(
         elasticity="joints",
         loss=loss,
         source=source,
         links_p_value=screening.links_p_value,
-        message=text,
+        message=f"The model has elastic joints alone{why} ({evidence}).",
     )
 
 
@@ -203,8 +201,7 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
         winner: chosen model, with the comparison of all models.
         screening: tests of the residuals of joints alone.
     """
-    selection, chosen, elastic = winner.selection, winner.held_out, winner.elastic
-    intervals = None if elastic is None else elastic.intervals
+    selection, chosen = winner.selection, winner.held_out
     name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
     evidence = f"F test of links added to the joints: p = {screening.links_p_value:.1g}"
     if gain is not None:
@@ -212,42 +209,49 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
             f"; held-out postures are predicted to {length_text(chosen.mean_residual)}, by joints "
             f"alone to {length_text(gain.error_of_joints)}"
         )
-    remarks = "" if chosen.model == "joints" else " K_c is neglected."
-    tied = selection.tied is not None and not winner.given
-    if intervals == chosen.model and not tied:
-        remarks += " The intervals of stiffness are computed with this model."
-    elif tied:
-        remarks += " The readings do not distinguish links from base: the intervals of stiffness "
-        remarks += (
-            "contain both models' values."
-            if elastic is None or elastic.estimate.prediction.joined or intervals is None
-            else f"are computed with {intervals.replace('_', ' ')} alone, because no optimum of the other "
-            "model was certified."
+    k_c_remark = "" if chosen.model == "joints" else " K_c is neglected."
+    scored_models = [
+        ScoredModel(
+            model=each.model,
+            loss=each.loss,
+            penalty=each.penalty,
+            compensation=each.compensation,
+            standard_error=each.standard_error,
+            by_fold=each.by_fold.tolist(),
+            mean_residual=finite_or_none(each.mean_residual),
         )
-    elif intervals is not None:
-        richer = intervals.replace("_", " ")
-        remarks += (
-            f" The intervals of stiffness are computed with {richer}, the richest of the models compared."
-        )
+        for each in selection.models
+    ]
     return ModelChoice(
         elasticity=chosen.model,
         loss=chosen.loss,
         source="given" if winner.given else "cross_validation",
         links_p_value=screening.links_p_value,
-        message=f"{name}, loss {chosen.loss} ({evidence}).{remarks}",
-        models=[
-            ScoredModel(
-                model=each.model,
-                loss=each.loss,
-                penalty=each.penalty,
-                compensation=each.compensation,
-                standard_error=each.standard_error,
-                by_fold=each.by_fold.tolist(),
-                mean_residual=finite_or_none(each.mean_residual),
-            )
-            for each in selection.models
-        ],
+        message=f"{name}, loss {chosen.loss} ({evidence}).{k_c_remark}{_describe_intervals(winner)}",
+        models=scored_models,
         losses={scored.model: selection.find_held_out(scored.model).loss for scored in selection.models},
         best=selection.best,
         simplest=selection.simplest,
     )
+
+
+def _describe_intervals(winner: Winner) -> str:
+    """Return a sentence on the model with which the intervals of stiffness were computed; "" for joints."""
+    elastic = winner.elastic
+    interval_model = None if elastic is None else elastic.intervals
+    model_text = "" if interval_model is None else interval_model.replace("_", " ")
+    if winner.selection.tied is not None and not winner.given:
+        both_models_count = elastic is None or elastic.estimate.prediction.joined or interval_model is None
+        intervals = (
+            "contain both models' values."
+            if both_models_count
+            else f"are computed with {model_text} alone, because no optimum of the other model was certified."
+        )
+        return f" The readings do not distinguish links from base: the intervals of stiffness {intervals}"
+    if interval_model == winner.held_out.model:
+        return " The intervals of stiffness are computed with this model."
+    if interval_model is not None:
+        return (
+            f" The intervals of stiffness are computed with {model_text}, the richest of the models compared."
+        )
+    return ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -141,23 +141,33 @@ def _list_warnings(found: Found, assessment: Assessment, noticed: Sequence[Findi
 
     Outliers of joints alone are kept only if links leave these readings unexplained, too.
     """
-    if found.links is None or any(reason.code in _OUTLYING for reason in assessment.reasons):
+    only_joints_bend = found.links is None
+    links_leave_outliers = any(reason.code in _OUTLYING for reason in assessment.reasons)
+    if only_joints_bend or links_leave_outliers:
         return list(noticed)
-    return [each for each in noticed if each.code != "residual_outlier"]
+    return [finding for finding in noticed if finding.code != "residual_outlier"]
 
 
 def _add_least_mistakes(
     tests: Iterable[runs.CauseTest], mistakes: Sequence[LeastMistake]
 ) -> Iterator[runs.CauseTest]:
-    """Yield the tests of causes with the least mistakes that they find."""
-    by_name = {each.name: each for each in mistakes}
+    """Yield the tests of causes, each with the least mistake of its cause that the test would find.
+
+    Such mistakes are known only for causes that concern all observations, from the first one on.
+    """
+    mistake_of_cause = {mistake.name: mistake for mistake in mistakes}
     for test in tests:
-        least = by_name.get(test.name) if test.first is None else None
-        if least is None:
+        mistake = mistake_of_cause.get(test.name)
+        if mistake is None or test.first is not None:
             yield test
-        else:
-            found = {"least_found": least.size, "unit": least.unit, "joint": least.joint}
-            yield test.model_copy(update=found | {"moves": least.moves})
+            continue
+        fields = {
+            "least_found": mistake.size,
+            "unit": mistake.unit,
+            "joint": mistake.joint,
+            "moves": mistake.moves,
+        }
+        yield test.model_copy(update=fields)
 
 
 def build_joint_results(
@@ -167,9 +177,10 @@ def build_joint_results(
 
     If the assessment says not to use the result, the reason does not state the lower limit of the stiffness.
     """
+    limit_is_meaningless = assessment.verdict == "do_not_use"
     for joint, verdict in zip(joints, assessment.joints, strict=True):
         reason = joint.reason
-        if reason is not None and assessment.verdict == "do_not_use":
+        if reason is not None and limit_is_meaningless:
             reason = reason.removeprefix(joint.limit)  # the reason begins with the limit in words
         yield runs.JointResult(
             name=joint.name,
@@ -248,24 +259,26 @@ def _build_complementary_stiffness(size: ComplementaryStiffness | None) -> runs.
 
 def _build_residuals(prediction: Prediction, measurements: Measurements) -> list[runs.Residual]:
     """Build one message for each reading: measured and predicted deflection, and their difference."""
-    i, t = np.nonzero(measurements.present)
+    observation, target = np.nonzero(measurements.present)  # indices of each reading
     return build_messages(
         runs.Residual,
-        observation=np.array(measurements.labels)[i],
-        target=np.array(measurements.targets)[t],
-        deflection=measurements.deflection[i, t],
-        predicted=prediction.predicted[i, t],
-        residual=prediction.residual[i, t],
+        observation=np.array(measurements.labels)[observation],
+        target=np.array(measurements.targets)[target],
+        deflection=measurements.deflection[observation, target],
+        predicted=prediction.predicted[observation, target],
+        residual=prediction.residual[observation, target],
     )
 
 
 def _build_parts(
     apart: Apart | None, part: int, names: Sequence[str], assessment: Assessment
 ) -> list[runs.JointResult]:
-    """Build one message for each joint that is taken apart.
+    """Build messages of the compliances of either gearboxes or structure.
+
+    Encoders behind the gearboxes tell these two parts of a joint's compliance apart.
 
     Args:
-        apart: gearboxes and structure; None without any.
+        apart: compliances of gearboxes and structure of some joints; None without encoders.
         part: 0 for gearboxes, 1 for structure.
         names: names of the n joints.
         assessment: assessment of the run, whose reasons concern these numbers, too.
@@ -276,14 +289,22 @@ def _build_parts(
     for k, joint in enumerate(apart.joints.tolist()):
         compliance = float(apart.compliance[part, k])
         lower, upper = apart.interval[part, k].tolist()
-        is_certain = lower > 0.0
-        worst = assessment.verdict == "do_not_use" or assessment.joints[joint] == "do_not_use"
-        verdict: Verdict = "use" if is_certain and assessment.verdict == "use" else "use_with_care"
+        excludes_zero = lower > 0.0
+        status: Literal["identified", "uncertain", "at_bound"]
+        if excludes_zero:
+            status = "identified"
+        elif compliance > 0.0:
+            status = "uncertain"
+        else:
+            status = "at_bound"
+        verdict: Verdict = "use" if excludes_zero and assessment.verdict == "use" else "use_with_care"
+        if "do_not_use" in (assessment.verdict, assessment.joints[joint]):
+            verdict = "do_not_use"
         messages.append(
             runs.JointResult(
                 name=names[joint],
-                status="identified" if is_certain else "uncertain" if compliance > 0.0 else "at_bound",
-                verdict="do_not_use" if worst else verdict,
+                status=status,
+                verdict=verdict,
                 compliance=compliance,
                 stiffness=invert_compliance(compliance),
                 standard_uncertainty=float(apart.uncertainty[part, k]),
@@ -305,12 +326,13 @@ def _build_encoder_residuals(
     encoders = measurements.encoders
     if encoders is None or prediction.encoders is None:
         return []
-    i, j = np.nonzero(encoders.present)
-    measured, predicted = encoders.deflection[i, j], prediction.encoders[i, j]
+    observation, joint = np.nonzero(encoders.present)  # indices of each reading
+    measured = encoders.deflection[observation, joint]
+    predicted = prediction.encoders[observation, joint]
     return build_messages(
         runs.EncoderResidual,
-        observation=np.array(measurements.labels)[i],
-        joint=np.array(names)[j],
+        observation=np.array(measurements.labels)[observation],
+        joint=np.array(names)[joint],
         deflection=measured,
         predicted=predicted,
         residual=measured - predicted,
@@ -325,13 +347,13 @@ def list_suspicious_readings(estimate: Estimate, measurements: Measurements) -> 
     robust = estimate.robust
     if robust is None:
         return []
-    i, t = robust.suspicious[:MAX_SUSPICIOUS].T
+    observation, target = robust.suspicious[:MAX_SUSPICIOUS].T  # indices of each reading
     return build_messages(
         runs.SuspiciousReading,
-        observation=np.array(measurements.labels)[i],
-        target=np.array(measurements.targets)[t],
-        weight=robust.weight[i, t],
-        residual_norm=robust.residual_norm[i, t],
+        observation=np.array(measurements.labels)[observation],
+        target=np.array(measurements.targets)[target],
+        weight=robust.weight[observation, target],
+        residual_norm=robust.residual_norm[observation, target],
     )
 
 
@@ -360,37 +382,44 @@ def build_budget_message(
     if budget is None:
         return None
     estimated, factor = budget.joints, budget.coverage_factor
-    # The rows of the spread are the components, the sum of the included components, and the sum of all.
-    spread = budget.spread
-    lack_of_fit = any(each.code in _LACK_OF_FIT or each.weight == "do_not_use" for each in reasons)
-    uncertainty = spread.uncertainty[:, estimated]
-    correlation = spread.correlation[:, estimated][..., estimated]
-    missing: list[runs.BudgetGap] = []  # contributions that the budget does not include
-    if all(part.source != "model_error" for part in budget.components):
-        missing.append("model_error")
-    if lack_of_fit:
-        missing.append("lack_of_fit")
+    # Rows of the spread: each component, then the sum of the included components, then the sum of all.
+    *component_uncertainties, included, with_model_error = budget.spread.uncertainty[:, estimated]
+    correlations = budget.spread.correlation[:, estimated][:, :, estimated]
+    *component_correlations, correlation, _ = correlations
+    components = [
+        runs.BudgetComponent(
+            source=part.source,
+            evaluation=part.evaluation,
+            included=part.included,
+            degrees_of_freedom=finite_or_none(part.degrees_of_freedom),
+            contributions=uncertainty.tolist(),
+            correlation=correlation_of_part.tolist(),
+            responses=None if part.responses is None else part.responses[estimated].tolist(),
+        )
+        for part, uncertainty, correlation_of_part in zip(
+            budget.components, component_uncertainties, component_correlations, strict=True
+        )
+    ]
     return runs.Budget(
         joints=[names[j] for j in estimated],
-        components=[
-            runs.BudgetComponent(
-                source=part.source,
-                evaluation=part.evaluation,
-                included=part.included,
-                degrees_of_freedom=finite_or_none(part.degrees_of_freedom),
-                contributions=contributions.tolist(),
-                correlation=correlations.tolist(),
-                responses=None if part.responses is None else part.responses[estimated].tolist(),
-            )
-            for part, contributions, correlations in zip(
-                budget.components, uncertainty[:-2], correlation[:-2], strict=True
-            )
-        ],
-        standard_uncertainty=uncertainty[-2].tolist(),
-        correlation=correlation[-2].tolist(),
+        components=components,
+        standard_uncertainty=included.tolist(),
+        correlation=correlation.tolist(),
         probability=budget.probability,
         coverage_factor=factor,
-        expanded_uncertainty=(factor * uncertainty[-2]).tolist(),
-        missing=missing,
-        expanded_with_model_error=(factor * uncertainty[-1]).tolist(),
+        expanded_uncertainty=(factor * included).tolist(),
+        missing=_list_missing_contributions(budget, reasons),
+        expanded_with_model_error=(factor * with_model_error).tolist(),
     )
+
+
+def _list_missing_contributions(
+    budget: UncertaintyBudget, reasons: Iterable[Finding]
+) -> list[runs.BudgetGap]:
+    """Return the names of contributions to the uncertainty that the budget does not include."""
+    missing: list[runs.BudgetGap] = []
+    if all(part.source != "model_error" for part in budget.components):
+        missing.append("model_error")
+    if any(reason.code in _LACK_OF_FIT or reason.weight == "do_not_use" for reason in reasons):
+        missing.append("lack_of_fit")
+    return missing

@@ -26,7 +26,12 @@ from jointstiff.schemas.finding import (
 )
 from jointstiff.schemas.options import MAX_CAUSES
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.evidence.alternatives import LARGEST_RATIO, AlternativeKind, BetterAlternative
+from jointstiff.solver.evidence.alternatives import (
+    LARGEST_RATIO,
+    Alternative,
+    AlternativeKind,
+    BetterAlternative,
+)
 from jointstiff.solver.evidence.causes import Screening
 from jointstiff.solver.evidence.joints import JointsAlone, residuals_within_noise
 from jointstiff.solver.evidence.payload import inspect_force_unit
@@ -145,12 +150,11 @@ class Assessment:
         removed; if no joint is identified, only the contributions are.
         """
         codes = {reason.code for reason in self.reasons}
-        meaningless = bool(codes & (ROOT_MISTAKES | {"no_residual_freedom"}))
-        return replace(
-            prediction,
-            compensation=None if meaningless else prediction.compensation,
-            contributions=None if meaningless or "no_joint_identified" in codes else prediction.contributions,
-        )
+        if codes & (ROOT_MISTAKES | {"no_residual_freedom"}):
+            return replace(prediction, compensation=None, contributions=None)
+        if "no_joint_identified" in codes:
+            return replace(prediction, contributions=None)
+        return prediction
 
 
 def assess(
@@ -246,57 +250,64 @@ def assess(
 
 def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloading | None) -> Iterator[str]:
     """Yield sentences on assumptions, and on checks that the readings do not allow."""
-    force = float(np.linalg.norm(measurements.force, axis=1).max())
-    if force > 0.0:
-        deflection = length_text(float(np.linalg.norm(measurements.deflection, axis=2).max()))
-        kgf = float(np.linalg.norm(STANDARD_GRAVITY))
-        yield (
-            f"Forces up to {figure(force)} N ({figure(force / kgf, '.3g')} kgf), deflections up to "
-            f"{deflection}. If N and kgf were confused, every stiffness would be wrong by a factor of "
-            f"{kgf:.3g}, and no reading would show it."
-        )
-    if estimate.common is not None and estimate.common.responses_to("assumed_load_point").any():
+    largest_force = float(np.linalg.norm(measurements.force, axis=1).max())
+    if largest_force > 0.0:
+        yield _describe_load_and_deflection(measurements, largest_force)
+    common = estimate.common  # effects of errors that all readings share, such as of the load point
+    if common is not None and common.responses_to("assumed_load_point").any():
         yield (
             f"The load point is assumed to be known to ±{1e3 * ASSUMED_LOAD_POINT:g} mm. Measure where the "
             "force acts on the flange, and enter the uncertainty of this point (`noise.load_point`; on "
             "the page: Advanced, Uncertainty of the load point)."
         )
-    if estimate.common is not None and estimate.common.responses_to("assumed_force_scale").any():
+    if common is not None and common.responses_to("assumed_force_scale").any():
         yield (
             f"The forces are assumed to be known to ±{100 * ASSUMED_FORCE_SCALE:g} %. Enter the "
             "uncertainty of the load cell or of the weight (`noise.force.scale`; on the page: Advanced, "
             "Scale of the force)."
         )
+    # A target in the flange frame has deflections, but no unloaded position.
+    has_no_positions = bool(measurements.in_flange[measurements.present].all())
     if unloading is not None:
         yield describe_unloading(unloading)
-    elif not measurements.in_flange[measurements.present].all():
+    elif not has_no_positions:
         yield (
             "Each posture was read only once without load, so a deflection that remains after unloading is "
             "not detected. Read each posture again after unloading (`unloaded_after`)."
         )
-    if measurements.in_flange[measurements.present].all():
+    if has_no_positions:
         yield (
             "The set has deflections but no positions, so the joint angles and the geometry of robot, "
             "frames and targets cannot be checked."
         )
 
 
+def _describe_load_and_deflection(measurements: Measurements, largest_force: float) -> str:
+    """Return a sentence by which a user may notice that forces have another unit than declared."""
+    largest_deflection = float(np.linalg.norm(measurements.deflection, axis=2).max())
+    newtons_of_kgf = float(np.linalg.norm(STANDARD_GRAVITY))
+    return (
+        f"Forces up to {figure(largest_force)} N ({figure(largest_force / newtons_of_kgf, '.3g')} kgf), "
+        f"deflections up to {length_text(largest_deflection)}. If N and kgf were confused, every stiffness "
+        f"would be wrong by a factor of {newtons_of_kgf:.3g}, and no reading would show it."
+    )
+
+
 def _list_notes_on_encoders(joints: JointsAlone) -> Iterator[str]:
     """Yield sentences on noise that the encoders do not state, and on structure that they do not see."""
-    apart, names = joints.apart, joints.robot.joint_names
+    apart = joints.apart
     if apart is None:
         return
     encoders = joints.measured.encoders
-    stated = 0.0 if encoders is None else encoders.sigma
-    noisy = [
-        f"{names[joint]} {1e6 * noise:.2g} µrad"
-        for joint, noise in zip(apart.joints.tolist(), apart.noise.tolist(), strict=True)
-        if noise > _NOISY * stated
-    ]
-    if noisy:
+    stated_noise = 0.0 if encoders is None else encoders.sigma  # [rad]
+    noise_texts = []
+    for joint, noise in zip(apart.joints.tolist(), apart.noise.tolist(), strict=True):
+        if noise > _NOISY * stated_noise:
+            noise_texts.append(f"{joints.robot.joint_names[joint]} {1e6 * noise:.2g} µrad")
+    if noise_texts:
         yield (
-            f"The encoders scatter more than the {1e6 * stated:.2g} µrad that are stated, such as by play in "
-            f"the gears: {', '.join(noisy)}. The intervals account for this."
+            f"The encoders scatter more than the {1e6 * stated_noise:.2g} µrad that are stated, such as by "
+            f"play in the gears: {', '.join(noise_texts)}. The intervals account for this."
         )
     if apart.shows_structure:
         yield (
@@ -311,14 +322,16 @@ def _report_encoders_against_targets(joints: JointsAlone) -> Iterator[Finding]:
     apart = joints.apart
     if apart is None:
         return
+    compared_joints = apart.joints.tolist()
     for joint in apart.against.tolist():
-        position = apart.joints.tolist().index(joint)
-        gearbox, structure = apart.free_compliance[:, position].tolist()
+        gearbox, structure = apart.free_compliance[:, compared_joints.index(joint)].tolist()
+        # The structure behind the encoder would need a negative compliance.
+        excess_percent = -100.0 * structure / gearbox
         name = joints.robot.joint_names[joint]
         yield Finding(
             code="encoder_deflection_implausibly_large",
             weight="use_with_care",
-            message=f"the encoder of {name} shows {-100.0 * structure / gearbox:.2g} % more deflection "
+            message=f"the encoder of {name} shows {excess_percent:.2g} % more deflection "
             "than the targets, which nothing behind the encoder explains",
             remedy="check that the encoder's angles are those of the model's joint, in `units.angle`, and "
             "the unit of the targets' lengths",
@@ -329,10 +342,10 @@ def _report_encoders_against_targets(joints: JointsAlone) -> Iterator[Finding]:
 def describe_unloading(unloading: Unloading) -> str:
     """Return a sentence on the positions after the load was removed."""
     count = unloading.postures
-    where = f"{count} posture{'s' if count > 1 else ''} read again after unloading"
+    plural = "s" if count > 1 else ""
     text = (
         f"After unloading, the targets return to within {length_text(unloading.distance)} (root mean square, "
-        f"{where})"
+        f"{count} posture{plural} read again after unloading)"
     )
     if unloading.share is None or unloading.standard_uncertainty is None:
         return f"{text}."
@@ -365,8 +378,10 @@ def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Find
     verdicts = []
     for joint in joints:
         # The verdict follows from the joint's status, and from findings on the joint or on the whole set.
-        weights = [finding.weight for finding in ordered if finding.where not in names - {joint.name}]
-        verdicts.append(max([_BY_STATUS[joint.status], *weights], key=_ORDER.__getitem__))
+        other_joints = names - {joint.name}
+        weights = [finding.weight for finding in ordered if finding.where not in other_joints]
+        verdict_by_status = _BY_STATUS[joint.status]
+        verdicts.append(max([verdict_by_status, *weights], key=lambda verdict: _ORDER[verdict]))
     return Assessment(
         verdict=ordered[0].weight if ordered else "use",
         reasons=tuple(finding for finding in ordered if not finding.is_remark),
@@ -420,32 +435,42 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
         "turn": float(np.degrees(alternative.offset[first])),
         "coupled": "added to" if alternative.matrix[last, first] > 0.0 else "taken from",
     }
-    what, remedy = (text.format(**words) for text in _ALTERNATIVE_TEXTS[alternative.kind])
+    change, remedy = (text.format(**words) for text in _ALTERNATIVE_TEXTS[alternative.kind])
     if alternative.target is not None:
         action = AdvisedAction.of("exchange_load_and_target", target=measurements.targets[alternative.target])
     elif alternative.kind == "columns_exchanged":
         action = AdvisedAction.of("exchange_columns", joints=names)
     else:
-        matrix = robot.joint_map.matrix @ alternative.matrix
-        offset = robot.joint_map.matrix @ alternative.offset + robot.joint_map.offset
-        if alternative.kind == "zero_offset":  # whole turns bring the angles within the limits
-            turns_to_middle = (
-                robot.limits.mean(axis=1) - np.median(measurements.joints, axis=0) @ matrix.T - offset
-            )
-            offset = offset + 2.0 * np.pi * np.round(
-                np.where(np.isfinite(turns_to_middle), turns_to_middle, 0.0) / (2.0 * np.pi)
-            )
-        action = AdvisedAction.of(
-            "apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist()
-        )
+        action = _advise_joint_map(robot, measurements, alternative)
     return Finding(
         code="alternative_explains_better",
         weight="do_not_use",
-        message=f"with {what}, the joints explain {100 * better.compensation:.3g} % of the mean deflection "
+        message=f"with {change}, the joints explain {100 * better.compensation:.3g} % of the mean deflection "
         f"instead of {100 * better.compensation_as_given:.3g} %; the sum of squared residuals falls to "
         f"{100 * better.ratio:.2g} %",
         remedy=remedy,
         action=action,
+    )
+
+
+def _advise_joint_map(robot: Robot, measurements: Measurements, alternative: Alternative) -> AdvisedAction:
+    """Return the action to replace the joint map by one that undoes a mistake in it.
+
+    A joint map makes model angles ``q = M q_c + o`` of the controller's angles q_c. With the correct
+    controller's angles ``E q_c + e`` it becomes ``q = (M E) q_c + (M e + o)``.
+    """
+    stated = robot.joint_map
+    matrix = stated.matrix @ alternative.matrix
+    offset = stated.matrix @ alternative.offset + stated.offset
+    if alternative.kind == "zero_offset":
+        # Whole turns bring the median angles nearest to the middle of the joints' limits.
+        angles = matrix @ np.median(measurements.joints, axis=0) + offset
+        to_middle = robot.limits.mean(axis=1) - angles
+        to_middle[~np.isfinite(to_middle)] = 0.0  # a joint without limits
+        offset = offset + 2.0 * np.pi * np.round(to_middle / (2.0 * np.pi))
+    names = [robot.joint_names[j] for j in alternative.joints]
+    return AdvisedAction.of(
+        "apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist()
     )
 
 
@@ -456,8 +481,7 @@ def report_causes(
 
     Causes of one step explain the readings equally well; causes of several steps explain them together. The
     weight of the finding is "do_not_use" if the causes make links unnecessary and change a compliance by more
-    than `HARMFUL`. A change because of the load point counts only if it exceeds `COVERED` times the
-    uncertainty by the load point in the intervals.
+    than `HARMFUL`, unless the intervals cover the change.
 
     Args:
         causes: causes that were found, step by step.
@@ -465,44 +489,62 @@ def report_causes(
         wrong: labels of single postures whose readings are wrong, which were left out.
         most: largest number of causes that a run may fit in addition to those that it fits already.
     """
-    remedies, changes, harm = [], [0.0], False
-    for cause in causes:
-        remedies.append(cause.suspect.term.remedy)
-        known = estimate.estimated & (estimate.compliance > 0.0) & (cause.compliance > 0.0)
-        change = np.abs(cause.compliance[known] / estimate.compliance[known] - 1.0)
-        harmful = change > HARMFUL
-        if {each.suspect.name for each in causes} == {"load_point"} and estimate.common is not None:
-            # Changes that the intervals already cover do no harm.
-            sources = [
-                estimate.common.responses_to("assumed_load_point"),
-                estimate.common.responses_to("load_point"),
-            ]
-            covered = np.linalg.norm(np.hstack(sources)[known], axis=1)
-            harmful &= change * estimate.compliance[known] > COVERED * covered
-        changes.append(float(change.max(initial=0.0)))
-        harm |= bool(harmful.any())
-    steps = [[*step] for _, step in groupby(causes, key=lambda cause: cause.step)]
-    not_linear = [{cause.suspect.name for cause in step} == _NOT_LINEAR for step in steps]
-    if any(not_linear):  # only readings at a smaller load distinguish the two
-        remedies = [_READ_HALF, *(c.suspect.term.remedy for c in causes if c.suspect.name not in _NOT_LINEAR)]
+    steps = [list(step) for _, step in groupby(causes, key=lambda cause: cause.step)]
+    is_not_linear = any({cause.suspect.name for cause in step} == _NOT_LINEAR for step in steps)
+    remedies = [cause.suspect.term.remedy for cause in causes]
+    if is_not_linear:  # only readings at a smaller load distinguish play from curved springs
+        others = [cause for cause in causes if cause.suspect.name not in _NOT_LINEAR]
+        remedies = [_READ_HALF, *(cause.suspect.term.remedy for cause in others)]
     if wrong:
         remedies.append(f"repeat the readings of {_name_postures(wrong)}")
     # A tie is fitted as a whole as far as a run may fit so many causes; the best of each step comes first.
-    fitted = [step[0] for step in steps] + [cause for step in steps for cause in step[1:]]
-    named = [NamedCause(name=c.suspect.name, first=c.suspect.first) for c in fitted[:most]]
+    best_of_steps = [step[0] for step in steps]
+    ties = [cause for step in steps for cause in step[1:]]
+    fitted = [*best_of_steps, *ties][:most]
+    fitted_names = [NamedCause(name=cause.suspect.name, first=cause.suspect.first) for cause in fitted]
     links_unnecessary = all(cause.makes_links_unnecessary for cause in steps[-1])
-    others = "" if links_unnecessary else ", but links may bend as well"
+    largest_change, is_harmful = _measure_changes(causes, estimate)
+    is_mistake = links_unnecessary and is_harmful
+    nature = "the joints are not linear: " if is_not_linear else ""
+    left_out = f"without {_name_postures(wrong)}, and " if wrong else ""
+    causes_text = ", and with ".join(_describe_tie(step) for step in steps)
+    p_value = max(cause.p_value for cause in causes)
+    links_text = "" if links_unnecessary else ", but links may bend as well"
     return Finding(
         code="alternative_explains_better",
-        weight="do_not_use" if links_unnecessary and harm else "use_with_care",
-        message=f"{'the joints are not linear: ' if any(not_linear) else ''}"
-        f"{f'without {_name_postures(wrong)}, and ' if wrong else ''}"
-        f"with {', and with '.join(map(_describe_tie, steps))}, the joints explain the readings "
-        f"significantly better (F test, p = {max(cause.p_value for cause in causes):.1g}){others}; "
-        f"compliances change by up to {100 * max(changes):.2g} %",
+        weight="do_not_use" if is_mistake else "use_with_care",
+        message=f"{nature}{left_out}with {causes_text}, the joints explain the readings significantly better "
+        f"(F test, p = {p_value:.1g}){links_text}; compliances change by up to {100 * largest_change:.2g} %",
         remedy="; ".join(dict.fromkeys(remedies)),
-        action=AdvisedAction.of("fit_causes", wrong, causes=named) if named else None,
+        action=AdvisedAction.of("fit_causes", wrong, causes=fitted_names) if fitted_names else None,
     )
+
+
+def _measure_changes(causes: Sequence[Cause], estimate: Estimate) -> tuple[float, bool]:
+    """Return the largest relative change of a compliance by a cause, and whether a change does harm.
+
+    A change does harm if it exceeds `HARMFUL`. If the load point is the only cause, it must also exceed
+    `COVERED` times the uncertainty by the load point, which the intervals contain already.
+    """
+    load_point_alone = all(cause.suspect.name == "load_point" for cause in causes)
+    largest_change, is_harmful = 0.0, False
+    for cause in causes:
+        is_known = estimate.estimated & (estimate.compliance > 0.0) & (cause.compliance > 0.0)
+        compliance = estimate.compliance[is_known]
+        change = np.abs(cause.compliance[is_known] / compliance - 1.0)
+        harmful = change > HARMFUL
+        if load_point_alone and estimate.common is not None:
+            responses = np.hstack(
+                [
+                    estimate.common.responses_to("assumed_load_point"),
+                    estimate.common.responses_to("load_point"),
+                ]
+            )
+            uncertainty = np.linalg.norm(responses[is_known], axis=1)
+            harmful &= change * compliance > COVERED * uncertainty
+        largest_change = max(largest_change, float(change.max(initial=0.0)))
+        is_harmful |= bool(harmful.any())
+    return largest_change, is_harmful
 
 
 def _name_postures(labels: Sequence[str]) -> str:
@@ -512,40 +554,51 @@ def _name_postures(labels: Sequence[str]) -> str:
 
 def _describe_tie(causes: Sequence[Cause]) -> str:
     """Return causes that explain the readings equally well, with their sizes, in words."""
-    sizes = [(each.suspect.term, each.unknowns.tolist()) for each in causes]
-    return ", or with ".join(term.words.format(unknowns_text(term.unit, size)) for term, size in sizes)
+    texts = []
+    for cause in causes:
+        term = cause.suspect.term
+        texts.append(term.words.format(unknowns_text(term.unit, cause.unknowns.tolist())))
+    return ", or with ".join(texts)
 
 
 def _report_wrong_postures(
     measurements: Measurements, settings: Settings, wrong: Sequence[str]
 ) -> Iterator[Finding]:
-    """Yield a finding on single postures whose readings disagree with all others."""
-    if wrong and settings.loss != "huber":
-        yield Finding(
-            code="residual_outlier",
-            weight="use_with_care",
-            observation=wrong[0],
-            message=f"the readings of {_name_postures(wrong)} disagree with the joint stiffnesses that fit "
-            "all other readings (F test)",
-            remedy="check these readings and their loads; repeat the readings, or identify with loss huber",
-            action=AdvisedAction.of("use_huber" if measurements.direction is None else "show_posture", wrong),
-        )
+    """Yield a finding on single postures whose readings disagree with all others.
+
+    The Huber loss already gives such readings a small weight; dial gauges do not support this loss.
+    """
+    if not wrong or settings.loss == "huber":
+        return
+    is_dial_gauge = measurements.direction is not None
+    yield Finding(
+        code="residual_outlier",
+        weight="use_with_care",
+        observation=wrong[0],
+        message=f"the readings of {_name_postures(wrong)} disagree with the joint stiffnesses that fit "
+        "all other readings (F test)",
+        remedy="check these readings and their loads; repeat the readings, or identify with loss huber",
+        action=AdvisedAction.of("show_posture" if is_dial_gauge else "use_huber", wrong),
+    )
 
 
 def report_fitted_causes(measurements: Measurements) -> Iterator[Finding]:
     """Yield a finding for each cause that was fitted with the joints: the cause's stated value is wrong."""
-    fitted, start = fitted_errors(measurements), 0
-    uncertainty = np.linalg.norm(fitted.root, axis=1)
+    fitted = fitted_errors(measurements)
+    uncertainties = np.linalg.norm(fitted.root, axis=1)  # standard uncertainties of the unknowns of all terms
+    start = 0
     for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
-        half = 2.0 * uncertainty[start : start + len(values)]
+        half_widths = 2.0 * uncertainties[start : start + len(values)]  # of 95 % intervals
         start += len(values)
         if not term.words:  # what is uncertain about the columns of another term
             continue
-        text = f"{unknowns_text(term.unit, values.tolist())} ± {unknowns_text(term.unit, half.tolist())}"
+        value_text = unknowns_text(term.unit, values.tolist())
+        half_width_text = unknowns_text(term.unit, half_widths.tolist())
+        cause_text = term.words.format(f"{value_text} ± {half_width_text}")
         yield Finding(
             code="cause_fitted",
             weight="use_with_care",
-            message=f"{term.words.format(text)} (95 %) was fitted with the joints; the intervals include the "
+            message=f"{cause_text} (95 %) was fitted with the joints; the intervals include the "
             "uncertainty of this cause, and the readings contradict the stated value",
             remedy=term.remedy,
         )
@@ -565,7 +618,7 @@ def find_reading_problems(
     """Yield findings on problems of the readings.
 
     Findings of the integrity checks are merged into one for each kind, and findings on the whole set come
-    first. Leaving observations out is proposed only if few observations are concerned.
+    first.
 
     Args:
         robot: n joints.
@@ -580,33 +633,48 @@ def find_reading_problems(
     yield from _report_load_at_target(robot, measurements)
     outliers = [finding for finding in findings if finding.code == "residual_outlier"]
     others = [finding for finding in findings if finding.code != "residual_outlier"]
-    errors = _group_by_code(others, "do_not_use")
-    errors.sort(key=lambda group: group[0].observation is not None)
-    for group in errors:
-        first, observations = group[0], _list_observations(labels, group)
-        if first.code == "target_moved" and first.observation is not None:
-            row = labels.index(first.observation)
-            # The target moved for good: leave out the observations before or after, whichever are fewer.
-            observations = min(labels[row:], labels[:row], key=len)
-        only_few = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
-        yield _summarise_findings(
-            group, AdvisedAction.of("leave_out_readings", observations) if only_few else first.action
-        )
+    mistakes = _group_by_code(others, "do_not_use")
+    mistakes.sort(key=lambda group: group[0].observation is not None)
+    for group in mistakes:
+        yield _summarise_findings(group, _advise_leaving_out(group, labels))
     for group in _group_by_code(others, "use_with_care"):
         observations = _list_observations(labels, group)
-        yield _summarise_findings(
-            group, AdvisedAction.of("show_posture", observations) if observations else None
-        )
+        action = AdvisedAction.of("show_posture", observations) if observations else None
+        yield _summarise_findings(group, action)
     if cause_found:  # a robust loss is no mend for a cause that moves many postures
-        left = [finding for finding in outliers if finding.observation not in wrong]
-        yield from _report_outlying(measurements, settings, prediction, left, mend="show_posture")
+        unnamed = [finding for finding in outliers if finding.observation not in wrong]
+        yield from _report_outlying(measurements, settings, prediction, unnamed, mend="show_posture")
     elif outliers:
         yield from _report_outlying(measurements, settings, prediction, outliers)
     else:
         yield from _report_wrong_postures(measurements, settings, wrong)
-    noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
+    yield from _report_small_deflections(measurements)
+
+
+def _advise_leaving_out(group: Sequence[Finding], labels: tuple[str, ...]) -> AdvisedAction | None:
+    """Return the action to leave out the observations that findings of one code name, if these are few.
+
+    Otherwise return the action of the first finding. `labels` are the labels of all observations.
+    """
+    first, observations = group[0], _list_observations(labels, group)
+    if first.code == "target_moved" and first.observation is not None:
+        row = labels.index(first.observation)
+        # The target moved for good: leave out the observations before or after, whichever are fewer.
+        observations = min(labels[row:], labels[:row], key=len)
+    is_unit_mistake = first.code in _LENGTHS  # in all observations
+    are_few = 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
+    if are_few and not is_unit_mistake:
+        return AdvisedAction.of("leave_out_readings", observations)
+    return first.action
+
+
+def _report_small_deflections(measurements: Measurements) -> Iterator[Finding]:
+    """Yield a finding if no deflection is larger than its noise."""
+    if measurements.sigma is None:
+        return
+    noise = np.sqrt(2.0) * measurements.sigma  # a deflection is a difference of two readings
     greatest = float(np.linalg.norm(measurements.deflection, axis=2).max())
-    if measurements.sigma is not None and greatest <= NOISE_SIGMAS * noise:
+    if greatest <= NOISE_SIGMAS * noise:
         yield Finding(
             code="deflections_below_noise",
             weight="use_with_care",
@@ -623,20 +691,24 @@ def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator
     A single target may well be at the tool's point, so it is not reported.
     """
     part = measurements.select_evenly(_PLACES)
-    if part.present.shape[1] < 2 or not part.force.any():
+    target_count = part.present.shape[1]
+    if target_count < 2 or not part.force.any():
         return
-    places = np.where(part.in_flange[..., None], part.position, targets_in_flange(robot, part))
-    distance = np.linalg.norm(places - part.load_point[:, None], axis=2)
-    # Only targets whose three coordinates were read have a known place.
-    distance = np.where((part.coordinates == 3).any(axis=0), distance, np.inf).max(axis=0)
-    t = int(distance.argmin())
-    if distance[t] <= SAME_PLACE:
+    # Positions (N, T, 3) of the targets in the flange frame [m].
+    positions = np.where(part.in_flange[..., None], part.position, targets_in_flange(robot, part))
+    distances = np.linalg.norm(positions - part.load_point[:, None], axis=2)  # (N, T)
+    largest_distance = distances.max(axis=0)
+    # Targets of which three coordinates were never read have no known position.
+    is_known = (part.coordinates == 3).any(axis=0)
+    largest_distance[~is_known] = np.inf
+    nearest = int(largest_distance.argmin())
+    if largest_distance[nearest] <= SAME_PLACE:
         yield Finding(
             code="load_at_target",
             weight="use_with_care",
-            message=f"the load point coincides with target {t + 1}, where a reflector is mounted",
+            message=f"the load point coincides with target {nearest + 1}, where a reflector is mounted",
             remedy="check the load point in the flange frame",
-            action=AdvisedAction.of("exchange_load_and_target", target=measurements.targets[t]),
+            action=AdvisedAction.of("exchange_load_and_target", target=measurements.targets[nearest]),
         )
 
 
@@ -652,15 +724,18 @@ def _report_outlying(
     A few such observations are wrong readings, for which the Huber loss is proposed; many mean that the model
     lacks something, such as links that bend. Outliers that links or fitted causes explain are not reported.
     """
-    norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
-    if prediction.contributions is None or fitted_errors(measurements).terms:  # links, base or causes
-        beyond = {measurements.labels[i] for i in np.flatnonzero(norm > OUTLYING * np.median(norm))}
-        outliers = [f for f in outliers if f.observation is None or f.observation in beyond]
+    residuals = np.linalg.norm(prediction.residual, axis=2).max(axis=1)  # (N,) largest of each observation
+    more_than_joints_fitted = prediction.contributions is None or bool(fitted_errors(measurements).terms)
+    if more_than_joints_fitted:
+        still_outlying = np.flatnonzero(residuals > OUTLYING * np.median(residuals))
+        labels = {measurements.labels[i] for i in still_outlying}
+        outliers = [f for f in outliers if f.observation is None or f.observation in labels]
     observations = _list_observations(measurements.labels, outliers)
     if not observations:
         return
     # Count all observations with residuals as large as those of the outliers.
-    count = int((norm >= norm[[measurements.labels.index(label) for label in observations]].min()).sum())
+    rows_of_outliers = [measurements.labels.index(label) for label in observations]
+    count = int((residuals >= residuals[rows_of_outliers].min()).sum())
     if count >= FEW * len(measurements):
         yield Finding(
             code="deflection_unexplained",
@@ -672,7 +747,9 @@ def _report_outlying(
             action=AdvisedAction.of("show_posture", observations),
         )
     elif settings.loss != "huber":
-        action = AdvisedAction.of(mend if measurements.direction is None else "show_posture", observations)
+        # Dial gauges, which read in one direction only, do not support the Huber loss.
+        is_dial_gauge = measurements.direction is not None
+        action = AdvisedAction.of("show_posture" if is_dial_gauge else mend, observations)
         yield _summarise_findings(outliers, action)
 
 
@@ -691,8 +768,9 @@ def _list_observations(labels: Sequence[str], group: Sequence[Finding]) -> tuple
 
 def _summarise_findings(group: Sequence[Finding], action: AdvisedAction | None) -> Finding:
     """Return a group's first finding with an action, and the number of other findings in the message."""
-    more = f" (and {len(group) - 1} more of this kind)" if len(group) > 1 else ""
-    return group[0].model_copy(update={"message": group[0].message + more, "action": action})
+    first, other_count = group[0], len(group) - 1
+    more = f" (and {other_count} more of this kind)" if other_count else ""
+    return first.model_copy(update={"message": first.message + more, "action": action})
 
 
 def find_fit_problems(
@@ -718,38 +796,10 @@ def find_fit_problems(
         explained: whether another finding already explains large residuals, which are then not reported.
         cause_found: whether a cause explains the readings; large residuals are then no sign of large noise.
     """
-    statuses = [joint.status for joint in estimate.joints]
-    remedy, action = "add postures and loads that twist the joints", None
-    if set(statuses) - {"not_observable"} == {"at_bound"}:  # all observable joints seem rigid
-        remedy = (
-            "choose another robot, or check the joint map and the frame of the forces: the joints of "
-            "the chosen robot would move the targets in another way"
-        )
-        # If the negated deflections fit, unloaded and loaded readings, or all forces, are reversed.
-        d = estimate.compressed.all_readings.rhs
-        if solve_nonnegative(estimate.regressor, -d)[1] < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d):
-            remedy = "exchange unloaded and loaded readings, or change the sign of every force"
-            action = AdvisedAction.of("exchange_readings")
-    yield from report_no_identified_joint(statuses, remedy, action)
+    yield from _report_unidentified(estimate)
     yield from _report_freedom(measurements, estimate, known=pure_error is not None)
-    postures: list[FloatArray] = []
-    for joints in measurements.joints:
-        if all(np.abs(joints - other).max() >= _DISTINCT for other in postures):
-            postures.append(joints)
-        if len(postures) >= _LEAST_POSTURES:
-            break
-    else:  # the loop found fewer distinct postures than needed
-        yield Finding(
-            code="few_postures",
-            weight="use_with_care",
-            message=f"the set has {len(postures)} distinct posture{'s' if len(postures) > 1 else ''}, so the "
-            "stiffnesses were not tested in other postures",
-            remedy=f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° "
-            "or more",
-        )
+    yield from _report_few_postures(measurements)
     if not explained:
-        named = prediction.bending is not None or (screening is not None and bool(screening.causes))
-        named = named or estimate.sigma_given or measurements.refuted_sigma is not None
         yield from _report_residuals(
             measurements,
             estimate,
@@ -757,13 +807,56 @@ def find_fit_problems(
             joints_alone=prediction.contributions is not None,
             cause_found=cause_found,
         )
-        if pure_error is not None and pure_error.shows_motion and not named:
+        has_causes = screening is not None and bool(screening.causes)
+        bends = prediction.bending is not None
+        sigma_was_stated = estimate.sigma_given or measurements.refuted_sigma is not None
+        # Other findings report what moves the flange, or residuals beyond a stated noise.
+        is_reported_elsewhere = has_causes or bends or sigma_was_stated
+        if pure_error is not None and pure_error.shows_motion and not is_reported_elsewhere:
             yield report_unexplained_motion(pure_error)
         yield from _report_unexplained(measurements, estimate, prediction)
         yield from _report_dropped_statements(estimate)
     yield from report_implausible_results(estimate)
     yield from _report_solver(estimate)
     yield from _report_links(prediction, screening)
+
+
+def _report_unidentified(estimate: Estimate) -> Iterator[Finding]:
+    """Yield a finding if no joint is identified, with the likely reason."""
+    statuses = [joint.status for joint in estimate.joints]
+    remedy, action = "add postures and loads that twist the joints", None
+    all_seem_rigid = set(statuses) - {"not_observable"} == {"at_bound"}
+    if all_seem_rigid:
+        remedy = (
+            "choose another robot, or check the joint map and the frame of the forces: the joints of "
+            "the chosen robot would move the targets in another way"
+        )
+        deflections = estimate.compressed.all_readings.rhs
+        _, residual_of_negated = solve_nonnegative(estimate.regressor, -deflections)
+        # If the negated deflections fit, unloaded and loaded readings, or all forces, are reversed.
+        if residual_of_negated < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(deflections):
+            remedy = "exchange unloaded and loaded readings, or change the sign of every force"
+            action = AdvisedAction.of("exchange_readings")
+    yield from report_no_identified_joint(statuses, remedy, action)
+
+
+def _report_few_postures(measurements: Measurements) -> Iterator[Finding]:
+    """Yield a finding if the set has fewer distinct postures than `_LEAST_POSTURES`."""
+    distinct_postures: list[FloatArray] = []
+    for joints in measurements.joints:
+        if all(np.abs(joints - other).max() >= _DISTINCT for other in distinct_postures):
+            distinct_postures.append(joints)
+        if len(distinct_postures) >= _LEAST_POSTURES:
+            return
+    count = len(distinct_postures)
+    yield Finding(
+        code="few_postures",
+        weight="use_with_care",
+        message=f"the set has {count} distinct posture{'s' if count > 1 else ''}, so the "
+        "stiffnesses were not tested in other postures",
+        remedy=f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° "
+        "or more",
+    )
 
 
 def _report_dropped_statements(estimate: Estimate) -> Iterator[Finding]:
@@ -779,18 +872,21 @@ def _report_dropped_statements(estimate: Estimate) -> Iterator[Finding]:
 
 
 def _report_solver(estimate: Estimate) -> Iterator[Finding]:
-    """Yield a finding if Clarabel's own answer is not the certified optimum to its tolerance."""
-    witnesses = [each.witness for each in estimate.certificates if each.witness is not None]
-    for witness in [each for each in witnesses if not each.agrees][:1]:
-        how_far = "gave no answer"
+    """Yield a finding if the solver Clarabel, run on the same problem, misses the certified optimum."""
+    for certificate in estimate.certificates:
+        witness = certificate.witness  # comparison of Clarabel's answer with the certified one
+        if witness is None or witness.agrees:
+            continue
+        difference = "gave no answer"
         if np.isfinite(witness.distance):
-            how_far = f"differs by {witness.distance:.1g} of the readings, more than {witness.limit:.0e}"
+            difference = f"differs by {witness.distance:.1g} of the readings, more than {witness.limit:.0e}"
         yield Finding(
             code="solver_disagrees",
             weight="use",
-            message=f"Clarabel's own answer {how_far}; the numbers stand, as the certificate proves them",
+            message=f"Clarabel's own answer {difference}; the numbers stand, as the certificate proves them",
             remedy="reinstall the package clarabel, and report this problem with the data",
         )
+        return  # one finding is enough
 
 
 def report_no_identified_joint(
@@ -806,11 +902,11 @@ def report_no_identified_joint(
     if "identified" in statuses:
         return
     counts = Counter(status.replace("_", " ") for status in statuses)
+    counts_text = ", ".join(f"{count} {status}" for status, count in counts.items())
     yield Finding(
         code="no_joint_identified",
         weight="do_not_use",
-        message="the readings identify no joint: "
-        + ", ".join(f"{count} {status}" for status, count in counts.items()),
+        message=f"the readings identify no joint: {counts_text}",
         remedy=remedy,
         action=action,
     )
@@ -819,10 +915,11 @@ def report_no_identified_joint(
 def measure_pure_error(rows: Rows, estimate: Estimate, prediction: Prediction) -> PureError | None:
     """Return the noise of the readings whatever the model; None if the readings do not show it."""
     measurements = rows.measurements
-    readings = float(measurements.coordinates.sum())
+    reading_count = float(measurements.coordinates.sum())
     if measurements.encoders is not None:
-        readings += float(measurements.encoders.present.sum())
-    return compute_pure_error(rows, prediction.residual, readings - estimate.degrees_of_freedom)
+        reading_count += float(measurements.encoders.present.sum())
+    fitted_unknowns = reading_count - estimate.degrees_of_freedom
+    return compute_pure_error(rows, prediction.residual, fitted_unknowns)
 
 
 def report_unexplained_motion(pure_error: PureError) -> Finding:
@@ -842,27 +939,32 @@ def report_unexplained_motion(pure_error: PureError) -> Finding:
 def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bool) -> Iterator[Finding]:
     """Yield a finding if the fit has no degrees of freedom, or residuals too small or large for a tracker.
 
-    If the noise of the readings is known whatever the model, residuals are compared with that noise instead.
+    `known` tells whether targets of the same posture show the noise of the readings: then residuals are
+    compared with that noise elsewhere.
     """
     # A rigid flange moves by six coordinates at most, however many targets it has.
     coordinates = int(np.minimum(measurements.coordinates.sum(axis=1), 6).sum())
     if measurements.encoders is not None:
         coordinates += int(measurements.encoders.present.sum())
     freedom = min(estimate.degrees_of_freedom, coordinates - estimate.rank)
-    sigma = None if estimate.sigma_given else estimate.sigma
     if freedom < _LEAST_FREEDOM:
-        stated = estimate.sigma_given
-        consequence = (
-            "the uncertainty comes from the stated noise only" if stated else "the uncertainty is unknown"
-        )
+        weight: Verdict = "do_not_use"
+        consequence = "the uncertainty is unknown"
+        if estimate.sigma_given:
+            weight = "use_with_care"
+            consequence = "the uncertainty comes from the stated noise only"
         yield Finding(
             code="no_residual_freedom",
-            weight="use_with_care" if stated else "do_not_use",
+            weight=weight,
             message="there are as many parameters as readings, so the fit reproduces any readings exactly: "
             f"{consequence}",
             remedy="measure at least twice as many observations",
         )
-    elif sigma is not None and sigma < LEAST_SIGMA:
+        return
+    if estimate.sigma_given or estimate.sigma is None:
+        return
+    sigma = estimate.sigma  # from the residuals [m]
+    if sigma < LEAST_SIGMA:
         yield Finding(
             code="residuals_vanish",
             weight="use_with_care",
@@ -871,7 +973,7 @@ def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bo
             "not measured, so the uncertainties are meaningless",
             remedy=f"state `noise` from the tracker's data sheet; {PAST_CARE}",
         )
-    elif sigma is not None and sigma > LARGEST_SIGMA and not known:
+    elif sigma > LARGEST_SIGMA and not known:
         yield Finding(
             code="sigma_implausible",
             weight="use_with_care",
@@ -911,7 +1013,8 @@ def _report_residuals(
     """Yield a finding if the residuals are larger or smaller than the stated sigma predicts."""
     test = estimate.sigma_test
     yield from report_refuted_noise(measurements, estimate.sigma)
-    ratio = float(np.sqrt(estimate.chi_square / max(estimate.degrees_of_freedom, _LEAST_FREEDOM)))
+    freedom = max(estimate.degrees_of_freedom, _LEAST_FREEDOM)
+    ratio = float(np.sqrt(estimate.chi_square / freedom))  # size of the residuals relative to sigma
     if test is None or test.result == "consistent" or abs(ratio - 1.0) < WORTH_A_WARNING:
         return
     if test.result == "residuals_too_small":
@@ -924,25 +1027,29 @@ def _report_residuals(
             remedy="check `noise` and `units.length`; omit `noise` so that sigma is estimated from the "
             "residuals",
         )
-    else:
-        weight: Verdict = "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
-        if test.p_value > CARE_LEVEL or (not joints_alone and ratio <= CARE_RATIO_OF_LINKS):
-            weight = "use"  # chance, or the penalty of the links, may enlarge the residuals so far
-        agreement = ""
-        if pure_error is not None and pure_error.shows_motion:
-            agreement = (
-                f". Targets of one posture agree to within {length_text(pure_error.sigma)}, so the flange "
-                "moves differently from the model"
-            )
-        yield Finding(
-            code="residuals_exceed_sigma",
-            weight=weight,
-            message=f"the residuals are {figure(ratio, '.3g')} times as large as the stated noise allows, so "
-            "the uncertainties are too small; how much too small depends on the deflections that the "
-            f"model does not explain{agreement}",
-            remedy=_FIT_CAUSES_FIRST if cause_found else _CHECK_NOISE,
-            action=None if cause_found else AdvisedAction.of("omit_noise"),
+        return
+    may_be_chance = test.p_value > CARE_LEVEL
+    may_be_penalty = (
+        not joints_alone and ratio <= CARE_RATIO_OF_LINKS
+    )  # the links' penalty enlarges residuals
+    weight: Verdict = "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
+    if may_be_chance or may_be_penalty:
+        weight = "use"
+    agreement = ""
+    if pure_error is not None and pure_error.shows_motion:
+        agreement = (
+            f". Targets of one posture agree to within {length_text(pure_error.sigma)}, so the flange "
+            "moves differently from the model"
         )
+    yield Finding(
+        code="residuals_exceed_sigma",
+        weight=weight,
+        message=f"the residuals are {figure(ratio, '.3g')} times as large as the stated noise allows, so "
+        "the uncertainties are too small; how much too small depends on the deflections that the "
+        f"model does not explain{agreement}",
+        remedy=_FIT_CAUSES_FIRST if cause_found else _CHECK_NOISE,
+        action=None if cause_found else AdvisedAction.of("omit_noise"),
+    )
 
 
 def _report_unexplained(
@@ -953,17 +1060,19 @@ def _report_unexplained(
     If the stated noise explains the residuals, the finding has the weight `use`.
     """
     share, is_noise = prediction.compensation, residuals_within_noise(estimate)
-    if share is None or share >= (UNUSABLE_SHARE if is_noise else CARE_SHARE):
+    least_share = UNUSABLE_SHARE if is_noise else CARE_SHARE
+    if share is None or share >= least_share:
         return
     weight: Verdict = "use_with_care" if share >= UNUSABLE_SHARE else "do_not_use"
-    norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
+    largest_residuals = np.linalg.norm(prediction.residual, axis=2).max(axis=1)  # (N,) of each observation
+    worst_posture = measurements.labels[largest_residuals.argmax()]
     yield Finding(
         code="deflection_unexplained",
         weight="use" if is_noise else weight,
         message=f"the joints explain only {100 * share:.3g} % of the mean deflection; the joints of "
         "industrial robots usually explain about 80 %",
         remedy="check the robot's model, the joint map, the frame and signs of the forces, and the units",
-        action=AdvisedAction.of("show_posture", [measurements.labels[norm.argmax()]]),
+        action=AdvisedAction.of("show_posture", [worst_posture]),
     )
 
 
@@ -971,21 +1080,19 @@ def report_implausible_results(estimate: Estimate) -> Iterator[Finding]:
     """Yield findings on dominant priors, implausible stiffnesses, and a neglected K_c that matters."""
     for joint in estimate.joints:
         ratio = joint.prior_to_data
-        if ratio is not None and ratio > 1.0:
-            description = (
-                "alone separates this joint from other joints"
-                if np.isinf(ratio)
-                else f"carries {figure(ratio, '.3g')} times as much information as the readings"
-            )
-            yield Finding(
-                code="prior_dominates",
-                weight="use_with_care",
-                message=f"the prior of {joint.name} {description}: the estimate mainly repeats "
-                "the data sheet",
-                remedy="add loads and postures with more torque about the joint's axis, or omit the prior "
-                "to see the result of the readings alone",
-                where=joint.name,
-            )
+        if ratio is None or ratio <= 1.0:
+            continue
+        description = f"carries {figure(ratio, '.3g')} times as much information as the readings"
+        if np.isinf(ratio):
+            description = "alone separates this joint from other joints"
+        yield Finding(
+            code="prior_dominates",
+            weight="use_with_care",
+            message=f"the prior of {joint.name} {description}: the estimate mainly repeats the data sheet",
+            remedy="add loads and postures with more torque about the joint's axis, or omit the prior "
+            "to see the result of the readings alone",
+            where=joint.name,
+        )
     yield from report_implausible_joints(estimate.joints)
     if estimate.complementary_stiffness is not None:
         yield from _report_complementary_stiffness(estimate.complementary_stiffness)
@@ -993,33 +1100,33 @@ def report_implausible_results(estimate: Estimate) -> Iterator[Finding]:
 
 def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
     """Yield a finding for each identified stiffness outside the range of industrial robots."""
-    identified = {
-        joint.name: 1.0 / joint.compliance if joint.compliance else np.inf
-        for joint in joints
-        if joint.status == "identified" and joint.compliance is not None
-    }
     least, greatest = PLAUSIBLE_STIFFNESS
-    implausible = {name: k for name, k in identified.items() if not least <= abs(k) <= greatest}
+    stiffnesses = {}
+    for joint in joints:
+        if joint.status == "identified" and joint.compliance is not None:
+            stiffnesses[joint.name] = 1.0 / joint.compliance if joint.compliance else np.inf
+    implausible = {name: k for name, k in stiffnesses.items() if not least <= abs(k) <= greatest}
     kinds = {joint.name: joint.kind for joint in joints}
     for name, stiffness in implausible.items():
-        # A wrong unit scales all joints, a wrong column or map changes single joints.
-        remedy = (
-            f"check the angles and the joint map of {name} and its neighbours; the stiffnesses of the "
-            "other joints are plausible"
-        )
         if stiffness < 0.0:
             remedy = (
                 "set `positive` to true; check the joint map, the order of the angles, and the signs of the "
                 "forces"
             )
-        elif len(implausible) == len(identified):
+        elif len(implausible) == len(stiffnesses):  # a wrong unit scales all joints
             remedy = "check the units of force, length and moment: all joints are out of range"
+        else:  # a wrong column or joint map changes single joints
+            remedy = (
+                f"check the angles and the joint map of {name} and its neighbours; the stiffnesses of the "
+                "other joints are plausible"
+            )
+        kind = kinds[name]
         yield Finding(
             code="stiffness_implausible",
             weight="do_not_use",
-            message=f"the stiffness of {name} is {stiffness_text(stiffness, kinds[name])}; for joints of "
-            f"industrial robots, {stiffness_text(least, kinds[name])} to "
-            f"{stiffness_text(greatest, kinds[name])} is plausible",
+            message=f"the stiffness of {name} is {stiffness_text(stiffness, kind)}; for joints of "
+            f"industrial robots, {stiffness_text(least, kind)} to {stiffness_text(greatest, kind)} is "
+            "plausible",
             remedy=f"{remedy}; {PAST_DO_NOT_USE}",
             where=name,
         )
@@ -1047,19 +1154,9 @@ def _report_complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Fi
 
 def _report_links(prediction: Prediction, screening: Screening | None) -> Iterator[Finding]:
     """Yield a finding if links or base bend (method.md §7), or if joints alone do not fit the readings."""
-    gain, evidence_of_bending = None, ""
-    if screening is not None:
-        gain = screening.gain
-        evidence_of_bending = (
-            f"something besides the joints bends (F test, p = {screening.links_p_value:.1g})"
-        )
-    if gain is not None:
-        evidence_of_bending += (
-            f". The model with {gain.model.replace('_', ' ')} predicts held-out postures to "
-            f"{length_text(gain.error)}, the model with joints alone to "
-            f"{length_text(gain.error_of_joints)}"
-        )
-    evidence = "" if gain is None else f"{evidence_of_bending}. "
+    evidence = "" if screening is None else _describe_evidence_of_bending(screening)
+    gain = None if screening is None else screening.gain
+    introduction = "" if gain is None else f"{evidence}. "
     if prediction.bending == "links_or_base":
         intervals = "the intervals of the stiffnesses contain the values of both models"
         if not prediction.joined:
@@ -1071,8 +1168,8 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
         yield Finding(
             code="links_or_base",
             weight="use_with_care",
-            message=f"{evidence}Links or the base bend: the readings do not distinguish a model with links "
-            f"from a model with a base. Predictions use the model with {prediction.predicted_by}; "
+            message=f"{introduction}Links or the base bend: the readings do not distinguish a model with "
+            f"links from a model with a base. Predictions use the model with {prediction.predicted_by}; "
             f"{intervals}",
             remedy="turn joint 1 between the readings, or put a target on the base plate",
         )
@@ -1080,7 +1177,7 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
         yield Finding(
             code="base_bends",
             weight="use_with_care",
-            message=f"{evidence}The base below the first joint bends under the load. Readings cannot "
+            message=f"{introduction}The base below the first joint bends under the load. Readings cannot "
             "distinguish a rotation of the base about the first axis from a rotation of joint 1; the "
             "stiffnesses of the other joints do not include the base",
             remedy="tighten and stiffen the base, or use the stiffnesses of joints and base together; a "
@@ -1090,18 +1187,31 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
         yield Finding(
             code="links_bend_with_joints",
             weight="use_with_care",
-            message=f"{evidence}Each joint's stiffness includes some bending of its link; the bias exceeds "
-            "the stated uncertainty. Predicted deflections are not affected",
+            message=f"{introduction}Each joint's stiffness includes some bending of its link; the bias "
+            "exceeds the stated uncertainty. Predicted deflections are not affected",
             remedy="use the model to predict deflections; do not quote the stiffness of a single joint, as "
             "readings under load cannot separate a joint from its link",
         )
     elif screening is not None and screening.lack_of_fit:
+        can_compare_models = gain is None and screening.comparable
         yield Finding(
             code="lack_of_fit",
             weight="use_with_care",
-            message=evidence_of_bending,
+            message=evidence,
             remedy="set elasticity to automatic: the readings then choose the model; otherwise use these "
             "stiffnesses only for postures and loads like the measured ones, because the stiffnesses "
             "include the bending of links",
-            action=AdvisedAction.of("choose_model") if gain is None and screening.comparable else None,
+            action=AdvisedAction.of("choose_model") if can_compare_models else None,
         )
+
+
+def _describe_evidence_of_bending(screening: Screening) -> str:
+    """Return a text on the test of links, and on the errors of held-out postures if models were compared."""
+    test = f"something besides the joints bends (F test, p = {screening.links_p_value:.1g})"
+    gain = screening.gain
+    if gain is None:
+        return test
+    return (
+        f"{test}. The model with {gain.model.replace('_', ' ')} predicts held-out postures to "
+        f"{length_text(gain.error)}, the model with joints alone to {length_text(gain.error_of_joints)}"
+    )
