@@ -156,8 +156,8 @@ class Noise(Message):
     )
     pose_repeatability: Place | None = Field(
         default=None,
-        description="Pose repeatability RP of the robot by ISO 9283, as its maker states it, in "
-        "units.length; instead of `repeatability`.",
+        description="Pose repeatability RP by the maker (ISO 9283), in units.length, instead of "
+        "`repeatability`.",
         examples=[5e-5],
     )
     instrument: Instrument | None = Field(

@@ -12,7 +12,7 @@ accounts for the residuals that the fit of c takes away (Patterson & Thompson, *
 Few readings show neither that s is zero nor that it is not, and a fit with s = 0 then has intervals that are
 too narrow. A fit therefore has the root mean square of s and of u, given the likelihood and what is known
 before: where nothing is stated, s and u are half-normal, of 20 µrad and 10 µm, or of the most likely errors
-where the readings make that a hundred times as probable; a stated repeatability is right to a factor of two
+where the readings are more probable with these; a stated repeatability is right to a factor of two
 (log-normal), as data sheets and earlier tests are.
 
 A likelihood ratio test tells whether the readings alone show shared errors. Zero is a bound of each ratio, so
@@ -63,8 +63,6 @@ USUAL_STATION_ERROR: Final = 1e-5
 """Scale of the half-normal distribution of a station's error, common to a posture's targets [m]."""
 DOUBT_OF_STATEMENT: Final = float(np.log(2.0))
 """Standard deviation of the logarithm of a stated repeatability."""
-LEAST_EVIDENCE: Final = float(np.log(100.0))
-"""Logarithm of the Bayes factor above which a robot or a station is taken to be worse than usual."""
 _TURNS_POINTS: Final = 12
 _STATION_POINTS: Final = 9
 _PASSES: Final = 6
@@ -312,9 +310,9 @@ class RestrictedLikelihood:
     def find_expected(self, most_likely: Scatter) -> Scatter | None:
         """Return the root mean square of the shared errors, given the residuals and what is known before.
 
-        If the residuals make usual errors far less probable than errors as large as the most likely ones, the
-        latter are taken for usual: robot or station is worse than others. None if there are too few readings
-        to estimate sigma.
+        If the residuals are less probable with usual errors than with errors as large as the most likely
+        ones, robot or station is worse than others, and the latter are taken for usual. None if there are too
+        few readings to estimate sigma.
 
         Args:
             most_likely: most likely shared errors, whose noise of the encoders is used.
@@ -330,7 +328,7 @@ class RestrictedLikelihood:
         if wider == usual:
             return expected
         others, log_evidence_of_others = self._average(most_likely, *wider)
-        return others if log_evidence_of_others - log_evidence > LEAST_EVIDENCE else expected
+        return others if log_evidence_of_others > log_evidence else expected
 
     def _average(
         self, most_likely: Scatter, prior_of_turns: _Prior, prior_of_station: _Prior
@@ -373,13 +371,13 @@ class RestrictedLikelihood:
             log_density += (int(turns.is_free) + int(station.is_free)) * np.log(sigmas)
             shape = (len(turns.points), len(station.points))
             log_mass = log_density.reshape(shape) + turns.log_weights[:, None] + station.log_weights
+            log_step = np.log(turns.step * station.step)
             finer = turns.zoom(log_mass.max(axis=1)), station.zoom(log_mass.max(axis=0))
             if finer == (turns, station):
                 break
             turns, station = finer
         mass = np.exp(log_mass - log_mass.max()).ravel()
-        steps = np.log(turns.step * station.step)
-        log_evidence = float(log_mass.max() + np.log(mass.sum()) + steps)
+        log_evidence = float(log_mass.max() + np.log(mass.sum()) + log_step)
         mass /= mass.sum()
         mean_sigma_squared = float(mass @ sigmas**2)
         joints = np.sqrt(float(mass @ (rho * sigmas) ** 2) / mean_sigma_squared)
