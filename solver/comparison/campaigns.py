@@ -538,43 +538,28 @@ def fit_ordered(
         SolverError: optimality could not be certified.
     """
     free, n = [side.free for side in sides], sides[0].robot.n
-    noise = [each.readings for each in free if each.readings is not None]
-    if len(noise) < len(sides):
-        raise RequestError(
-            "sigma is neither stated nor determined by the residuals, so the two sets cannot be weighted "
-            "against each other",
-            where="ordered",
-            remedy="state `noise.sigma`, or add observations",
-        )
-    first_constraints, second_constraints = (side.constraints for side in sides)
-    bounds = Bounds(
-        np.concatenate([first_constraints.bounds.lower, second_constraints.bounds.lower]),
-        np.concatenate([first_constraints.bounds.upper, second_constraints.bounds.upper]),
-    )
-    # In an order, (i, j) states c_i ≤ c_j; the compliances of the second campaign have the numbers n to 2 n −
-    # 1.
-    order: Order = (*first_constraints.order, *((n + i, n + j) for i, j in second_constraints.order))
-    separate = Constraints(bounds, order)
-    together = Constraints(bounds, (*((n + j, j) for j in range(n)), *order))
-    centre = np.concatenate([each.compliance for each in free])
-    known = np.flatnonzero(np.isfinite(centre))
-    c, ends = np.full(2 * n, np.nan), np.full((2 * n, 2), np.nan)
-    estimated = [np.flatnonzero(np.isfinite(each.compliance)) for each in free]
-    blocks = [part[np.ix_(j, j)] for part, j in zip(noise, estimated, strict=True) if len(j)]
-    R = block_diag(*map(invert_to_root, blocks))
-    fits = [
-        StageFit.from_rows(R, R @ centre[known], known, constraints.select(known)).solution
+    R = _compute_weights(free)
+    separate, together = _combine_constraints(sides)
+    estimates = np.concatenate([estimate.compliance for estimate in free])
+    known = np.flatnonzero(np.isfinite(estimates))
+    estimates = estimates[known]
+    ordered_fit, separate_fit = (
+        StageFit.from_rows(R, R @ estimates, known, constraints.select(known)).solution
         for constraints in (together, separate)
-    ]
-    c[known] = fits[0].compliance
-    squares = [float(np.square(R @ (fit.compliance - centre[known])).sum()) for fit in fits]
+    )
+    compliance = np.full(2 * n, np.nan)
+    compliance[known] = ordered_fit.compliance
+    chi_square_of_ordered, chi_square_of_separate = (
+        float(np.square(R @ (fit.compliance - estimates)).sum()) for fit in (ordered_fit, separate_fit)
+    )
     quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free))
-    likelihood = Likelihood(np.arange(len(known)), centre[known], covariance.stack()[np.ix_(known, known)])
-    every = np.eye(len(known))
-    low, high = compute_profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
-    ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
-    first, second = c.reshape(2, n)
-    stiffness = [[invert_compliance(value) for value in part] for part in (first, second)]
+    likelihood = Likelihood(np.arange(len(known)), estimates, covariance.stack()[np.ix_(known, known)])
+    each_compliance = np.eye(len(known))
+    (ends,) = compute_profile_ends(likelihood, together.select(known), each_compliance, np.array([quantile]))
+    intervals = np.full((2 * n, 2), np.nan)
+    intervals[known, 0] = np.minimum(ends[:, 0], ordered_fit.compliance)
+    intervals[known, 1] = np.maximum(ends[:, 1], ordered_fit.compliance)
+    first, second = compliance.reshape(2, n)
     message = OrderedResult(
         joints=build_messages(
             OrderedJoint,
@@ -582,16 +567,58 @@ def fit_ordered(
             kind=sides[0].robot.joint_kinds,
             compliance_first=first,
             compliance_second=second,
-            stiffness_first=stiffness[0],
-            stiffness_second=stiffness[1],
-            compliance_interval_first=ends[:n],
-            compliance_interval_second=ends[n:],
+            stiffness_first=[invert_compliance(value) for value in first],
+            stiffness_second=[invert_compliance(value) for value in second],
+            compliance_interval_first=intervals[:n],
+            compliance_interval_second=intervals[n:],
             equal=first == second,
         ),
-        chi_square_increase=max(0.0, squares[0] - squares[1]),
-        certificate=greatest_violations([fits[0].certificate]),
+        chi_square_increase=max(0.0, chi_square_of_ordered - chi_square_of_separate),
+        certificate=greatest_violations([ordered_fit.certificate]),
     )
-    return message, c.reshape(2, n)
+    return message, compliance.reshape(2, n)
+
+
+def _combine_constraints(sides: Sequence[Side]) -> tuple[Constraints, Constraints]:
+    """Return constraints on the 2 n compliances of both campaigns: their own ones, and also in order.
+
+    The compliances of the second campaign have the numbers n to 2 n − 1. In an order, (i, j) states
+    c_i ≤ c_j.
+
+    Raises:
+        RequestError: the constraints contradict each other.
+    """
+    n = sides[0].robot.n
+    first, second = (side.constraints for side in sides)
+    bounds = Bounds(
+        np.concatenate([first.bounds.lower, second.bounds.lower]),
+        np.concatenate([first.bounds.upper, second.bounds.upper]),
+    )
+    order_of_second = [(n + i, n + j) for i, j in second.order]
+    own_order: Order = (*first.order, *order_of_second)
+    second_is_stiffer = [(n + j, j) for j in range(n)]
+    return Constraints(bounds, own_order), Constraints(bounds, (*second_is_stiffer, *own_order))
+
+
+def _compute_weights(free: Sequence[FreeEstimate]) -> FloatArray:
+    """Return R with RᵀR = Σ⁻¹, for the noise Σ of the readings in the known compliances of both campaigns.
+
+    Raises:
+        RequestError: the noise of one of the campaigns is unknown.
+    """
+    roots = []
+    for estimate in free:
+        if estimate.readings is None:
+            raise RequestError(
+                "sigma is neither stated nor determined by the residuals, so the two sets cannot be weighted "
+                "against each other",
+                where="ordered",
+                remedy="state `noise.sigma`, or add observations",
+            )
+        known = np.flatnonzero(np.isfinite(estimate.compliance))
+        if len(known):
+            roots.append(invert_to_root(estimate.readings[np.ix_(known, known)]))
+    return np.asarray(block_diag(*roots))
 
 
 def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Matches) -> Finding | None:
