@@ -302,12 +302,11 @@ class _Search:
         `chosen` is the fit of the selected causes; the best fit found is returned.
         """
         for _ in range(_MOST_EXCHANGES):
-            previous = chosen
+            before = chosen
             for position in range(len(chosen.suspects)):
-                for fit in self._list_replacements(chosen, position, pool):
-                    if fit.criterion < chosen.criterion:
-                        chosen = fit
-            if chosen is previous:
+                replacements = self._list_replacements(chosen, position, pool)
+                chosen = min([chosen, *replacements], key=_by_criterion)
+            if chosen is before:
                 break
         return chosen
 
