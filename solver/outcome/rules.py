@@ -266,9 +266,8 @@ def _list_reasons(
         yield report_causes(causes, estimate, wrong, most=MAX_CAUSES - fitted_count)
     yield from report_fitted_causes(measurements)
     is_explained = explanation.has_gross_error or mistake is not None
-    if (
-        not is_explained
-    ):  # a gross error changes the stiffnesses; the arms compared were fitted by joints alone
+    if not is_explained:  # a gross error in the data changes the stiffnesses, too
+        # The arms with which the stiffnesses are compared were fitted by joints alone.
         yield from inspect_force_unit(robot, measurements, joints.estimate.joints)
     yield from find_reading_problems(
         robot,
