@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import FailFast, Field
 
@@ -18,12 +18,15 @@ from jointstiff.schemas.fields import (
     require_exactly_one,
 )
 from jointstiff.schemas.finding import AcceptingOptions
-from jointstiff.schemas.job import FromRun
+from jointstiff.schemas.job import FromRun, Job
 from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.program import ProgramFile
 from jointstiff.schemas.robot import MAX_JOINTS
 
 MAX_ROWS = 5_000
-"""Greatest number of rows that a service corrects in one request."""
+"""Greatest number of rows that a service corrects at once; more rows are a job."""
+MAX_TABLE_ROWS = 100_000
+"""Greatest number of rows of a job."""
 _MOST_SENT_ROWS = 2**20
 """Numbers of two bytes in a body of 2 MiB: the answer says what to do with any larger number of rows."""
 MAX_COLUMNS = 64
@@ -96,31 +99,70 @@ class CorrectionOptions(AcceptingOptions, PredictionOptions):
 _Column = Annotated[list[Quantity], Field(min_length=1, max_length=_MOST_SENT_ROWS), FailFast()]
 
 
-class CorrectionRequest(CorrectionOptions):
-    """A request of corrected poses."""
+class _CorrectionSource(CorrectionOptions):
+    """Options with the source of the stiffness."""
 
     run_id: Identifier | None = Field(default=None, description="Id of the run whose model is used.")
     robot_id: Identifier | None = Field(
         default=None, description="Id of a robot without a run: its stiffness is a prior."
     )
-    columns: Annotated[dict[Name, _Column], Field(min_length=6, max_length=MAX_COLUMNS)] = Field(
-        description="Columns of equal length, at most 5,000 rows: `x`, `y`, `z` of the tool in the base; "
-        "`rx`, `ry`, `rz` (rotation vector), `a`, `b`, `c` (about z, y', x'') or `q1` ... `q4`; if known the "
-        "controller's joints `j1` ...; `fx` ... `mz`."
-    )
 
     _one_source = require_exactly_one("run_id", "robot_id")
 
 
-class CorrectionResult(FromRun):
-    """Corrected rows."""
+class CorrectionRequest(_CorrectionSource):
+    """A request of corrected poses."""
+
+    columns: Annotated[dict[Name, _Column], Field(min_length=6, max_length=MAX_COLUMNS)] = Field(
+        description="Columns of equal length: `x`, `y`, `z` of the tool in the base; "
+        "`rx`, `ry`, `rz` (rotation vector), `a`, `b`, `c` (about z, y', x'') or `q1` ... `q4`; if known the "
+        "controller's joints `j1` ...; `fx` ... `mz`. Over 5,000 rows are a job."
+    )
+
+
+class CorrectionTableRequest(_CorrectionSource):
+    """A request of a corrected table, as its job stores it."""
+
+    files: Annotated[list[ProgramFile], Field(max_length=1)] = Field(
+        default_factory=list, description="The table. Post it as the form's `files`."
+    )
+
+    @property
+    def name(self) -> str | None:
+        """Name of the table, for listings."""
+        return next((file.name for file in self.files), None)
+
+
+class CorrectionCounts(FromRun):
+    """Rows by status, and what is to be known about them."""
 
     confidence: Dimensionless[float]
     counts: dict[CorrectionStatus, int] = Field(description="Number of rows by status.")
     first: dict[CorrectionStatus, int] = Field(description="First row of each status, from 1.")
     remarks: list[str]
+
+
+class CorrectionResult(CorrectionCounts):
+    """Corrected rows."""
+
     columns: dict[str, list[Any]] = Field(
         description="`status` of each row; corrected pose and joints as sent (null unless `corrected`, "
         "`no_load`, `capped` or `uncertain`); `dx`, `dy`, `dz`: deflection without a correction, axes of the "
         "base, `readings` and `model_error`: half-widths of its length's interval; `residual`; `joint_speed`."
     )
+
+
+class CorrectionTableResult(CorrectionCounts):
+    """Counts of a corrected table; its files `rows.csv`, `rows.json` and `rows.parquet` have the rows."""
+
+    table: ProgramFile = Field(description="All rows; null in answers.")
+
+
+class CorrectionJob(Job):
+    """A stored correction of a table of poses. It never changes."""
+
+    collection: ClassVar[str] = "corrections"
+
+    kind: Literal["correction"] = "correction"
+    request: CorrectionTableRequest
+    result: CorrectionTableResult | None = Field(description="Present if the job succeeded.")

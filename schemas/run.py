@@ -372,13 +372,17 @@ class Goodness(Message):
     )
     repeatability: Radians[float | None] = Field(
         default=None,
-        description="Standard deviation of a joint's angle from posture to posture; null if the residuals "
-        "show none.",
+        description="Standard deviation of a joint's angle from posture to posture that the fit allows for; "
+        "null if it allows for none.",
     )
     repeatability_at_targets: Metres[float | None] = Field(
         default=None, description="Root mean square motion of the targets by `repeatability`."
     )
-    repeatability_source: Literal["given", "residuals"] | None = None
+    repeatability_source: Literal["given", "residuals", "assumed"] | None = Field(
+        default=None,
+        description="`given`: the stated number, corrected by the residuals; `residuals`: the residuals show "
+        "it; `assumed`: they do not show any, and the fit allows for what usual robots may have.",
+    )
 
 
 class ComplementaryStiffness(Message):

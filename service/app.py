@@ -13,7 +13,7 @@ from fastapi import APIRouter, FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.routing import BaseRoute
 
-from jointstiff.service.api import admin, archives, bridges, health, jobs, live, resources, runs
+from jointstiff.service.api import admin, archives, bridges, corrections, health, jobs, live, resources, runs
 from jointstiff.service.api.answers import install_error_handlers
 from jointstiff.service.api.description import DescribedApplication, describe_problems
 from jointstiff.service.api.health import Metrics, Watch
@@ -132,6 +132,7 @@ def all_routes() -> Sequence[BaseRoute]:
         runs.deflections,
         runs.imports,
         runs.programs,
+        corrections.router,
         health.router,
         admin.sessions,
         admin.router,

@@ -42,8 +42,12 @@ class Model:
 
     def list_frames(self, columns: Columns) -> tuple[int, ...]:
         """Return the frames of the links and base that bend: joint indices of the links, then `BASE`."""
-        links = columns.links if self.has_links else ()
-        return (*links, springs.BASE) if self.has_base else links
+        frames = list[int]()
+        if self.has_links:
+            frames.extend(columns.links)
+        if self.has_base:
+            frames.append(springs.BASE)
+        return tuple(frames)
 
 
 JOINTS: Final = Model("joints")
@@ -92,14 +96,15 @@ class Columns:
 
     @classmethod
     def from_options(cls, options: RunOptions, robot: Robot) -> Columns:
-        """Return the columns of the links that may bend.
+        """Return the columns for the links that the options name; for all links if they name none.
 
         Raises:
             RequestError: the robot has no joint that an option names.
             UnsupportedMethodError: the robot has too many joints.
         """
-        named = sorted({robot.joint_index(name, "links") for name in options.links})
-        return cls(robot.n, tuple(named or range(robot.n)))
+        named_links = sorted({robot.joint_index(name, "links") for name in options.links})
+        links = named_links or range(robot.n)
+        return cls(robot.n, tuple(links))
 
     @property
     def width(self) -> int:
@@ -127,6 +132,7 @@ class Columns:
         return springs.JOINTS, springs.COUPLED_JOINTS, build_links_term(self.frames)
 
     def link_columns(self, frame: int) -> IndexArray:
-        """Return the columns (21,) of the compliance C_i of the link behind joint `frame`, or of `BASE`."""
-        start = self.n + len(self.coupling) + 21 * self.frames.index(frame)
-        return np.arange(start, start + 21)
+        """Return the columns (21,) of the 6 × 6 compliance of the link behind joint `frame`, or of `BASE`."""
+        number = self.frames.index(frame)
+        first = self.n + len(self.coupling) + 21 * number
+        return np.arange(first, first + 21)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import RunResult
+from jointstiff.schemas.run import Advice, RunResult
 from jointstiff.solver.choice.competition import Competition, find_obstacle_to_elastic_links
 from jointstiff.solver.design.plan import advise_next_readings
 from jointstiff.solver.errors import JointstiffError
@@ -60,8 +60,11 @@ def run(
         JointstiffError: the identification fails; the error says why.
     """
     identification = Identification(robot, measurements, options, noticed)
-    long = identification.long
-    return identification.conclude([] if long is None else [long.compute(span) for span in long.steps()])
+    arrays_of_steps = list[Arrays]()
+    if identification.long is not None:
+        for span in identification.long.steps():
+            arrays_of_steps.append(identification.long.compute(span))
+    return identification.conclude(arrays_of_steps)
 
 
 class Identification:
@@ -75,7 +78,9 @@ class Identification:
     def __init__(
         self, robot: Robot, measurements: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
     ) -> None:
-        """Check the request; if the model is to be chosen automatically, also identify the joints.
+        """Check the request, and decide whether the run has a long part.
+
+        If the model is to be chosen automatically, the joints are identified to decide this.
 
         Args:
             robot: robot with n joints.
@@ -92,14 +97,15 @@ class Identification:
         self.long: Draws | Competition | None = None
         if options.weight is not None:  # a run by the robot's own weight has no long part
             return
-        causes = [cause.name_and_first_label for cause in options.causes]
-        refuted = list_refuted(measurements, self._noticed)
-        rows = Rows(robot, measurements.require_loads())
-        rows = rows.of(fit_causes(rows, causes, refuted))
+        # Errors that the user names are fitted first, and subtracted from the readings.
+        named_causes = [cause.name_and_first_label for cause in options.causes]
+        refuted = list_refuted(measurements, self._noticed)  # stated numbers that the readings contradict
+        as_measured = Rows(robot, measurements.require_loads())
+        corrected = as_measured.of(fit_causes(as_measured, named_causes, refuted))
         settings = Settings.from_options(options, robot)
-        self._joints = JointsAlone(rows, settings, self._noticed)
+        self._joints = JointsAlone(corrected, settings, self._noticed)
         if options.elasticity == "automatic":
-            self._obstacle = find_obstacle_to_elastic_links(options, settings, robot, rows.measurements)
+            self._obstacle = find_obstacle_to_elastic_links(options, settings, robot, corrected.measurements)
         if self._compares_models():
             self.long = Competition(self._joints, options)
         elif options.resampling is not None:
@@ -108,7 +114,8 @@ class Identification:
     def _compares_models(self) -> bool:
         """Return whether elastic models compete: if requested, or if links or base seem to bend.
 
-        A gross mistake in the readings leaves residuals that look like those of elastic links.
+        Unsound readings are no reason to compare models: a gross mistake leaves residuals that look like
+        those of elastic links.
         """
         if self._options.elasticity != "automatic":
             return self._options.elasticity != "joints"
@@ -116,10 +123,10 @@ class Identification:
             return False
         try:
             screening = self._joints.screening
-            bends = screening.links_need_validation or screening.base_needs_validation
-        except JointstiffError:  # the run fails when it is carried out, and says why
+            seems_to_bend = screening.links_need_validation or screening.base_needs_validation
+        except JointstiffError:  # `conclude` fails with the same error, which says why
             return False
-        return bends and self._joints.are_sound
+        return seems_to_bend and self._joints.are_sound
 
     def conclude(self, parts: Sequence[Arrays]) -> RunResult:
         """Compute the result of the run from the arrays of its long part.
@@ -139,25 +146,38 @@ class Identification:
             found = self._find_joints()
         joints = self._joints
         assessment = assess(joints, found.estimate, found.prediction, found.screening, found.unseen)
+
         # Further readings are advised only if the readings contain no mistake and only joints bend: else the
         # gain of another reading is unknown.
-        usable = assessment.verdict != "do_not_use" and found.links is None
-        advice = advise_next_readings(self._robot, joints.measurements, found.estimate) if usable else ()
+        only_joints_bend = found.links is None
+        is_usable = assessment.verdict != "do_not_use"
+        advice: tuple[Advice, ...] = ()
+        if is_usable and only_joints_bend:
+            advice = advise_next_readings(self._robot, joints.measurements, found.estimate)
         resampling = self.long.statistics(parts) if isinstance(self.long, Draws) else None
         return describe_found(found, assessment, joints.noticed, advice, resampling)
 
     def _find_joints(self) -> Found:
-        """Return joints alone, with the evidence for them, where no models were compared."""
-        screening = replace(self._joints.screening, comparable=self._obstacle is None)
+        """Return the model in which only joints bend, of a run that compares no models.
+
+        The screening are tests of what this model leaves unexplained; the choice is a message on why only
+        joints are assumed to bend.
+        """
+        models_are_comparable = self._obstacle is None
+        screening = replace(self._joints.screening, comparable=models_are_comparable)
         choice = describe_choice_of_joints(self._options, screening, self._obstacle)
         return find_joints(self._joints, screening, choice)
 
     def _find_best(self, competition: Competition, parts: Sequence[Arrays]) -> Found:
-        """Return the best model of a competition: an elastic one, or joints alone with the better loss."""
+        """Return the model that predicts held-out postures best.
+
+        The winner is a model with elastic links or base, or joints alone with one of the losses.
+        """
         winner = competition.choose_winner(parts)
         screening = replace(competition.screening, gain=winner.selection.gain)
         if winner.elastic is not None:
             return find_elastic(self._joints, competition, winner, winner.elastic, screening)
-        loss: Loss = "huber" if winner.held_out.loss == "huber" else "squared"
         choice = describe_choice_by_comparison(winner, screening)
-        return find_joints(self._joints.with_loss(loss), screening, choice)
+        loss: Loss = "huber" if winner.held_out.loss == "huber" else "squared"
+        joints = self._joints.with_loss(loss)
+        return find_joints(joints, screening, choice)

@@ -119,7 +119,7 @@ def _find_content_makers(kind: AnyKind) -> Mapping[str, _MakeContent]:
         maker_by_name |= {f"model.{suffix}": _make_model_file for suffix in FORMATS}
     elif kind.has_report:
         maker_by_name |= {"report.pdf": _make_job_report, "report.html": _make_job_report}
-    if kind.is_form:
+    if kind.writes_programs:
         maker_by_name["program"] = _make_program_file
     if kind.name in {Run.kind_name(), Plan.kind_name()}:
         maker_by_name["rehearsal.json"] = _make_rehearsal

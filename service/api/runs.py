@@ -15,7 +15,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, File, Form, HTTPException, Request, Response, UploadFile
 from pydantic import Json, JsonValue, TypeAdapter, ValidationError
 
-from jointstiff.schemas.correction import CorrectionRequest, CorrectionResult
+from jointstiff.schemas.correction import CorrectionJob, CorrectionTableRequest
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message, Name, content_key
 from jointstiff.schemas.finding import AdvisedAction
@@ -24,7 +24,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSe
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.process import Process, ProcessRequest
 from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
-from jointstiff.schemas.program import Program, ProgramRequest
+from jointstiff.schemas.program import Program, ProgramFile, ProgramRequest
 from jointstiff.schemas.robot import CatalogueModel, RobotChange, RobotDocument
 from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.api.answers import InjectedParts, describe_post_responses, json_response
@@ -49,10 +49,8 @@ from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.problems import NotFoundError, find_path_in_document
 from jointstiff.service.resources.proposals import import_or_propose
 from jointstiff.service.resources.stored import load_job, robot_from_record
-from jointstiff.service.runs.correction.answer import correct_request
 from jointstiff.service.runs.deflection import predict_by_run
 from jointstiff.service.runs.mending import apply_action_to_campaign, fill_in_payload
-from jointstiff.service.runs.verdicts import refuse_unaccepted
 from jointstiff.service.security.access import OPERATOR
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.tables import IdempotencyKey, JobRecord
@@ -298,44 +296,6 @@ def _predict_as_json(parts: Parts, body: DeflectionRequest) -> str:
     return predict_by_run(robot, run, body).model_dump_json()
 
 
-@deflections.post("/v1/corrections", dependencies=[OPERATOR], response_model=CorrectionResult)
-async def compute_corrections(
-    request: Request,
-    parts: InjectedParts,
-    body: Annotated[CorrectionRequest, json_body(EXAMPLES["corrections"])],
-) -> Response:
-    """Correct poses for the deflection under load by the model of a run, or by a prior. Nothing is stored.
-
-    The answer has the columns of the request, corrected, and the status of each row. With joints, a wrong
-    tool, base or unit is refused, and frames that fit are proposed.
-    """
-    return json_response(
-        await run_sync(_correct_as_json, parts, body, limiter=limiter_of_large_work(request))
-    )
-
-
-def _correct_as_json(parts: Parts, body: CorrectionRequest) -> str:
-    """Correct poses with the model of a stored run, or of a robot; return the result as JSON text.
-
-    Raises:
-        RequestError: run or robot do not exist, or the request cannot be carried out.
-    """
-    if body.run_id is None:
-        try:
-            robot = parts.robots.find(body.robot_id, None)
-        except NotFoundError as error:
-            raise RequestError(error.reason, remedy=error.remedy, where="robot_id") from error
-        return correct_request(robot, None, body).model_dump_json()
-    try:
-        run = load_job(parts.store, Run, body.run_id)
-        robot = parts.sets.prepared(run.request.measurement_set_id).robot
-    except NotFoundError as error:
-        raise RequestError(error.reason, remedy=error.remedy, where="run_id") from error
-    if run.result is not None:
-        refuse_unaccepted(run.result.assessment, body.accept_verdict, f"run '{run.id}'")
-    return correct_request(robot, run, body).model_dump_json()
-
-
 @imports.post(
     "/v1/imports", dependencies=[OPERATOR], response_model=ImportAnswer, responses=describe_problems(404)
 )
@@ -392,7 +352,7 @@ async def create_program(
     posted: InjectedPost, files: _Program, options: _ProgramOptions, idempotency_key: KeyText = None
 ) -> Response:
     """Correct the targets of a program."""
-    return await _answer_form(posted, Program, files, options, idempotency_key)
+    return await answer_form(posted, Program, files, options, idempotency_key)
 
 
 @programs.post(
@@ -407,17 +367,20 @@ async def create_process(
     posted: InjectedPost, files: _Program, options: _ProcessOptions, idempotency_key: KeyText = None
 ) -> Response:
     """Turn the tool and place the workpiece of a program."""
-    return await _answer_form(posted, Process, files, options, idempotency_key)
+    return await answer_form(posted, Process, files, options, idempotency_key)
 
 
-async def _answer_form(
+async def answer_form(
     posted: Posted,
-    job_class: type[Program | Process],
+    job_class: type[Program | Process | CorrectionJob],
     files: list[UploadFile],
-    options: ProgramRequest | ProcessRequest,
+    options: ProgramRequest | ProcessRequest | CorrectionTableRequest,
     idempotency_key: str | None,
+    pack: Callable[[str, bytes], ProgramFile] = compress_file,
 ) -> Response:
     """Store the job of a form with its uploaded files, and return the answer.
+
+    `pack` makes a stored file of name and content.
 
     Raises:
         RequestError: two files have the same name, or the options contain files.
@@ -433,7 +396,7 @@ async def _answer_form(
 
     def create(jobs: Jobs) -> JobRecord:
         """Store the job with the uploaded files; return the job's record."""
-        packed_files = [compress_file(*read_named_file(file)) for file in files]
+        packed_files = [pack(*read_named_file(file)) for file in files]
         body = options.model_copy(update={"files": packed_files})
         key = bind_key(idempotency_key, body.model_dump_json().encode())
         return jobs.create(body, key, posted.by)

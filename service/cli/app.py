@@ -21,7 +21,6 @@ _LATE_COMMANDS = {room.command: room.summary for room in ROOMS.values()} | {
     "measure": "Measure live until a goal is reached.",
     "import": "Import files of readings as a campaign.",
     "predict": "Predict deflections in given postures under given loads.",
-    "correct": "Correct a table of poses for the deflection under load.",
 }
 """Help texts, by name, of the commands that are built only when called: importing messages takes time."""
 _SETTINGS: Any = {

@@ -257,15 +257,16 @@ def build_correct_command() -> Callable[..., None]:
     def command(file: str, poses: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Correct a table of poses for the deflection under load."""
         from jointstiff.service.cli.models import read_or_identify_run
-        from jointstiff.service.library import here
+        from jointstiff.service.library.here import Here
+        from jointstiff.service.tables.terminal import progress_bar
 
         if values["output"] is not None:
             cli.check_ending(values["output"], [".csv", ".parquet"])
             cli.refuse_existing(values["output"], overwrite=values["overwrite"])
         stated = gather_stated_fields(CorrectionOptions, values)
         source = file if values["run"] is None else read_or_identify_run(Path(file), values["run"])
-        with naming_options(CorrectionOptions):
-            result = here.correct(source, poses, **stated)
+        with naming_options(CorrectionOptions), progress_bar(shown=True) as show_progress:
+            result = Here().correct(source, poses, on_progress=show_progress, **stated)
         if values["output"] is not None:
             result.save(values["output"])
             cli.warn(f"wrote {values['output']}")

@@ -22,7 +22,12 @@ OPTIONS_BYTES: Final = 64 * 1024
 READINGS_BYTES: Final = 4 * 1024 * 1024
 """Greatest size of a request that has readings."""
 
-MEDIA_TYPES: Final = {"csv": "text/csv", "json": "application/json", "npz": "application/octet-stream"}
+MEDIA_TYPES: Final = {
+    "csv": "text/csv",
+    "json": "application/json",
+    "npz": "application/octet-stream",
+    "parquet": "application/vnd.apache.parquet",
+}
 """Types of files for HTTP, by the ending of the name."""
 Source = Literal[
     "measurement_set", "run", "campaigns", "sets", "robot_or_set", "run_or_robot", "readings", "files"
@@ -95,6 +100,7 @@ class Kind(Generic[AnyJob, AnyRequest]):
     files: tuple[File, ...] = ()  # files that can be downloaded
     has_report: bool = True  # true if a job of this kind has a printable report, made of its tables
     is_form: bool = False  # true if a request is posted as a form with files, at a route of its own
+    writes_programs: bool = False  # true if a result has files of a program
     to_answer: Callable[[str], str] = str  # convert a stored job's JSON to the JSON that the API returns
     # return the charts of a result, for reports and `plot`
     make_charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()

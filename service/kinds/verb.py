@@ -155,6 +155,16 @@ class Backend(Protocol):
         `files` has the contents of files by name, if jobs of this kind need files.
         """
 
+    def correct_poses(
+        self,
+        source: Any,  # noqa: ANN401 - a run, a campaign, or a robot
+        poses: Any,  # noqa: ANN401 - an array, or a file
+        joints: Any,  # noqa: ANN401 - an array
+        stated: Mapping[str, Any],
+        monitor: JobMonitor,
+    ) -> Any:  # noqa: ANN401 - a `Correction`
+        """Correct poses; return arrays. `stated` has the options of `correct` by name."""
+
 
 @dataclass(frozen=True)
 class Request:
@@ -306,7 +316,7 @@ Raises:
 """Description of the result and the errors of all verbs."""
 
 
-def describe_verb(verb: Callable[..., object], kind: AnyKind) -> None:
+def describe_verb(verb: Callable[..., object], kind: AnyKind, outcome: str = _OUTCOME) -> None:
     """Complete the docstring of a verb: arguments that all verbs have, result, errors, and all options.
 
     The verb describes its own arguments and errors. `fields`, the options, is described unless the verb does.
@@ -320,8 +330,8 @@ def describe_verb(verb: Callable[..., object], kind: AnyKind) -> None:
     arguments += _ARGUMENTS.format(**names)
     described_fields = stated_fields or f"fields of `{kind.options.__name__}`."
     arguments += f"    fields: {described_fields}\n"
-    outcome = _OUTCOME.format(**names) + own_errors
-    lines = [f"{summary}\n\nArgs:\n{arguments}{outcome.rstrip()}", "\nKeyword Args:"]
+    ending = outcome.format(**names) + own_errors
+    lines = [f"{summary}\n\nArgs:\n{arguments}{ending.rstrip()}", "\nKeyword Args:"]
     verb.__doc__ = "\n".join([*lines, *_describe_options(kind.options)])
 
 

@@ -36,7 +36,13 @@ from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, make_presented_class
 from jointstiff.service.library.robots import read_joint_kinds
 from jointstiff.service.library.verbs import Verbs
-from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
+from jointstiff.service.problems import (
+    AwayError,
+    CampaignError,
+    RefusedError,
+    as_campaign_error,
+    http_problem,
+)
 from jointstiff.service.resources.documents import (
     AnyCampaign,
     parse_document,
@@ -50,6 +56,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from jointstiff.schemas.comparison import Comparison
+    from jointstiff.schemas.correction import CorrectionJob
     from jointstiff.schemas.deflection import Map
     from jointstiff.schemas.fleet import Fleet
     from jointstiff.schemas.geometry import Geometry
@@ -60,9 +67,10 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.run.verb import IdentifyFields
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
-    from jointstiff.service.library.correction import AnyPoses, CorrectFields, Correction
+    from jointstiff.service.library.correction import Correction, CorrectionCall
     from jointstiff.service.library.imported import ImportedReadings, ImportFields
     from jointstiff.service.library.measure import LiveMeasurement
+    from jointstiff.solver.mechanics.robot import Robot as RobotModel
 
 PATIENCE_SECONDS: Final = 60.0
 """Time for which requests are repeated while a service that answered before does not answer [s]."""
@@ -106,6 +114,7 @@ class Client(Verbs):
     fleets: Jobs[Fleet]
     programs: Jobs[Program]
     processes: Jobs[Process]
+    corrections: Jobs[CorrectionJob]
 
     def __init__(
         self,
@@ -182,20 +191,21 @@ class Client(Verbs):
             request = to_json_object(make_load_cases(postures, joints, forces, options)) | {"run_id": run_id}
         return parse_resource(self.send("POST", "/v1/deflections", None, request), Prediction)
 
-    def correct(
+    def correct_poses(
         self,
         source: Any,  # noqa: ANN401 - a run, a campaign, or a robot
-        poses: AnyPoses,
-        /,
-        joints: Any = None,  # noqa: ANN401 - an array
-        **options: Unpack[CorrectFields],
+        poses: Any,  # noqa: ANN401 - an array, or a file
+        joints: Any,  # noqa: ANN401 - an array
+        stated: Mapping[str, Any],
+        monitor: JobMonitor,
     ) -> Correction:
-        """Correct up to 5,000 poses in the service; arguments and result as of `jointstiff.correct`.
+        """Correct poses in the service; options by name as of `correct`. Over 5,000 poses are a job.
 
         Raises:
-            RefusedError: there are more poses, or the service does not answer.
+            RefusedError: the service refuses the request, or does not answer.
+            CampaignError: an argument cannot be used, or the caller has cancelled the correction.
         """
-        from jointstiff.schemas.correction import CorrectionResult
+        from jointstiff.schemas.correction import MAX_ROWS, CorrectionResult
         from jointstiff.service.library.correction import prepare_call
         from jointstiff.service.library.robots import prepare_once
         from jointstiff.service.resources.documents import read_plan_source
@@ -209,11 +219,32 @@ class Client(Verbs):
             document, request = run.campaign.robot, {"run_id": run.id}
         with as_campaign_error("robot"):
             robot = prepare_once(document).robot
-        call = prepare_call(robot, poses, joints, options)
+        call = prepare_call(robot, poses, joints, stated)
         request |= to_json_object(call.options)
+        if len(call) > MAX_ROWS:
+            job = self.corrections.create(request, files={"poses.csv": call.make_file(robot)})
+            return self._read_correction(call, robot, self.corrections.wait(job, monitor))
         request["columns"] = {name: column.tolist() for name, column in call.columns.items()}
         answer = self.send("POST", "/v1/corrections", None, request)
         return call.read_answer(robot, parse_resource(answer, CorrectionResult))
+
+    def _read_correction(self, call: CorrectionCall, robot: RobotModel, job: CorrectionJob) -> Correction:
+        """Return the arrays of an ended job.
+
+        Raises:
+            RefusedError: the job has failed.
+            CampaignError: the job was cancelled.
+        """
+        from jointstiff.schemas.correction import CorrectionResult
+        from jointstiff.service.library.correction import CANCELLED, name_columns
+
+        if job.error is not None:
+            raise RefusedError(job.error)
+        if job.result is None:
+            raise CampaignError(CANCELLED)
+        rows = self.sheet(job, import_kind(job.kind).files[0])
+        counts = job.result.model_dump(exclude={"table"})
+        return call.read_answer(robot, CorrectionResult(**counts, columns=name_columns(rows)))
 
     def import_files(
         self,
@@ -363,7 +394,7 @@ class Client(Verbs):
         if job.result is None or not any(file.suffix == "json" for file in kind.files):
             return {}, {}
         tables = {file.name: self.sheet(job, file) for file in kind.files if file.suffix == "csv"}
-        file_names = [file.name for file in cast("Any", job.result).files] if kind.is_form else []
+        file_names = [file.name for file in cast("Any", job.result).files] if kind.writes_programs else []
         return tables, {name: self.file(job, "program", {"file": name}) for name in file_names}
 
     def read_campaign(self, job: Run | Plan) -> Campaign | None:

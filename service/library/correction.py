@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, TypedDict
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from jointstiff.schemas.correction import CorrectionOptions, CorrectionResult, CorrectionStatus
 from jointstiff.schemas.finding import Assessment
+from jointstiff.schemas.job import Progress
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.arguments import complete_units
 from jointstiff.service.conversion.arrays import read_numbers
 from jointstiff.service.conversion.poses import read_frame, read_poses
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.problems import as_campaign_error, naming_missing_file
+from jointstiff.service.kinds.correction.work import CorrectionWork
+from jointstiff.service.kinds.width import CancelledWorkError
+from jointstiff.service.kinds.work import Arrays, compute_steps
+from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem, naming_missing_file
 from jointstiff.service.resources.documents import parse_document
-from jointstiff.service.runs.correction.answer import correct_table
 from jointstiff.service.runs.correction.columns import (
     ANSWERED,
     DEFLECTION,
@@ -34,44 +38,26 @@ from jointstiff.service.runs.correction.orientation import ROTATION_VECTOR
 from jointstiff.service.runs.correction.poses import PoseTable
 from jointstiff.service.runs.correction.verdict import count_statuses, describe_rows, find_first_rows
 from jointstiff.service.runs.verdicts import refuse_unaccepted
-from jointstiff.service.tables.files import make_data_frame, parquet_bytes, write_sheet
+from jointstiff.service.tables.files import make_data_frame, write_sheet
 from jointstiff.service.tables.reading import LABEL, read_number_table
+from jointstiff.service.tables.report import OVERALL
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.process.correct import place_forces
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.deflection import LinkMass
-    from jointstiff.service.conversion.arguments import AnyUnits
-    from jointstiff.service.kinds.verb import Matrix, Vector
+    from jointstiff.service.kinds.verb import JobMonitor
+    from jointstiff.service.tables.table import Sheet
     from jointstiff.solver.mechanics.robot import Robot
 
 _NUMBERS: Final = "give an array, or lists of equal lengths, of numbers"
+CANCELLED: Final = http_problem(409, "the correction was cancelled", "correct the poses again")
+"""Problem of a correction that the caller has cancelled."""
 AnyPoses = Any
 """Poses of the tool in the base: an array (N, 4, 4), an array (N, 6) of X, Y, Z and rotation vector, or a CSV
 or Parquet file."""
 AnyJoints = Any
 """Controller's joints of the poses: an array (N, n), or None if they are not known."""
-
-
-class CorrectFields(TypedDict, total=False):
-    """Options of `correct`."""
-
-    tool: Vector | Matrix | None
-    base: Vector | Matrix | None
-    forces: Vector | Matrix | None
-    axes: Literal["robot", "base", "tool", "feed"]
-    feed: float | None
-    start: Vector | None
-    load_point: Vector | None
-    units: AnyUnits
-    accuracy_option: Literal["off", "same_as_measured", "compensates_load"]
-    max_displacement: float | None
-    max_rotation: float | None
-    absolute: bool
-    masses: Sequence[LinkMass | Mapping[str, Any]]
-    confidence: float
-    accept_verdict: Literal["do_not_use"] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,13 +111,10 @@ class Correction:
             MissingExtraError: the library for Parquet is not installed.
         """
         target = Path(path)
-        sheet = make_sheet(self._columns, self._units, self._prismatic)
-        if target.suffix == ".csv":
-            target.write_bytes(write_sheet(sheet, "csv"))
-        elif target.suffix == ".parquet":
-            target.write_bytes(parquet_bytes(sheet))
-        else:
+        if target.suffix not in {".csv", ".parquet"}:
             raise ValueError(f"'{target}' must end in .csv or .parquet")
+        sheet = make_sheet(self._columns, self._units, self._prismatic)
+        target.write_bytes(write_sheet(sheet, target.suffix[1:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,15 +169,21 @@ class CorrectionCall:
             columns |= _place_forces(forces, columns)
         return cls(parse_document(stated, CorrectionOptions), columns, labels)
 
-    def correct(self, robot: Robot, run: Run | None) -> Correction:
+    def correct(self, robot: Robot, run: Run | None, monitor: JobMonitor) -> Correction:
         """Correct the rows in this process.
 
         Raises:
             RequestError: the rows cannot be corrected.
+            CancelledWorkError: the caller has cancelled the correction.
         """
-        units = self.options.units
-        table = PoseTable.from_columns(self.columns, units, robot)
-        done = correct_table(robot, run, self.options, table)
+        work = CorrectionWork(robot, run, self.options, self.columns, self.labels)
+        parts, spans = list[Arrays](), work.spans()
+        steps = compute_steps(work, spans, monitor.executor, lambda: monitor.cancelled)
+        with closing(steps):
+            for span, part in zip(spans, steps, strict=True):
+                parts.append(part)
+                monitor(Progress(done=span[1], total=len(work), unit=work.unit, activity=work.activity))
+        done = work.correct(parts)
         rows = done.rows
         return Correction(
             poses=rows.poses,
@@ -209,10 +198,18 @@ class CorrectionCall:
             first=_name_numbers(find_first_rows(rows)),
             assessment=done.assessment,
             remarks=[*describe_rows(rows), *done.remarks],
-            _columns=self._list_labels() | done.list_columns(table, units, robot),
-            _units=units,
+            _columns=work.list_columns(done),
+            _units=self.options.units,
             _prismatic=robot.prismatic.tolist(),
         )
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    def make_file(self, robot: Robot) -> bytes:
+        """Return the columns as a CSV file, with all digits."""
+        sheet = make_sheet(self._list_labels() | self.columns, self.options.units, robot.prismatic.tolist())
+        return write_sheet(replace(sheet, digits=""), "csv")
 
     def _list_labels(self) -> dict[str, Any]:
         """Return the column of labels by its name; nothing without labels."""
@@ -250,6 +247,13 @@ class CorrectionCall:
             _units=units,
             _prismatic=robot.prismatic.tolist(),
         )
+
+
+def name_columns(rows: Sheet) -> dict[str, list[Any]]:
+    """Return the columns of a file of corrected rows by their names in the API."""
+    headers = [header for header in rows.columns if header not in {LABEL, OVERALL}]
+    names = [header.partition(" [")[0].lower().replace(" ", "_") for header in headers]
+    return {name: list(rows.columns[header]) for name, header in zip(names, headers, strict=True)}
 
 
 def _name_numbers(numbers: Mapping[CorrectionStatus, int]) -> dict[str, int]:
@@ -319,21 +323,26 @@ def prepare_call(
         return CorrectionCall.read(robot, poses, joints, options)
 
 
-def correct_robot(
+def correct_here(
     robot: Robot,
     poses: AnyPoses,
     joints: AnyJoints,
     options: Mapping[str, Any],
+    monitor: JobMonitor,
     run: Run | None = None,
 ) -> Correction:
     """Correct poses by the model of a robot's run; without a run, by the prior of the robot.
 
     Raises:
-        CampaignError: an argument cannot be used, or the verdict on the run is not accepted.
+        CampaignError: an argument cannot be used, the verdict on the run is not accepted, or the caller has
+            cancelled the correction.
     """
     call = prepare_call(robot, poses, joints, options)
     with as_campaign_error("correction"):
         if run is not None and run.result is not None:
             accepted = call.options.accept_verdict
             refuse_unaccepted(run.result.assessment, accepted, f"run '{run.id}'")
-        return call.correct(robot, run)
+        try:
+            return call.correct(robot, run, monitor)
+        except CancelledWorkError:
+            raise CampaignError(CANCELLED) from None

@@ -43,10 +43,9 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from jointstiff.schemas.joints import JointKind
-    from jointstiff.service.kinds.verb import Matrix
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
-    from jointstiff.service.library.correction import AnyPoses, CorrectFields, Correction
+    from jointstiff.service.library.correction import Correction
     from jointstiff.service.reports.exports import ExportedModel
 
 
@@ -258,25 +257,25 @@ class Here(Verbs):
             return Prediction.model_validate(dict(predict_by_run(robot, measured_run.run, request)))
 
     @one_thread()
-    def correct(
+    def correct_poses(
         self,
         source: Any,  # noqa: ANN401 - a run, a campaign, or a robot
-        poses: AnyPoses,
-        /,
-        joints: Any = None,  # noqa: ANN401 - an array
-        **options: Unpack[CorrectFields],
+        poses: Any,  # noqa: ANN401 - an array, or a file
+        joints: Any,  # noqa: ANN401 - an array
+        stated: Mapping[str, Any],
+        monitor: JobMonitor,
     ) -> Correction:
-        """Correct poses by the model of a run, or by the prior of a robot; as `jointstiff.correct`."""
-        from jointstiff.service.library.correction import correct_robot
+        """Correct poses by the model of a run, or by the prior of a robot; `stated` has the options."""
+        from jointstiff.service.library.correction import correct_here
         from jointstiff.service.resources.documents import read_plan_source
 
         described = source if isinstance(source, RobotDocument) else read_plan_source(source)
         if isinstance(described, RobotDocument):
             with as_campaign_error("robot"):
                 robot = prepare_once(described).robot
-            return correct_robot(robot, poses, joints, options)
+            return correct_here(robot, poses, joints, stated, monitor)
         measured_run = self.inputs.run(self.prepare_run(described), "run_id")
-        return correct_robot(measured_run.prepared.robot, poses, joints, options, measured_run.run)
+        return correct_here(measured_run.prepared.robot, poses, joints, stated, monitor, measured_run.run)
 
     def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
         """Return the report of a job as PDF or HTML, or the calibration certificate of a run as XML."""
@@ -398,37 +397,3 @@ def predict(
         CampaignError: run, table or array cannot be used.
     """
     return Here().predict(run, postures, forces, **options)
-
-
-def correct(
-    source: Any,  # noqa: ANN401 - a run, a campaign, or a robot
-    poses: AnyPoses,
-    /,
-    joints: Matrix | None = None,
-    **options: Any,  # noqa: ANN401 - of CorrectFields
-) -> Correction:
-    """Correct poses of a tool, so that the loaded tool is where each of them says.
-
-    Args:
-        source: run that `identify` returned, or a campaign, which is identified first; or an arm that was not
-            measured: a robot document, or the name of an arm of the catalogue.
-        poses: poses of the tool in the base: an array (N, 4, 4), an array (N, 6) of X, Y, Z and rotation
-            vector, or a CSV or Parquet file with units in its headers.
-        joints: (N, n) controller's joints of the poses, if they are known: a wrong tool, base, world or unit
-            is then refused, and frames that fit are proposed.
-        options: `tool` in the flange frame and `base` in R0, as (4, 4) or six numbers; `forces` (3,), (N, 3)
-            or rows (K, 4) of path length and force, along `axes` (`robot`, `base`, `tool`, `feed`); `feed`,
-            for the speed of the joints and for corners; `start`, joints near the first pose; and fields of
-            `CorrectionOptions`. All numbers of the call are in mm, deg, N and N.m unless `units` states
-            others.
-
-    Returns:
-        Corrected rows. Its arrays are in SI units (m, rad, rad/s), whatever the units of the call; `to_frame`
-        and `save` write the units of the call in headers.
-
-    Raises:
-        CampaignError: source, poses or options cannot be used. A single row never raises an error: see
-            `status`.
-        OSError: a file of poses cannot be read.
-    """
-    return Here().correct(source, poses, joints, **options)

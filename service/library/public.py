@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.campaigns import Campaign
     from jointstiff.service.library.client import AsyncClient, Client
     from jointstiff.service.library.correction import Correction
-    from jointstiff.service.library.here import Here, correct, predict
+    from jointstiff.service.library.here import Here, predict
     from jointstiff.service.library.imported import ImportedReadings, import_files
     from jointstiff.service.library.many import identify_many
     from jointstiff.service.library.measure import measure
@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     _here = Here()
     identify = _here.identify
     compare = _here.compare
+    correct = _here.correct
     geometry = _here.geometry
     gearbox = _here.gearbox
     plan = _here.plan
@@ -91,7 +92,6 @@ _HOMES = {
     "RobotTrend": "service.library.results",
     "identify_many": "service.library.many",
     "import_files": "service.library.imported",
-    "correct": "service.library.here",
     "load": "service.library.saved",
     "measure": "service.library.measure",
     "Rehearsal": "service.library.rehearse",

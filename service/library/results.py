@@ -46,9 +46,10 @@ if TYPE_CHECKING:
     from jointstiff.schemas.plan import Plan
     from jointstiff.schemas.process import Process
     from jointstiff.schemas.program import Program
+    from jointstiff.service.kinds.correction.verb import CorrectFields
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import AnyPostures, PredictFields
-    from jointstiff.service.library.correction import AnyPoses, CorrectFields, Correction
+    from jointstiff.service.library.correction import AnyPoses, Correction
     from jointstiff.service.reports.plots import AnyAxes, PlotStyle
     from jointstiff.solver.arrays import FloatArray
     from jointstiff.solver.mechanics.robot import Robot
@@ -501,7 +502,7 @@ class PresentedJob(Presented):
             self.report(path)
         elif suffix == "npz":
             path.write_bytes(self.table(suffix))
-        elif import_kind(job.kind).is_form and job.result is not None:
+        elif import_kind(job.kind).writes_programs and job.result is not None:
             from jointstiff.service.kinds.program.kind import choose_program_paths
 
             for name, target in choose_program_paths(path, [file.name for file in job.result.files]).items():

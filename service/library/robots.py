@@ -16,7 +16,6 @@ from pydantic import PrivateAttr
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.robot import JointMap, RobotDocument
 from jointstiff.service.problems import as_campaign_error
-from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import URDF_ENDINGS, parse_document, read_robot, read_urdf_file
 from jointstiff.solver.errors import RobotError
 
@@ -24,7 +23,8 @@ if TYPE_CHECKING:
     from jointstiff.schemas.joints import JointKind
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.conversion.prepared import PreparedRobot
-    from jointstiff.service.library.correction import AnyJoints, AnyPoses, CorrectFields, Correction
+    from jointstiff.service.kinds.correction.verb import CorrectFields
+    from jointstiff.service.library.correction import AnyJoints, AnyPoses, Correction
 
 
 Arguments = ParamSpec("Arguments")
@@ -34,7 +34,6 @@ Result = TypeVar("Result")
 class DescribedRobot(RobotDocument):
     """Robot document that `robot` returns: equal to the plain document, with the work that needs no run."""
 
-    @one_thread()
     def correct(
         self,
         poses: AnyPoses,
@@ -43,11 +42,9 @@ class DescribedRobot(RobotDocument):
         **options: Unpack[CorrectFields],
     ) -> Correction:
         """Correct poses by the prior of this robot; arguments as of `jointstiff.correct`."""
-        from jointstiff.service.library.correction import correct_robot
+        from jointstiff.service.library.here import Here
 
-        with as_campaign_error("robot"):
-            robot = prepare_once(self).robot
-        return correct_robot(robot, poses, joints, options)
+        return Here().correct(self, poses, joints, **options)
 
     def __eq__(self, other: object) -> bool:
         """Return whether another document, of any class, has the same fields."""

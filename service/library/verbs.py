@@ -11,6 +11,7 @@ from jointstiff.service.kinds.verb import import_verb
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.comparison import verb as of_comparison
+    from jointstiff.service.kinds.correction import verb as of_correction
     from jointstiff.service.kinds.fleet import verb as of_fleet
     from jointstiff.service.kinds.gearbox import verb as of_gearbox
     from jointstiff.service.kinds.geometry import verb as of_geometry
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.program import verb as of_program
     from jointstiff.service.kinds.run import verb as of_run
     from jointstiff.service.kinds.verb import Backend
+    from jointstiff.service.library.correction import Correction
     from jointstiff.service.library.results import (
         TabledComparison,
         TabledFleet,
@@ -52,6 +54,7 @@ class Verbs:
         plan = _presenting(of_plan.plan, TabledPlan)
         map = _presenting(of_map.map, TabledMap)
         fleet = _presenting(of_fleet.fleet, TabledFleet)
+        correct = _presenting(of_correction.correct, Correction)
         compensate = _presenting(of_program.compensate, TabledProgram)
         process = _presenting(of_process.process, TabledProcess)
     else:

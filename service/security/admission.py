@@ -147,7 +147,6 @@ MAX_BYTES: Final[Mapping[str, int]] = MappingProxyType(
         "/v1/measurement-sets": MAX_SET_BYTES,
         "/v1/campaigns": MAX_SET_BYTES,
         "/v1/deflections": MAX_DEFLECTION_BYTES,
-        "/v1/corrections": MAX_DEFLECTION_BYTES,
         "/v1/imports": MAX_SET_BYTES,
     }
     | {f"/v1/{kind.collection}": kind.max_bytes for kind in KINDS}

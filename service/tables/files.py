@@ -1,4 +1,4 @@
-"""Sheets as files (CSV, npz, xlsx, JSON; no cell is a formula) and as data frames."""
+"""Sheets as files (CSV, npz, xlsx, JSON, Parquet; no cell is a formula) and as data frames."""
 
 from __future__ import annotations
 
@@ -76,9 +76,18 @@ def split_table_rows(text: str) -> tuple[list[list[str]], bool]:
     Raises:
         csv.Error: the text is not a valid CSV table.
     """
+    rows, has_comma_separators = iterate_table_rows(text)
+    return list(rows), has_comma_separators
+
+
+def iterate_table_rows(text: str) -> tuple[Iterator[list[str]], bool]:
+    """Return an iterator of the rows of cells as `split_table_rows`, which needs little memory.
+
+    The iterator raises a csv.Error where the text is not a valid CSV table.
+    """
     delimiter = next((sign for sign in ";\t" if sign in text.partition("\n")[0]), ",")
     rows = csv.reader(io.StringIO(text.removeprefix("\ufeff")), delimiter=delimiter)
-    return [[cell.strip() for cell in row] for row in rows], delimiter == ","
+    return ([cell.strip() for cell in row] for row in rows), delimiter == ","
 
 
 def npz_bytes(sheet: Sheet) -> bytes:
@@ -187,13 +196,17 @@ def json_text(sheet: Sheet) -> str:
 
 
 WRITERS: Final[Mapping[str, Callable[[Sheet], str | bytes]]] = MappingProxyType(
-    {"csv": csv_text, "npz": npz_bytes, "json": json_text}
+    {"csv": csv_text, "npz": npz_bytes, "json": json_text, "parquet": parquet_bytes}
 )
 """Suffix of a file's name → function that writes one sheet in this format."""
 
 
 def write_sheet(sheet: Sheet, suffix: str) -> bytes:
-    """Return a sheet as the content of a file, in the format that the suffix states (csv, npz or json)."""
+    """Return a sheet as a file in the format that the suffix states: csv, npz, json or parquet.
+
+    Raises:
+        MissingExtraError: the library for Parquet is not installed.
+    """
     content = WRITERS[suffix](sheet)
     return content.encode() if isinstance(content, str) else content
 

@@ -102,7 +102,7 @@ class JointsAlone:
         """Fit of the joints.
 
         The scatter (errors that the targets of a posture share) is estimated from the residuals of a first
-        fit; where it is significant, the joints are fitted again.
+        fit, and the joints are fitted again.
 
         Raises:
             JointstiffError: the identification fails, for one of the reasons listed at `identify`.
@@ -133,7 +133,8 @@ class JointsAlone:
     @property
     def shows_scatter(self) -> bool:
         """True if the residuals show errors that the targets of a posture share, beyond those stated."""
-        return self.measurements.scatter != self.given.measurements.scatter
+        scatter = self.measurements.scatter
+        return not scatter.is_assumed and scatter != self.given.measurements.scatter
 
     @property
     def settings(self) -> Settings:

@@ -23,7 +23,7 @@ from scipy.optimize import nnls
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.evidence.scatter import find_most_likely_scatter
+from jointstiff.solver.evidence.scatter import find_scatter_of_terms
 from jointstiff.solver.fit.estimate import Estimate, compute_interval_ends
 from jointstiff.solver.fit.observability import Excitation
 from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationProblem
@@ -131,7 +131,7 @@ class _Problem:
         def list_columns(width: int) -> IndexArray:
             return np.concatenate([seen, n + joints, np.arange(first_error, width)])
 
-        scatter = find_most_likely_scatter(rows, terms, whole, list_columns)
+        scatter = find_scatter_of_terms(rows, terms, whole, list_columns)
         rows = rows.with_scatter(scatter)
         generated = _generate(rows, terms, whole, gear)
         first = next(generated)

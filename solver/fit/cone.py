@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,19 +27,23 @@ def to_matrix(vector: FloatArray, size: int) -> FloatArray:
     A vector has the upper triangle column by column, with off-diagonal entries times √2.
     """
     rows, columns = triangle_indices(size)
-    out = np.empty((*vector.shape[:-1], size, size))
-    out[..., rows, columns] = out[..., columns, rows] = vector / triangle_weights(size)
-    return out
+    upper_triangle = vector / triangle_weights(size)
+    matrix = np.empty((*vector.shape[:-1], size, size))
+    matrix[..., rows, columns] = upper_triangle
+    matrix[..., columns, rows] = upper_triangle
+    return matrix
 
 
 def to_vector(matrix: FloatArray) -> FloatArray:
     """Return symmetric matrices (..., size, size) as vectors (..., size (size + 1) / 2).
 
-    A vector has the upper triangle column by column, with off-diagonal entries times √2.
+    A vector has the upper triangle column by column, with off-diagonal entries times √2, so that the vector
+    has the length of the matrix.
     """
     size = matrix.shape[-1]
     rows, columns = triangle_indices(size)
-    return np.asarray(matrix[..., rows, columns] * triangle_weights(size))
+    upper_triangle = matrix[..., rows, columns]
+    return np.asarray(upper_triangle * triangle_weights(size))
 
 
 def lift_diagonal(vector: FloatArray, size: int) -> FloatArray:
@@ -50,13 +55,14 @@ def lift_diagonal(vector: FloatArray, size: int) -> FloatArray:
         vector: (size (size + 1) / 2,) the matrix, as the vector of its upper triangle.
         size: number of rows of the matrix.
     """
-    step = np.finfo(float).eps * float(np.abs(vector).max(initial=0.0))
-    raised_vector = vector
-    while np.linalg.eigvalsh(to_matrix(raised_vector, size)).min() < 0.0:
-        raised_vector = vector.copy()
-        raised_vector[find_diagonal_entries(size)] += step
-        step *= 2.0
-    return raised_vector
+    diagonal = find_diagonal_entries(size)
+    increase = np.finfo(float).eps * float(np.abs(vector).max(initial=0.0))
+    lifted = vector
+    while np.linalg.eigvalsh(to_matrix(lifted, size)).min() < 0.0:
+        lifted = vector.copy()
+        lifted[diagonal] += increase
+        increase *= 2.0
+    return lifted
 
 
 @dataclass(frozen=True)
@@ -78,7 +84,7 @@ class Cone:
         return self.nonnegative - self.penalised
 
     def blocks(self) -> Iterator[tuple[int, slice]]:
-        """Yield each block's number of rows and the slice of the parameters that holds the block."""
+        """Yield each block's number of rows and the slice of the parameters that contains the block."""
         start = self.nonnegative
         for size in self.sizes:
             stop = start + size * (size + 1) // 2
@@ -90,31 +96,39 @@ class Cone:
 
         The number is negative if x lies outside the cone.
         """
-        values = [
-            x[: self.nonnegative],
-            *(np.linalg.eigvalsh(to_matrix(x[place], size)) for size, place in self.blocks()),
-        ]
-        return float(min((value.min() for value in values if len(value)), default=np.inf))
+        values = [x[: self.nonnegative]]
+        for size, place in self.blocks():
+            eigenvalues = np.linalg.eigvalsh(to_matrix(x[place], size))
+            values.append(np.asarray(eigenvalues))
+        return float(np.concatenate(values).min(initial=np.inf))
 
     def project(self, x: FloatArray) -> FloatArray:
         """Return the point (p,) of the cone nearest to x (p,); no computed eigenvalue is negative."""
-        out = np.maximum(x, 0.0)
+        projected = np.maximum(x, 0.0)  # correct for the scalars; the blocks are replaced below
         for size, place in self.blocks():
             eigenvalues, vectors = np.linalg.eigh(to_matrix(x[place], size))
-            clipped = np.maximum(eigenvalues, 0.0)
-            out[place] = lift_diagonal(to_vector((vectors * clipped) @ vectors.T), size)
-        return out
+            matrix = (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
+            projected[place] = lift_diagonal(to_vector(matrix), size)
+        return projected
 
     def penalty(self, weight: float) -> FloatArray:
         """Return the gradient (p,) of the penalty on penalised scalars and on the traces of blocks.
 
         The gradient is `weight` at penalised scalars and diagonal entries of blocks, and zero elsewhere.
         """
-        out = np.zeros(self.dimension)
-        out[self.free : self.nonnegative] = weight
+        gradient = np.zeros(self.dimension)
+        gradient[self.free : self.nonnegative] = weight
         for size, place in self.blocks():
-            out[place][find_diagonal_entries(size)] = weight
-        return out
+            gradient[place.start + find_diagonal_entries(size)] = weight
+        return gradient
+
+
+class BlockEntries(NamedTuple):
+    """Entries of one joint's unknowns in a vector, as views of the vector."""
+
+    c: FloatArray  #: (1,) compliance c
+    zeta: FloatArray  #: (boxes,) ζ
+    nu: FloatArray  #: (balls, 3) ν
 
 
 @dataclass(frozen=True)
@@ -132,3 +146,8 @@ class Block:
     def size(self) -> int:
         """Number of unknowns of the joint."""
         return 1 + self.boxes + 3 * len(self.balls)
+
+    def split(self, vector: FloatArray) -> BlockEntries:
+        """Return the entries c, ζ and ν of a vector (size,)."""
+        c, zeta, nu = vector[:1], vector[1 : 1 + self.boxes], vector[1 + self.boxes :]
+        return BlockEntries(c, zeta, nu.reshape(-1, 3))

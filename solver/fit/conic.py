@@ -19,13 +19,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fit.cone import Block, Cone, to_matrix, to_vector
+from jointstiff.solver.fit.cone import Block, BlockEntries, Cone, to_matrix, to_vector
 from jointstiff.solver.fit.solution import Certificate, Witness
 from jointstiff.solver.fit.triangle import compute_triangular_factor
 
@@ -88,9 +88,10 @@ class LeastSquares:
     @cached_property
     def compressed(self) -> tuple[FloatArray, FloatArray]:
         """Triangular matrix T (k, p) and readings y (k,): ‖T x − y‖² equals ‖R x − z‖² up to a constant."""
-        parameter_count = self.R.shape[1]
+        p = self.R.shape[1]
         factor = compute_triangular_factor(np.column_stack([self.R, self.z]))
-        return factor[:parameter_count, :parameter_count], factor[:parameter_count, parameter_count]
+        T, y = factor[:p, :p], factor[:p, p]
+        return T, y
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +108,12 @@ class SemidefiniteProgram:
         return self.cone.penalty(self.weight)
 
     def slack(self, x: FloatArray) -> FloatArray:
-        """Return the gradient (p,) of the objective at x (p,), the slack of the dual program.
+        """Return the gradient (p,) of the objective at x (p,), which is the slack of the dual program.
 
         At the optimum the slack is in the dual cone and orthogonal to x.
         """
-        return np.asarray(2.0 * self.fit.R.T @ (self.fit.R @ x - self.fit.z) + self.penalty)
+        R, z = self.fit.R, self.fit.z
+        return np.asarray(2.0 * R.T @ (R @ x - z) + self.penalty)
 
     def find_interior_point(self, tolerance: float, unit: float) -> FloatArray | None:
         """Solve the program by Clarabel in the scaled variables y = (x − origin) / unit.
@@ -124,21 +126,16 @@ class SemidefiniteProgram:
             unit: size of the residual, relative to the readings.
 
         Returns:
-            A point (p,) near the optimum; None if Clarabel fails.
+            A point x (p,) near the optimum; None if Clarabel fails.
         """
         from jointstiff.solver.fit import programs  # takes a second to import
 
         origin = self.fit.origin
-        matrix, readings = self.fit.compressed
-        clarabel_program = programs.state_semidefinite(len(matrix), self.cone)
-        data = {
-            "T": matrix,
-            "z": (readings - matrix @ origin) / unit,
-            "p": self.penalty / unit,
-            "near": origin / unit,
-        }
-        solution = clarabel_program.solve(data, tolerance)
-        return None if solution is None else origin + unit * solution
+        T, z = self.fit.compressed
+        clarabel_program = programs.state_semidefinite(len(T), self.cone)
+        data = {"T": T, "z": (z - T @ origin) / unit, "p": self.penalty / unit, "near": origin / unit}
+        y = clarabel_program.solve(data, tolerance)
+        return None if y is None else origin + unit * y
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +154,7 @@ class NormSum:
 
     @cached_property
     def program(self) -> Program:
-        """Compiled program, whose parameters are penalty and threshold."""
+        """Program that minimises the loss with a penalty, compiled once; its parameters are penalty and h."""
         from jointstiff.solver.fit import programs  # takes a second to import
 
         return programs.state_sum_of_norms(self.A, self.d, self.cone, self.B / self.statement)
@@ -203,27 +200,29 @@ def solve_cone(
     Raises:
         SolverError: no answer has a gap that is accepted.
     """
+    return _select_certified(_propose_cone_solutions(program), wanted_gap, accepted_gap)
 
-    def propose_solutions() -> Iterator[ConeSolution]:
-        """Yield solutions with their certificates, with Clarabel's tolerance made tighter and tighter.
 
-        At each tolerance the program is solved in units of the readings, and then in units of the residual.
-        """
-        first: FloatArray | None = None  # Clarabel's own first answer, the witness of the optimum
-        T, z = program.fit.compressed
-        residual_size = max(float(np.linalg.norm(z - T @ program.fit.origin)), _LEAST_UNIT)
-        for tolerance in _CONE_TOLERANCES:
-            for unit in (1.0, residual_size):
-                proposed = program.find_interior_point(tolerance, unit)
-                first = proposed if first is None else first
-                for _ in range(1 + _NEWTON_STEPS):
-                    if proposed is None:
-                        break
-                    x = program.cone.project(proposed)
-                    yield ConeSolution(x, certify_cone(program, x, first))
-                    proposed = Face(program, x).step()
+def _propose_cone_solutions(program: SemidefiniteProgram) -> Iterator[ConeSolution]:
+    """Yield solutions with their certificates, with Clarabel's tolerance made tighter and tighter.
 
-    return _select_certified(propose_solutions(), wanted_gap, accepted_gap)
+    At each tolerance the program is solved in units of the readings, and then in units of the residual. Each
+    point of Clarabel is followed by steps of Newton's method from this point.
+    """
+    T, z = program.fit.compressed
+    residual_size = max(float(np.linalg.norm(z - T @ program.fit.origin)), _LEAST_UNIT)
+    first_answer: FloatArray | None = None  # Clarabel's first answer, the witness of the optimum
+    for tolerance in _CONE_TOLERANCES:
+        for unit in (1.0, residual_size):
+            point = program.find_interior_point(tolerance, unit)
+            if first_answer is None:
+                first_answer = point
+            for _ in range(1 + _NEWTON_STEPS):
+                if point is None:
+                    break
+                x = program.cone.project(point)
+                yield ConeSolution(x, certify_cone(program, x, first_answer))
+                point = Face(program, x).step()
 
 
 def solve_robust(
@@ -240,21 +239,25 @@ def solve_robust(
     Raises:
         SolverError: no answer has an excess that is accepted.
     """
+    return _select_certified(_propose_robust_solutions(program), wanted_gap, accepted_gap)
 
-    def propose_solutions() -> Iterator[RobustSolution]:
-        """Yield points with their certificates, with Clarabel's tolerance made tighter and tighter."""
-        loss, root = program.loss, np.sqrt(program.threshold)
-        data = {"p": loss.cone.penalty(program.weight), "root": np.array([root])}
-        for tolerance in _NORMS_TOLERANCES:
-            solution = loss.program.solve_with_duals(data, tolerance)
-            if solution is not None:
-                x, statement_loss = np.split(solution[0], [loss.cone.dimension])
-                x, errors = loss.cone.project(x), root / loss.statement * statement_loss
-                # Each cone has four multipliers; the last three are −ν
-                dual = -solution[1].reshape(-1, 4)[:, 1:]
-                yield RobustSolution(x, certify_robust(program, x, errors, dual), errors)
 
-    return _select_certified(propose_solutions(), wanted_gap, accepted_gap)
+def _propose_robust_solutions(program: RobustProgram) -> Iterator[RobustSolution]:
+    """Yield points with their certificates, with Clarabel's tolerance made tighter and tighter."""
+    loss, cone = program.loss, program.loss.cone
+    root = np.sqrt(program.threshold)
+    data = {"p": cone.penalty(program.weight), "root": np.array([root])}
+    for tolerance in _NORMS_TOLERANCES:
+        solution = loss.program.solve_with_duals(data, tolerance)
+        if solution is None:
+            continue
+        variables, multipliers = solution
+        x = cone.project(variables[: cone.dimension])
+        # The other variables are s v/√h, whose squares are the loss of the stated errors v.
+        errors = root / loss.statement * variables[cone.dimension :]
+        # Each target has a cone with four multipliers: one of the norm, then −ν (3,).
+        nu = -multipliers.reshape(-1, 4)[:, 1:]
+        yield RobustSolution(x, certify_robust(program, x, errors, nu), errors)
 
 
 def _select_certified(
@@ -298,15 +301,18 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray, own: FloatArray | 
         x: (p,) point in the cone.
         own: (p,) Clarabel's own answer, a witness of the optimum; None without a witness.
     """
-    fit = program.fit
-    residual = fit.R @ x - fit.z
-    nu, violation, slack = _make_dual_feasible(program.cone, program.weight, fit.R, 2.0 * residual)
-    excess = _compute_complementarity(slack, x, program.cone, _SLACK_ROUNDING)
-    gap = float(np.sqrt(np.square(0.5 * nu - residual).sum() + excess))
+    R, z, cone = program.fit.R, program.fit.z, program.cone
+    r = R @ x - z
+    dual = _make_dual_feasible(cone, program.weight, R, 2.0 * r)
+    nu = dual.multipliers
+    excess = _compute_complementarity(dual.slack, x, cone, _SLACK_ROUNDING)
+    gap = float(np.sqrt(np.square(0.5 * nu - r).sum() + excess))
     witness = None
     if own is not None:
-        witness = Witness(float(np.linalg.norm(fit.R @ (own - x))), _CONE_WITNESS)
-    return Certificate(max(0.0, -program.cone.least_value(x)), violation, gap, nu, "clarabel", witness)
+        distance = float(np.linalg.norm(R @ (own - x)))
+        witness = Witness(distance, _CONE_WITNESS)
+    primal_violation = max(0.0, -cone.least_value(x))
+    return Certificate(primal_violation, dual.violation, gap, nu, "clarabel", witness)
 
 
 def certify_robust(
@@ -326,32 +332,48 @@ def certify_robust(
         errors: (q,) stated errors v.
         dual: (K, 3) nearly feasible multipliers ν of the residuals.
     """
-    loss, threshold = program.loss, program.threshold
+    loss, cone, h, s = program.loss, program.loss.cone, program.threshold, program.loss.statement
     rows = loss.A.reshape(-1, len(x))
-    multipliers, violation, slack = _make_dual_feasible(loss.cone, program.weight, rows, dual)
-    # ρ(r) + h‖ν‖²/2 − νᵀr as squares and products that are not negative
+    feasible = _make_dual_feasible(cone, program.weight, rows, dual)
+    nu = feasible.multipliers
     residual = loss.A @ x + loss.B @ errors - loss.d
-    residual_norm = np.linalg.norm(residual, axis=1)
-    is_beyond = residual_norm > threshold
-    direction = residual / np.where(is_beyond, residual_norm, 1.0)[:, None]
-    misalignment = np.maximum(0.0, 1.0 - (multipliers * direction).sum(axis=1))
-    gap_beyond_threshold = (
-        0.5 * threshold * np.square(multipliers - direction).sum(axis=1)
-        + (residual_norm - threshold) * misalignment
-    )
-    gap_within_threshold = np.square(residual - threshold * multipliers).sum(axis=1) / (2.0 * threshold)
-    excess = _compute_complementarity(slack, x, loss.cone, _NORMS_SLACK_ROUNDING)
-    root = np.sqrt(threshold)
-    pull = np.einsum("kiq,ki->q", loss.B, multipliers)  # Bᵀν
-    unbalanced = loss.statement / root * errors + root / loss.statement * pull
-    excess += 0.5 * float(unbalanced @ unbalanced)
-    gap = float(np.where(is_beyond, gap_beyond_threshold, gap_within_threshold).sum() + excess)
-    return Certificate(max(0.0, -loss.cone.least_value(x)), violation, gap, multipliers, "clarabel")
+    gap_of_targets = _compute_huber_gaps(residual, nu, h).sum()
+    gap_of_cone = _compute_complementarity(feasible.slack, x, cone, _NORMS_SLACK_ROUNDING)
+    root = np.sqrt(h)
+    B_nu = np.einsum("kiq,ki->q", loss.B, nu)  # Bᵀν
+    unbalanced = s / root * errors + root / s * B_nu
+    gap = float(gap_of_targets + (gap_of_cone + 0.5 * float(unbalanced @ unbalanced)))
+    primal_violation = max(0.0, -cone.least_value(x))
+    return Certificate(primal_violation, feasible.violation, gap, nu, "clarabel")
 
 
-def _make_dual_feasible(
-    cone: Cone, weight: float, rows: FloatArray, dual: FloatArray
-) -> tuple[FloatArray, float, FloatArray]:
+def _compute_huber_gaps(residual: FloatArray, nu: FloatArray, h: float) -> FloatArray:
+    """Return the excesses ``ρ(r) + h‖ν‖²/2 − νᵀr`` (K,) of residuals r and multipliers ν, both (K, 3).
+
+    ρ is Huber's loss with threshold h: ‖r‖²/(2h) up to h, and ‖r‖ − h/2 beyond. For ‖ν‖ ≤ 1 an excess is not
+    negative; it is computed without cancellation, with the unit vector u of r:
+
+        up to h   ``‖r − h ν‖² / (2h)``
+        beyond    ``h ‖ν − u‖² / 2 + (‖r‖ − h) (1 − νᵀu)``
+    """
+    norm = np.linalg.norm(residual, axis=1)
+    is_beyond = norm > h
+    u = residual / np.where(is_beyond, norm, 1.0)[:, None]  # unit vectors beyond the threshold
+    misalignment = np.maximum(0.0, 1.0 - (nu * u).sum(axis=1))
+    gap_beyond = 0.5 * h * np.square(nu - u).sum(axis=1) + (norm - h) * misalignment
+    gap_within = np.square(residual - h * nu).sum(axis=1) / (2.0 * h)
+    return np.asarray(np.where(is_beyond, gap_beyond, gap_within))
+
+
+class _DualPoint(NamedTuple):
+    """Feasible point of a dual program."""
+
+    multipliers: FloatArray  # ν, (m,) for squared residuals, or (K, 3) with norms of at most one
+    violation: float  # of the dual cone, before the multipliers were shrunk, divided by λ
+    slack: FloatArray  # (p,) slack s = p + Aᵀν
+
+
+def _make_dual_feasible(cone: Cone, weight: float, rows: FloatArray, dual: FloatArray) -> _DualPoint:
     """Change multipliers ν of the residuals so that the slack ``s = p + Aᵀν`` is in the dual cone.
 
     A least-squares step makes the slacks of scalars without a penalty feasible. Multiplying ν by
@@ -362,39 +384,37 @@ def _make_dual_feasible(
         weight: λ > 0 of the penalty p.
         rows: A (m, p).
         dual: nearly feasible ν, (m,) for squared residuals, or (K, 3) with norms of at most one.
-
-    Returns:
-        Feasible ν in the shape of `dual`, the violation of the dual cone before the shrinking, divided by λ,
-        and the slack s (p,).
     """
-    penalty, multipliers = cone.penalty(weight), dual.ravel()
-    free_rows = rows[:, : cone.free].T
-    shortfall = np.maximum(-(free_rows @ multipliers), 0.0)
+    penalty, nu = cone.penalty(weight), dual.ravel()
+    free_rows = rows[:, : cone.free].T  # of the scalars without a penalty
+    shortfall = np.maximum(-(free_rows @ nu), 0.0)
     if shortfall.any():
-        multipliers = multipliers + np.linalg.lstsq(free_rows, shortfall, rcond=None)[0]
-    gradient = rows.T @ multipliers
+        nu = nu + np.linalg.lstsq(free_rows, shortfall, rcond=None)[0]
+    gradient = rows.T @ nu
     slack = gradient + penalty
     # Slacks that must not be negative: eigenvalues of the blocks, and penalised scalars.
-    least_slacks = [
-        float(np.linalg.eigvalsh(to_matrix(slack[place], size)).min()) for size, place in cone.blocks()
-    ]
-    violation = max(0.0, -min(least_slacks + slack[cone.free : cone.nonnegative].tolist(), default=0.0))
-    reshaped, factor = multipliers.reshape(dual.shape), weight / (weight + violation)
-    if reshaped.ndim > 1:
-        factor = min(factor, 1.0 / max(float(np.linalg.norm(reshaped, axis=1).max(initial=0.0)), 1.0))
-    return factor * reshaped, violation / weight, penalty + factor * gradient
+    slacks = slack[cone.free : cone.nonnegative].tolist()
+    for size, place in cone.blocks():
+        slacks.append(float(np.linalg.eigvalsh(to_matrix(slack[place], size)).min()))
+    violation = max(0.0, -min(slacks, default=0.0))
+    factor = weight / (weight + violation)
+    multipliers = nu.reshape(dual.shape)
+    if multipliers.ndim > 1:
+        greatest_norm = float(np.linalg.norm(multipliers, axis=1).max(initial=0.0))
+        factor = min(factor, 1.0 / max(greatest_norm, 1.0))
+    return _DualPoint(factor * multipliers, violation / weight, penalty + factor * gradient)
 
 
 def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, rounding: float) -> float:
-    """Return the product ``sᵀx`` of slack and point; inf if a slack without penalty is too negative.
+    """Return the product ``sᵀx`` of the dual slack s and a point x, both (p,); it is zero at the optimum.
 
     The slack of a scalar without a penalty may be negative within rounding: it is then replaced by its
-    absolute value, in place.
+    absolute value, in place. The result is inf if such a slack is more negative.
     """
-    free = slice(cone.free)
-    if not (slack[free] >= -rounding).all():
+    scalars = slice(cone.free)  # scalars without a penalty
+    if not (slack[scalars] >= -rounding).all():
         return float("inf")
-    slack[free] = np.abs(slack[free])  # counts rounding as positive slack, so the gap is not understated
+    slack[scalars] = np.abs(slack[scalars])  # a positive slack, so that the product is not understated
     return max(0.0, float(slack @ x))
 
 
@@ -417,40 +437,70 @@ def compute_penalised_range(
     """
     from jointstiff.solver.fit import programs  # takes a second to import
 
-    matrix, z = program.fit.compressed
-    limit = float(np.square(matrix @ x - z).sum() + program.penalty @ x) + rise
-    clarabel_program = programs.state_penalised_end(matrix, z, program.penalty, limit, program.cone)
+    T, z = program.fit.compressed
+    limit = float(np.square(T @ x - z).sum() + program.penalty @ x) + rise
+    clarabel_program = programs.state_penalised_end(T, z, program.penalty, limit, program.cone)
     ranges = np.full((len(functions), 2), np.nan)
-    for number, side in np.ndindex(ranges.shape):
-        function = functions[number]
-        if norm := float(np.linalg.norm(function)):
-            point = clarabel_program.solve({"a": (1.0, -1.0)[side] * function / norm}, *_END_TOLERANCES)
-            ranges[number, side] = np.nan if point is None else function @ point
+    for number, a in enumerate(functions):
+        norm = float(np.linalg.norm(a))
+        if norm == 0.0:
+            continue
+        for side, sign in enumerate((1.0, -1.0)):  # the least, then the greatest value
+            point = clarabel_program.solve({"a": sign * a / norm}, *_END_TOLERANCES)
+            if point is not None:
+                ranges[number, side] = a @ point
     return ranges
 
 
 def compute_unconstrained_range(squares: LeastSquares, functions: FloatArray, radius: float) -> FloatArray:
     """Return the ranges of linear functions over the ellipsoid ``‖R x − z‖² ≤ min + radius²``.
 
-    min is the least value of ‖R x − z‖² over x; constraints on x are ignored.
+    min is the least value of ‖R x − z‖² over x; constraints on x are ignored. With R = U S Vᵀ a function aᵀx
+    is aᵀV S⁻¹ y of y = S Vᵀx, and the ellipsoid is the ball ``‖y − Uᵀz‖ ≤ radius``.
 
     Args:
         squares: R and z, with p parameters.
-        functions: (K, p) coefficients of K functions.
+        functions: (K, p) coefficients a of K functions.
         radius: root of the allowed excess of the squares.
 
     Returns:
         (K, 2) least and greatest values; NaN where the readings do not determine a function.
     """
-    left_vectors, singular_values, directions = np.linalg.svd(squares.R, full_matrices=False)
+    U, singular_values, Vt = np.linalg.svd(squares.R, full_matrices=False)
     is_determined = singular_values > _NULL_SINGULAR_VALUE * singular_values[0]
-    directions = directions[is_determined]
-    scaled_functions = functions @ (directions.T / singular_values[is_determined])
-    centre = scaled_functions @ (left_vectors[:, is_determined].T @ squares.z)
-    half_width = radius * np.linalg.norm(scaled_functions, axis=1)
-    undetermined = np.linalg.norm(functions - functions @ directions.T @ directions, axis=1)
-    half_width[undetermined > _OUTSIDE_SPAN * np.linalg.norm(functions, axis=1)] = np.nan
+    U, singular_values, Vt = U[:, is_determined], singular_values[is_determined], Vt[is_determined]
+    functions_of_y = functions @ (Vt.T / singular_values)
+    centre = functions_of_y @ (U.T @ squares.z)
+    half_width = radius * np.linalg.norm(functions_of_y, axis=1)
+    outside_span = np.linalg.norm(functions - functions @ Vt.T @ Vt, axis=1)
+    is_undetermined = outside_span > _OUTSIDE_SPAN * np.linalg.norm(functions, axis=1)
+    half_width[is_undetermined] = np.nan
     return np.column_stack([centre - half_width, centre + half_width])
+
+
+class _EigenSplit(NamedTuple):
+    """Positive semidefinite matrix ``X = U diag(values) Uᵀ`` of rank r."""
+
+    U: FloatArray  # (size, r) orthonormal basis of the range
+    V: FloatArray  # (size, size − r) orthonormal basis of the null space
+    values: FloatArray  # (r,) eigenvalues that are not zero
+
+    @classmethod
+    def of(cls, X: FloatArray, least_eigenvalue: float, scaled_slack: FloatArray) -> _EigenSplit:
+        """Split a matrix X (size, size) into range and null space.
+
+        The rank counts the eigenvalues that exceed both rounding and the slack, in the units of X.
+        """
+        values, vectors = np.linalg.eigh(X)  # ascending
+        above_rounding = int((values > least_eigenvalue).sum())
+        above_slack = int((np.linalg.eigvalsh(X - scaled_slack) > 0.0).sum())
+        null_size = len(values) - min(above_slack, above_rounding)
+        return cls(vectors[:, null_size:], vectors[:, :null_size], values[null_size:])
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Matrix X (size, size)."""
+        return (self.U * self.values) @ self.U.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -463,6 +513,16 @@ class _BlockFace:
     core: FloatArray  # (r, r) X_r
     slack: FloatArray  # (size − r, size − r) S_s
 
+    @classmethod
+    def from_slack(cls, place: slice, split: _EigenSplit, slack: FloatArray) -> _BlockFace:
+        """Return the face of a block, given the slack (size, size) of the block.
+
+        At the optimum the slack is positive semidefinite, so S_s is the nearest such matrix.
+        """
+        eigenvalues, vectors = np.linalg.eigh(split.V.T @ slack @ split.V)
+        S_s = (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
+        return cls(place, split.U, split.V, np.diag(split.values), S_s)
+
     @cached_property
     def basis(self) -> FloatArray:
         """Orthonormal tangent vectors (q, d) of the face of a block, as columns.
@@ -470,30 +530,41 @@ class _BlockFace:
         First the changes of the part of the matrix within the range U, then the changes between U and its
         complement V. q is the number of entries of the block as a vector.
         """
-        U, V = self.U, self.V
-        within = [
-            (np.outer(U[:, i], U[:, j]) + np.outer(U[:, j], U[:, i])) / (2.0 if i == j else np.sqrt(2.0))
-            for i in range(len(self.core))
-            for j in range(i + 1)
-        ]
-        between = [(np.outer(u, v) + np.outer(v, u)) / np.sqrt(2.0) for u in self.U.T for v in V.T]
-        matrices = [*within, *between]
-        size = len(U) * (len(U) + 1) // 2  # entries of the symmetric block as a vector
-        return to_vector(np.array(matrices)).T if matrices else np.zeros((size, 0))
+        size, rank = self.U.shape
+        tangents = []
+        for i in range(rank):
+            for j in range(i + 1):
+                u_i, u_j = self.U[:, i], self.U[:, j]
+                norm = 2.0 if i == j else np.sqrt(2.0)
+                tangents.append((np.outer(u_i, u_j) + np.outer(u_j, u_i)) / norm)
+        tangents += [(np.outer(u, v) + np.outer(v, u)) / np.sqrt(2.0) for u in self.U.T for v in self.V.T]
+        if not tangents:
+            return np.zeros((size * (size + 1) // 2, 0))
+        return to_vector(np.array(tangents)).T
+
+    @property
+    def coordinates_within(self) -> int:
+        """Number of tangent vectors within the range U; they come first."""
+        rank = len(self.core)
+        return rank * (rank + 1) // 2
 
     def take_step(self, step: FloatArray) -> FloatArray | None:
-        """Return the block as a vector (q,) after a step that keeps its rank; None if it leaves the cone.
+        """Return the block as a vector (q,) after a step that keeps its rank r; None if it leaves the cone.
 
-        `step` (d,) are coordinates in the tangent vectors of the face.
+        For a step Z in the tangent space, with C = X_r + Uᵀ Z U and the columns W = U C + V Vᵀ Z U, the new
+        block is ``W C⁻¹ Wᵀ``: equal to X + Z to first order, and of rank r.
+
+        Args:
+            step: (d,) coordinates of Z in the tangent vectors of the face.
         """
         if not len(self.core):
             return np.zeros(len(self.basis))
-        tangent = to_matrix(self.basis @ step, len(self.U))
-        core = self.core + self.U.T @ tangent @ self.U
-        if np.linalg.eigvalsh(core)[0] <= 0.0:
+        Z = to_matrix(self.basis @ step, len(self.U))
+        C = self.core + self.U.T @ Z @ self.U
+        if np.linalg.eigvalsh(C)[0] <= 0.0:
             return None
-        root_columns = self.U @ core + self.V @ (self.V.T @ tangent @ self.U)
-        return to_vector(root_columns @ np.linalg.solve(core, root_columns.T))
+        W = self.U @ C + self.V @ (self.V.T @ Z @ self.U)
+        return to_vector(W @ np.linalg.solve(C, W.T))
 
 
 class Face:
@@ -515,72 +586,85 @@ class Face:
     hessian: FloatArray  #: (d, d) Hessian of the objective on the face
 
     def __init__(self, program: SemidefiniteProgram, x: FloatArray) -> None:
-        """Determine the face at a feasible point x (p,): zero scalars, and the rank of each block."""
-        slack, cone = program.slack(x), program.cone
-        self.free = free = np.flatnonzero(x[: cone.nonnegative] > slack[: cone.nonnegative])
+        """Determine the face at a feasible point x (p,): zero scalars, and the rank of each block.
+
+        The point is moved onto the face: small scalars and eigenvalues become zero.
+        """
+        cone, slack = program.cone, program.slack(x)
+        scalars = slice(cone.nonnegative)
+        self.free = np.flatnonzero(x[scalars] > slack[scalars])
+        self.x = np.zeros(len(x))
+        self.x[self.free] = x[self.free]
         largest = max(_SMALL, float(np.abs(x[cone.nonnegative :]).max(initial=0.0)))
-        self.x, decomposed = np.zeros(len(x)), []
-        self.x[free] = x[free]
+        splits = []
         for size, place in cone.blocks():
             X, S = to_matrix(x[place], size), to_matrix(slack[place], size)
-            values, vectors = np.linalg.eigh(X)
-            # The rank counts the eigenvalues that exceed both their slack, in units of X, and rounding.
-            exceeds = np.linalg.eigvalsh(X - largest / program.weight * S) > 0.0
-            rank = min(int(exceeds.sum()), int((values > _ROUNDING * largest).sum()))
-            values = values[size - rank :]
-            U = vectors[:, size - rank :]
-            V = vectors[:, : size - rank]
-            self.x[place] = to_vector((U * values) @ U.T)
-            decomposed.append((place, U, V, values))
+            # The weight of the penalty is the slack's unit.
+            split = _EigenSplit.of(X, _ROUNDING * largest, scaled_slack=largest / program.weight * S)
+            self.x[place] = to_vector(split.matrix)
+            splits.append(split)
         self._slack = program.slack(self.x)
-        faces = []
-        for place, U, V, values in decomposed:
-            # At the optimum the slack is positive semidefinite: take the nearest such matrix.
-            eigenvalues, vectors = np.linalg.eigh(V.T @ to_matrix(self._slack[place], len(U)) @ V)
-            S_s = (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
-            faces.append(_BlockFace(place, U, V, np.diag(values), S_s))
-        ends = np.cumsum([len(free), *(face.basis.shape[1] for face in faces)]).tolist()
-        self.blocks = tuple(zip(faces, [slice(*each) for each in pairwise(ends)], strict=True))
-        self.basis = np.zeros((len(x), ends[-1]))
-        self.basis[free, np.arange(len(free))] = 1.0
-        for face, coordinates in self.blocks:
-            self.basis[face.place, coordinates] = face.basis
+        faces = [
+            _BlockFace.from_slack(place, split, to_matrix(self._slack[place], size))
+            for (size, place), split in zip(cone.blocks(), splits, strict=True)
+        ]
+        self._collect_tangents(faces)
         R = program.fit.R @ self.basis
         self.information = 2.0 * R.T @ R
         self.hessian = self.information.copy()
-        for face, coordinates in self.blocks:
-            if rank := len(face.core):  # the slack adds curvature in the coordinates of B, the last ones
-                between = slice(coordinates.start + rank * (rank + 1) // 2, coordinates.stop)
-                self.hessian[between, between] += np.kron(np.linalg.inv(face.core), face.slack)
-        self.hessian[np.diag_indices_from(self.hessian)] += _RIDGE * self.hessian.diagonal().max(initial=0.0)
+        self._add_curvature()
+
+    def _collect_tangents(self, faces: list[_BlockFace]) -> None:
+        """Set the tangent vectors: a unit vector for each free scalar, then the tangents of each block."""
+        widths = [len(self.free), *(face.basis.shape[1] for face in faces)]
+        ends = np.cumsum(widths).tolist()
+        coordinates = [slice(start, stop) for start, stop in pairwise(ends)]
+        self.blocks = tuple(zip(faces, coordinates, strict=True))
+        self.basis = np.zeros((len(self.x), ends[-1]))
+        self.basis[self.free, np.arange(len(self.free))] = 1.0
+        for face, columns in self.blocks:
+            self.basis[face.place, columns] = face.basis
+
+    def _add_curvature(self) -> None:
+        """Add the curvature of the face to the Hessian: that of ``tr(S_s Bᵀ X_r⁻¹ B)`` for each block.
+
+        B are the block's last coordinates, of changes between the range and the null space of X. A small
+        ridge keeps the point where it is in directions without curvature.
+        """
+        for face, columns in self.blocks:
+            if len(face.core):
+                of_B = slice(columns.start + face.coordinates_within, columns.stop)
+                self.hessian[of_B, of_B] += np.kron(np.linalg.inv(face.core), face.slack)
+        diagonal = np.diag_indices_from(self.hessian)
+        self.hessian[diagonal] += _RIDGE * self.hessian.diagonal().max(initial=0.0)
 
     def step(self) -> FloatArray | None:
         """Return the point (p,) after one step of Newton's method on the face; None if the step fails.
 
         A step fails if it leaves the cone. The point may be worse than before, so it needs a certificate.
         """
+        gradient = self.basis.T @ self._slack
         try:
-            coordinates_step = np.asarray(
-                np.linalg.solve(self.hessian, -(self.basis.T @ self._slack)), dtype=np.float64
-            )
+            step = np.asarray(np.linalg.solve(self.hessian, -gradient), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
-        new_point = np.zeros(len(self.x))
-        new_point[self.free] = self.x[self.free] + coordinates_step[: len(self.free)]
+        new_x = np.zeros(len(self.x))
+        new_x[self.free] = self.x[self.free] + step[: len(self.free)]
         for face, coordinates in self.blocks:
-            block = face.take_step(coordinates_step[coordinates])
+            block = face.take_step(step[coordinates])
             if block is None:
                 return None
-            new_point[face.place] = block
-        is_in_cone = np.isfinite(new_point).all() and (new_point[self.free] >= 0.0).all()
-        return new_point if is_in_cone else None
+            new_x[face.place] = block
+        is_in_cone = np.isfinite(new_x).all() and (new_x[self.free] >= 0.0).all()
+        return new_x if is_in_cone else None
 
 
 def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
     """Return the effective number of parameters of a penalised fit.
 
     This number is the divergence of the fitted readings (Stein 1981), ``Σ_k ∂(R x)_k / ∂z_k``, which equals
-    ``tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, with H the Hessian of the objective.
+    ``tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, with H the Hessian of the objective. The face is the part of
+    the cone's boundary on which the same scalars and eigenvalues are zero.
 
     Args:
         program: program with squared residuals.
@@ -590,11 +674,13 @@ def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> Fl
         An array (p,) whose sum is the effective number: each scalar's part of the number, and each block's
         part at the block's first entry; zero at the other entries.
     """
-    face, freedom = Face(program, x), np.zeros(len(x))
-    shares = np.diagonal(np.linalg.solve(face.hessian, face.information))
-    freedom[face.free] = shares[: len(face.free)]
+    face = Face(program, x)
+    # One part of the trace for each tangent vector of the face: the free scalars', then those of the blocks.
+    parts = np.diagonal(np.linalg.solve(face.hessian, face.information))
+    freedom = np.zeros(len(x))
+    freedom[face.free] = parts[: len(face.free)]
     for block, coordinates in face.blocks:
-        freedom[block.place.start] = shares[coordinates].sum()
+        freedom[block.place.start] = parts[coordinates].sum()
     return freedom
 
 
@@ -620,35 +706,47 @@ class MassCones:
         sizes = [block.size for block in self.blocks]
         return np.cumsum([0, *sizes[:-1]])
 
+    def _split(self, x: FloatArray) -> Iterator[tuple[Block, float, BlockEntries]]:
+        """Yield for each joint its block, its greatest compliance, and its entries of x (p,), as views of x.
+
+        A block is the layout of the joint's entries.
+        """
+        start = 0
+        for block, cap in zip(self.blocks, self.cap.tolist(), strict=True):
+            yield block, cap, block.split(x[start : start + block.size])
+            start += block.size
+
     def minimise_linear_function(self, s: FloatArray) -> float:
         """Return the least value of the linear function sᵀx over the set: zero or negative, in closed form.
 
-        For each block the least value is ``cap · min(0, s_c − h(s))``, where s_c is the coefficient of c, and
-        h the greatest value of −sᵀ(ζ, ν) in the block's set at c = 1.
+        A block of x is (c, ζ, ν) with 0 ≤ c ≤ cap, |ζ_k| ≤ c, and ‖ν_g‖ ≤ c + ratio ζ_k for each ball g. At
+        c = 1 the least s_νᵀν_g is ``−(1 + ratio ζ_k) ‖s_ν‖``, which leaves a linear function of ζ. The least
+        value is in proportion to c, so c is zero or the cap.
         """
         total = 0.0
-        for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
-            zeta = s[start + 1 : start + 1 + block.boxes].copy()
-            nu = s[start + 1 + block.boxes : start + block.size].reshape(-1, 3)
-            norms = np.linalg.norm(nu, axis=1)
-            for (box, ratio), norm in zip(block.balls, norms.tolist(), strict=True):
-                if box >= 0:  # the ball's radius grows with the mass `box`; −1 if the mass is exact
-                    zeta[box] -= ratio * norm
-            total += cap * min(0.0, float(s[start] - np.abs(zeta).sum() - norms.sum()))
+        for block, cap, coefficients in self._split(s):
+            ball_norms = np.linalg.norm(coefficients.nu, axis=1)
+            zeta_coefficients = coefficients.zeta.copy()
+            for (k, ratio), norm in zip(block.balls, ball_norms.tolist(), strict=True):
+                if k >= 0:  # −1 for a ball whose radius does not depend on a ζ
+                    zeta_coefficients[k] -= ratio * norm
+            least_at_unit_c = float(coefficients.c[0] - np.abs(zeta_coefficients).sum() - ball_norms.sum())
+            total += cap * min(0.0, least_at_unit_c)
         return total
 
     def move_into_set(self, x: FloatArray) -> FloatArray:
-        """Return a point (p,) of the set near x (p,): entries beyond a limit are moved onto it."""
-        x = x.copy()
-        for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
-            compliance = x[start] = min(max(x[start], 0.0), cap)
-            box_entries = slice(start + 1, start + 1 + block.boxes)
-            x[box_entries] = np.clip(x[box_entries], -compliance, compliance)
-            for ball, (box_number, ratio) in enumerate(block.balls):
-                ball_entries = slice(box_entries.stop + 3 * ball, box_entries.stop + 3 * ball + 3)
-                radius = compliance + (ratio * x[start + 1 + box_number] if box_number >= 0 else 0.0)
-                x[ball_entries] *= min(1.0, radius / max(float(np.linalg.norm(x[ball_entries])), 1e-300))
-        return x
+        """Return a point (p,) of the set near x (p,): entries beyond a limit are moved onto it.
+
+        A block of x is (c, ζ, ν) with 0 ≤ c ≤ cap, |ζ_k| ≤ c, and ‖ν_g‖ ≤ c + ratio ζ_k for each ball g.
+        """
+        moved = x.copy()
+        for block, cap, entries in self._split(moved):  # the entries are views of `moved`
+            entries.c[0] = c = min(max(entries.c[0], 0.0), cap)
+            entries.zeta[:] = np.clip(entries.zeta, -c, c)
+            for nu, (k, ratio) in zip(entries.nu, block.balls, strict=True):
+                radius = c + ratio * entries.zeta[k] if k >= 0 else c  # −1: the radius does not depend on a ζ
+                nu *= min(1.0, radius / max(float(np.linalg.norm(nu)), 1e-300))
+        return moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -664,38 +762,41 @@ class MassConeSolution(ConeSolution):
 def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassConeSolution:
     """Solve ``minimise ‖A x − b‖²`` over cones of masses and moments by Clarabel, and certify the optimum.
 
-    For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the loss at x
-    exceeds the least loss by ``2 (gᵀx − min gᵀy)`` at most, with the minimum over all y of the set.
-
     Args:
         A: (rows, p) regressor.
         b: (rows,) readings.
         cones: set of x, in units in which x is about as large as ‖b‖; the caps of the compliances bound the
-            set, so that the minimum of gᵀy exists.
+            set, so that a linear function has a least value on the set.
 
     Raises:
         SolverError: no answer is certified.
+    """
+    return _select_certified(_propose_mass_solutions(A, b, cones), GAP, None)
+
+
+def _propose_mass_solutions(A: FloatArray, b: FloatArray, cones: MassCones) -> Iterator[MassConeSolution]:
+    """Yield a solution of ``minimise ‖A x − b‖²`` for each tolerance that Clarabel reaches.
+
+    For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the loss at x
+    exceeds the least loss by ``2 (gᵀx − min gᵀy)`` at most, with the minimum over all y of the set. This
+    bound, for ‖b‖ = 1, is the gap of the solution's certificate.
     """
     from jointstiff.solver.fit import programs  # takes a second to import
 
     b_norm = float(np.linalg.norm(b)) or 1.0  # the program is stated for readings of unit norm
     program = programs.state_mass_cones(len(b), cones.blocks)
-
-    def propose_solutions() -> Iterator[MassConeSolution]:
-        """Yield a solution with its certificate for each tolerance that Clarabel reaches."""
-        for tolerance in _MASS_TOLERANCES:
-            point = program.solve({"A": A, "b": b / b_norm, "cap": cones.cap / b_norm}, tolerance)
-            if point is not None:
-                x = cones.move_into_set(b_norm * point)
-                residual = A @ x - b
-                gradient = A.T @ residual
-                # gap = 2 (gᵀx − min gᵀy) / ‖b‖²; the second term is zero if g is in the dual cone.
-                dual_infeasibility = -2.0 * cones.minimise_linear_function(gradient) / b_norm**2
-                gap = dual_infeasibility + 2.0 * float(gradient @ x) / b_norm**2
-                certificate = Certificate(0.0, dual_infeasibility, gap, residual / b_norm, "clarabel")
-                yield MassConeSolution(x, certificate, float(residual @ residual))
-
-    return _select_certified(propose_solutions(), GAP, None)
+    data = {"A": A, "b": b / b_norm, "cap": cones.cap / b_norm}
+    for tolerance in _MASS_TOLERANCES:
+        point = program.solve(data, tolerance)
+        if point is None:
+            continue
+        x = cones.move_into_set(b_norm * point)
+        residual = A @ x - b
+        g = A.T @ residual
+        dual_violation = -2.0 * cones.minimise_linear_function(g) / b_norm**2  # zero for g in the dual cone
+        gap = dual_violation + 2.0 * float(g @ x) / b_norm**2
+        certificate = Certificate(0.0, dual_violation, gap, residual / b_norm, "clarabel")
+        yield MassConeSolution(x, certificate, loss=float(residual @ residual))
 
 
 def bound_compliances(
@@ -717,30 +818,59 @@ def bound_compliances(
     Returns:
         (n, 2) outer bounds on the least and greatest compliance; NaN where Clarabel has no answer.
     """
-    from jointstiff.solver.fit import programs  # takes a second to import
-
-    radius = max(float(np.sqrt(optimum.loss + rise)), _LEAST_RADIUS * float(np.linalg.norm(b)))
-    program = programs.state_mass_cone_end(len(b), cones.blocks)
-    data = {"A": A, "b": (b - A @ optimum.x) / radius, "near": optimum.x / radius, "cap": cones.cap / radius}
-    bounds, multipliers = np.full((len(cones.cap), 2), np.nan), {}
-    for joint, side in np.ndindex(
-        bounds.shape
-    ):  # side 0 minimises the compliance of block j, side 1 maximises
-        function = np.zeros(len(optimum.x))
-        function[cones.first[joint]] = (1.0, -1.0)[side]
-        solution = program.solve_with_duals({"a": function, **data}, *_MASS_TOLERANCES)
-        if solution is not None:
-            # The first multiplier belongs to the norm; the next are those of the rows.
-            multipliers[joint, side] = function, solution[1][1 : 1 + len(b)]
+    r = max(float(np.sqrt(optimum.loss + rise)), _LEAST_RADIUS * float(np.linalg.norm(b)))
+    ends = _find_ends(A, b, optimum.x, r, cones)
+    bounds = np.full((len(cones.cap), 2), np.nan)
     cap = cones.cap
     for _ in range(2):  # the second round uses the caps that the first has lowered
-        for (joint, side), (function, multiplier) in multipliers.items():
-            least = (
-                multiplier @ b
-                - radius * float(np.linalg.norm(multiplier))
-                + MassCones(cones.blocks, cap).minimise_linear_function(function - A.T @ multiplier)
-            )
-            bounds[joint, side] = least if side == 0 else -least
+        capped = MassCones(cones.blocks, cap)
+        for end in ends:
+            u = end.multipliers
+            least = u @ b - r * float(np.linalg.norm(u))
+            least += capped.minimise_linear_function(end.function - A.T @ u)
+            bounds[end.joint, end.side] = least if end.side == 0 else -least
         cap = np.fmin(cap, bounds[:, 1])
     bounds[:, 0] = np.fmax(bounds[:, 0], 0.0)
     return bounds
+
+
+class _ComplianceEnd(NamedTuple):
+    """Clarabel's answer for the least or greatest compliance of a joint in a ball."""
+
+    joint: int
+    side: int  # 0 for the least compliance, 1 for the greatest
+    function: FloatArray  # (p,) function aᵀy that is minimised: the compliance, or its negative
+    multipliers: FloatArray  # (rows,) multipliers u of the ball's rows
+
+
+def _find_ends(
+    A: FloatArray, b: FloatArray, near: FloatArray, radius: float, cones: MassCones
+) -> list[_ComplianceEnd]:
+    """Find the least and greatest compliance of each joint in ``‖A y − b‖ ≤ radius``, y in a set of cones.
+
+    Ends that Clarabel does not find are left out.
+
+    Args:
+        A: (rows, p) regressor.
+        b: (rows,) readings.
+        near: (p,) point near the ball, from which the program's variables are counted.
+        radius: radius of the ball, the unit of the program's variables.
+        cones: set of y.
+    """
+    from jointstiff.solver.fit import programs  # takes a second to import
+
+    program = programs.state_mass_cone_end(len(b), cones.blocks)
+    data = {"A": A, "b": (b - A @ near) / radius, "near": near / radius, "cap": cones.cap / radius}
+    ends = []
+    for joint, place_in_y in enumerate(cones.first):
+        for side, sign in enumerate((1.0, -1.0)):  # minimise the compliance, then its negative
+            function = np.zeros(len(near))
+            function[place_in_y] = sign
+            solution = program.solve_with_duals({"a": function, **data}, *_MASS_TOLERANCES)
+            if solution is None:
+                continue
+            _, multipliers = solution
+            # The first multiplier belongs to the norm; the next are those of the rows.
+            multipliers_of_rows = multipliers[1 : 1 + len(b)]
+            ends.append(_ComplianceEnd(joint, side, function, multipliers_of_rows))
+    return ends

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -51,22 +51,34 @@ def build_effective_rows(robot: Robot, columns: Columns) -> FloatArray:
     target like the joint, so that readings cannot separate the three.
     """
     rows = np.zeros((columns.n, columns.width))
-    rows[np.arange(columns.n), columns.joints] = 1.0
-    rows[np.arange(columns.n), columns.coupling[find_diagonal_entries(columns.n)]] = 1.0
-    i, j = triangle_indices(6)
-    rotations = spring_frames(Postures(robot, np.zeros((1, columns.n))))[0][0]
-    # For each link or base: the joint that moves targets alike, and the joint's axis in the frame of the
-    # element.
-    joint_axes = {frame: (frame, robot.axes[frame]) for frame in columns.links}
-    joint_axes[BASE] = (0, rotations[0] @ robot.axes[0])
-    for frame, (joint, joint_axis) in joint_axes.items():
-        # A small motion has three translations, then three rotations.
-        translation, rotation = (
-            (joint_axis, np.zeros(3)) if robot.prismatic[joint] else (np.zeros(3), joint_axis)
-        )
-        axis = np.concatenate([translation, rotation])
-        rows[joint, columns.link_columns(frame)] = axis[i] * axis[j] * triangle_weights(6)
+    joints = np.arange(columns.n)
+    own_coupling = columns.coupling[find_diagonal_entries(columns.n)]  # diagonal of the coupled compliance
+    rows[joints, columns.joints] = 1.0
+    rows[joints, own_coupling] = 1.0
+    for frame in columns.links:
+        rows[frame, columns.link_columns(frame)] = _project_on_axis(robot, frame, robot.axes[frame])
+    # The base is a link before joint 1, in the axes of R0.
+    rotations, _ = spring_frames(Postures(robot, np.zeros((1, columns.n))))
+    first_axis = rotations[0, 0] @ robot.axes[0]
+    rows[0, columns.link_columns(BASE)] = _project_on_axis(robot, 0, first_axis)
     return rows
+
+
+def _project_on_axis(robot: Robot, joint: int, axis: FloatArray) -> FloatArray:
+    """Return the weights (21,) of the entries of a compliance C in ``sᵀ C s``, with s a joint's unit motion.
+
+    s has three translations, then three rotations. C is a symmetric 6 × 6 matrix, given by its upper
+    triangle.
+
+    Args:
+        robot: n joints.
+        joint: index of the joint, which turns about its axis or, if it is prismatic, slides along its axis.
+        axis: (3,) unit vector along the joint's axis, in the axes of C.
+    """
+    is_prismatic = robot.prismatic[joint]
+    s = np.concatenate([axis, np.zeros(3)] if is_prismatic else [np.zeros(3), axis])
+    i, j = triangle_indices(6)
+    return np.asarray(s[i] * s[j] * triangle_weights(6))  # entries off the diagonal count twice
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,16 +105,17 @@ class EffectiveCompliances:
     def widen_ranges_by(self, other: EffectiveCompliances) -> EffectiveCompliances:
         """Return these compliances with ranges widened to contain the ranges of another model.
 
-        Each range still contains the compliance of this model.
+        Each range still contains the compliance of this model. `fmin` and `fmax` ignore numbers that are not
+        known (NaN).
         """
         lower = np.fmin(self.range[:, 0], other.range[:, 0])
         upper = np.fmax(self.range[:, 1], other.range[:, 1])
         # A range that comes only from the other model need not contain this model's value: widen the range.
         value = np.where(np.isnan(lower), np.nan, self.compliance)
-        lower, upper = np.fmin(lower, value), np.fmax(upper, value)
-        return replace(
-            self, range=np.column_stack([lower, upper]), quantile=min(self.quantile, other.quantile)
-        )
+        lower = np.fmin(lower, value)
+        upper = np.fmax(upper, value)
+        widened = np.column_stack([lower, upper])
+        return replace(self, range=widened, quantile=min(self.quantile, other.quantile))
 
 
 def compute_effective_compliances(
@@ -132,33 +145,34 @@ def compute_effective_compliances(
     """
     range_estimate = range_estimate or elastic
     likelihood = range_estimate.likelihood
-    rows = build_effective_rows(robot, elastic.candidate.columns)
-    effective, ranges = rows @ elastic.entries, np.full((robot.n, 2), np.nan)
+    rows = build_effective_rows(robot, elastic.candidate.columns)  # compliances → effective compliances
+    effective = rows @ elastic.entries
+    lower, upper = np.full((2, robot.n), np.nan)
     quantile = student_quantile(0.5 * (1.0 + confidence), likelihood.degrees_of_freedom)
     if likelihood.sigma is not None:
         reduced = likelihood.reduced
         program = reduced.state(_LIGHTER * likelihood.weight)
-        with suppress(SolverError):  # Without a certified optimum the ranges stay unknown (NaN).
+        with suppress(SolverError):  # Without a certified optimum the ranges remain unknown (NaN).
             optimum = solve_cone(program, wanted_gap=_GAP).x
-            # Root of the allowed increase of the objective, and the effective compliances as functions of x
-            radius = quantile * likelihood.sigma / reduced.size
-            functions = rows[:, reduced.columns] * reduced.unit
-            effective = functions @ optimum if publishes_ranges else effective
-            ranges = compute_penalised_range(program, optimum, radius**2, functions)
+            functions = rows[:, reduced.columns] * reduced.unit  # of the program's parameters x
+            if publishes_ranges:
+                effective = functions @ optimum
+            root_of_increase = quantile * likelihood.sigma / reduced.size
+            lower, upper = compute_penalised_range(program, optimum, root_of_increase**2, functions).T
             if range_estimate.candidate.model.name == "joints_and_base":
-                least, greatest = compute_unconstrained_range(reduced.squares, functions, radius).T
-                ranges = np.column_stack([np.fmin(ranges[:, 0], least), np.fmax(ranges[:, 1], greatest)])
+                least, greatest = compute_unconstrained_range(reduced.squares, functions, root_of_increase).T
+                lower, upper = np.fmin(lower, least), np.fmax(upper, greatest)
     # The programs find the ends to a tolerance only: a range must contain the estimate.
-    ranges[:, 0] = np.minimum(np.maximum(ranges[:, 0], 0.0), effective)
-    ranges[:, 1] = np.maximum(ranges[:, 1], effective)
+    lower = np.minimum(np.maximum(lower, 0.0), effective)
+    upper = np.maximum(upper, effective)
     # An error of all loads' size changes all compliances in proportion, and no reading shows it.
     scale_error = quantile * range_estimate.force_scale * effective
-    ranges[:, 0] = np.maximum(effective - np.hypot(effective - ranges[:, 0], scale_error), 0.0)
-    ranges[:, 1] = effective + np.hypot(ranges[:, 1] - effective, scale_error)
-    ranges[ranges[:, 0] < _NOTHING * ranges[:, 1], 0] = 0.0
+    lower = np.maximum(effective - np.hypot(effective - lower, scale_error), 0.0)
+    upper = effective + np.hypot(upper - effective, scale_error)
+    lower[lower < _NOTHING * upper] = 0.0
     return EffectiveCompliances(
         compliance=np.where(np.isnan(elastic.compliance), np.nan, effective),
-        range=ranges,
+        range=np.column_stack([lower, upper]),
         quantile=quantile,
         ranges_are_published=publishes_ranges,
     )
@@ -184,14 +198,16 @@ def replace_by_effective(
         elastic: estimate with bending links or base.
         effective: effective compliances of the same joints.
     """
-    # Words for the link or base that bends about the axis of a joint; keys are names of joints.
+    # What bends about the axis of a joint, by the joint's name; the words are followed by "'s", such as in
+    # "its link's and the base's rotation about its axis".
     bending_words = {link.joint: "its link" for link in elastic.links}
     if elastic.base is not None:
         first = estimate.joints[0].name
-        # The text is followed by "'s": "its link's and the base's rotation about …".
-        bending_words[first] = (
-            f"{bending_words[first]}'s and the base" if first in bending_words else "the base"
-        )
+        first_link_bends = first in bending_words
+        bending_words[first] = "its link's and the base" if first_link_bends else "the base"
+    joints = list[JointCompliance]()
+    for index, joint in enumerate(estimate.joints):
+        joints.append(_build_effective_joint(joint, effective, index, bending_words.get(joint.name)))
     certificate = elastic.certificate
     evidence = Certificate(
         primal=max(0.0, -certificate.least_eigenvalue),
@@ -203,10 +219,7 @@ def replace_by_effective(
     )
     return replace(
         estimate,
-        joints=tuple(
-            _build_effective_joint(joint, effective, j, bending_words.get(joint.name))
-            for j, joint in enumerate(estimate.joints)
-        ),
+        joints=tuple(joints),
         compliance=np.nan_to_num(effective.compliance),
         covariance=None,
         sigma=elastic.sigma,
@@ -234,15 +247,18 @@ def _build_effective_joint(
     uncertainty = float(effective.uncertainty[index])
     if joint.status == "not_observable" or np.isnan(compliance):
         return joint
-    lower, upper = effective.ends[index].tolist()
-    is_rigid = compliance < RIGID
-    motion = JOINT_UNITS[joint.kind].of_link
-    remark_on_sum = (
-        f"effective compliance of the joint together with {bending_words}'s {motion} its axis, because "
-        "readings do not distinguish the two"
+    remarks = list[str]()
+    if bending_words is not None:
+        motion = JOINT_UNITS[joint.kind].of_link  # "rotation about" or "motion along"
+        remarks.append(
+            f"effective compliance of the joint together with {bending_words}'s {motion} its axis, because "
+            "readings do not distinguish the two"
+        )
+    status: Literal["identified", "uncertain", "at_bound"] = (
+        "identified" if uncertainty < compliance else "uncertain"
     )
-    remarks = [] if bending_words is None else [remark_on_sum]
-    if is_rigid:
+    if compliance < RIGID:
+        status, compliance = "at_bound", 0.0
         remarks = [
             "the other elastic elements (joints, links or base) explain the readings without a compliance of "
             "this joint"
@@ -254,12 +270,14 @@ def _build_effective_joint(
             f"poorly determined (standard uncertainty {100 * uncertainty / compliance:.0f} %): "
             "bending links explain the readings nearly as well as this joint"
         )
+    lower, upper = effective.ends[index].tolist()
+    has_interval = bool(np.isfinite([lower, upper]).all())
     return JointCompliance(
         name=joint.name,
         kind=joint.kind,
-        status="at_bound" if is_rigid else "identified" if uncertainty < compliance else "uncertain",
-        compliance=0.0 if is_rigid else compliance,
+        status=status,
+        compliance=compliance,
         standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
-        compliance_interval=(lower, upper) if np.isfinite([lower, upper]).all() else None,
+        compliance_interval=(lower, upper) if has_interval else None,
         reason="; ".join(remarks) or None,
     )

@@ -32,6 +32,7 @@ from jointstiff.solver.fit.reduced import (
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import Witness
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import BASE
 from jointstiff.solver.messages import point
 
@@ -93,9 +94,13 @@ class ElasticFit:
 
 def find_principal_compliances(block: FloatArray) -> list[PrincipalCompliance]:
     """Return eigenvalues and eigenvectors of a compliance block (3, 3), the largest compliance first."""
-    values, vectors = np.linalg.eigh(block)  # in ascending order
-    pairs = zip(np.maximum(values[::-1], 0.0).tolist(), fix_axis_signs(vectors.T[::-1]), strict=True)
-    return [PrincipalCompliance(value=value, direction=point(direction)) for value, direction in pairs]
+    eigenvalues, eigenvectors = np.linalg.eigh(block)  # ascending; eigenvectors are columns
+    values = np.maximum(eigenvalues[::-1], 0.0)  # rounding may make a zero negative
+    directions = fix_axis_signs(eigenvectors.T[::-1])
+    return [
+        PrincipalCompliance(value=value, direction=point(direction))
+        for value, direction in zip(values.tolist(), directions, strict=True)
+    ]
 
 
 CERTIFIED_GAP: Final = 1e-2
@@ -120,21 +125,23 @@ def refuse_unsupported_elastic(settings: Settings) -> None:
     Raises:
         UnsupportedMethodError: an option is not supported; the error names the option and a remedy.
     """
-    only_positive = bool((settings.bounds.lower == 0.0).all() and np.isinf(settings.bounds.upper).all())
-    # Whether the option is refused, field of the request, remedy
-    refused = (
-        (settings.method != "partial_pose", "method", "use method partial_pose"),
-        (settings.weighting != "covariance", "weighting", "use weighting covariance"),
-        (not only_positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `positive` true"),
-        (bool(settings.order), "stiffness_order", "omit `stiffness_order`"),
+    bounds = settings.bounds
+    only_positive = bool((bounds.lower == 0.0).all() and np.isinf(bounds.upper).all())
+    if settings.method != "partial_pose":
+        field, remedy = "method", "use method partial_pose"
+    elif settings.weighting != "covariance":
+        field, remedy = "weighting", "use weighting covariance"
+    elif not only_positive:
+        field, remedy = "stiffness_bounds", "omit `stiffness_bounds`, and leave `positive` true"
+    elif settings.order:
+        field, remedy = "stiffness_order", "omit `stiffness_order`"
+    else:
+        return
+    raise UnsupportedMethodError(
+        f"the given {field.replace('_', ' ')} works only with elasticity joints",
+        where=field,
+        remedy=f"{remedy}, or use elasticity joints",
     )
-    for is_refused, where, remedy in refused:
-        if is_refused:
-            raise UnsupportedMethodError(
-                f"the given {where.replace('_', ' ')} works only with elasticity joints",
-                where=where,
-                remedy=f"{remedy}, or use elasticity joints",
-            )
 
 
 def fit_elastic(
@@ -142,8 +149,8 @@ def fit_elastic(
 ) -> ElasticFit:
     """Fit an elastic model to a whole set for a given penalty, and certify the optimum.
 
-    Where sigma is not stated, joints alone give the first sigma, by which statements are weighted; the fit is
-    repeated with its own sigma.
+    Priors of compliances and errors are weighted by sigma, the standard uncertainty of a reading. If sigma is
+    not stated, a first fit finds sigma from its residuals, and the fit is repeated with this sigma.
 
     Args:
         rows: N observations.
@@ -156,48 +163,54 @@ def fit_elastic(
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
     stated_sigma = rows.measurements.sigma
-    first = _fit_once(rows, reduce_part(part, candidate, visible, stated_sigma), candidate, weight)
-    if not len(part.stated) or stated_sigma is not None or not first.sigma:
+    reduced = reduce_part(part, candidate, visible, stated_sigma)
+    first = _fit_once(rows, reduced, candidate, weight)
+    has_priors = len(part.stated) > 0
+    if not has_priors or stated_sigma is not None or not first.sigma:
         return first
-    weighted = part.with_sigma(max(first.sigma, LEAST_STATED_SIGMA))
-    return _fit_once(rows, reduce_part(weighted, candidate, visible), candidate, weight)
+    reweighted = part.with_sigma(max(first.sigma, LEAST_STATED_SIGMA))
+    return _fit_once(rows, reduce_part(reweighted, candidate, visible), candidate, weight)
 
 
 def _fit_once(rows: Rows, reduced: Reduced, candidate: Candidate, weight: float) -> ElasticFit:
-    """Fit an elastic model to a whole set, with statements weighted as they are.
+    """Fit the compliances of joints, links and base to a whole set, certify the optimum, and summarise it.
 
     Args:
         rows: N observations.
-        reduced: all these observations, reduced to the parameters of the model.
+        reduced: compressed rows of all these observations, for the parameters of the model.
         candidate: elastic elements that bend, and the loss.
         weight: λ > 0 of the penalty.
 
     Raises:
         UnsupportedMethodError: the penalty is too small for the optimum to be certified.
     """
-    robot, columns = rows.robot, candidate.columns
+    columns = candidate.columns
     certified = _fit_certified(reduced, candidate, weight)
     compliances, unknowns = certified.compliances, certified.unknowns
-    squares, weight_of_squares = certified.squares, certified.weight_of_squares
-    residuals = _summarise_residuals(squares, weight_of_squares, compliances, reduced.sigma)
+    residuals = _summarise_residuals(
+        certified.squares, certified.weight_of_squares, compliances, reduced.sigma
+    )
     elements, prediction = _compute_element_shares(rows, candidate, reduced.part.statements, unknowns)
-    determined = np.isin(np.arange(robot.n), reduced.columns)
-    joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
-    summaries = {
-        frame: ElasticCompliance(
-            joint=None if frame == BASE else robot.joint_names[frame],
-            **_summarise_compliance(compliances, candidate, residuals.effective_freedom, frame),
-        )
-        for frame in candidate.frames
-    }
+
+    # A joint's own compliance is a single number, or on the coupled matrix's diagonal; the other is zero.
+    own_compliances = np.diag(compliances[columns.joints])
+    joint_matrix = to_matrix(compliances[columns.coupling], columns.n) + own_compliances
+    is_determined = np.isin(columns.joints, reduced.columns)
+    links, base = list[ElasticCompliance](), None
+    for frame in candidate.frames:
+        fields = _summarise_compliance(compliances, candidate, residuals.effective_freedom, frame)
+        if frame == BASE:
+            base = ElasticCompliance(joint=None, **fields)
+        else:
+            links.append(ElasticCompliance(joint=rows.robot.joint_names[frame], **fields))
     return ElasticFit(
         candidate=candidate,
         penalty=weight,
-        compliance=np.where(determined, np.diagonal(joints), np.nan),
-        coupled_joints=joints if candidate.model.couples_joints else None,
+        compliance=np.where(is_determined, np.diagonal(joint_matrix), np.nan),
+        coupled_joints=joint_matrix if candidate.model.couples_joints else None,
         entries=compliances,
-        links=tuple(each for frame, each in summaries.items() if frame != BASE),
-        base=summaries.get(BASE),
+        links=tuple(links),
+        base=base,
         elements=elements,
         prediction=prediction,
         sigma=residuals.sigma,
@@ -208,7 +221,7 @@ def _fit_once(rows: Rows, reduced: Reduced, candidate: Candidate, weight: float)
         certificate=certified.certificate,
         likelihood=_build_likelihood(reduced, candidate, unknowns, weight),
         target_weights=certified.target_weights,
-        penalty_of_squares=weight_of_squares,
+        penalty_of_squares=certified.weight_of_squares,
         witness=certified.witness,
         force_scale=rows.measurements.common_uncertainty.scale,
     )
@@ -227,14 +240,17 @@ class _Certified(NamedTuple):
 
 
 def _fit_certified(reduced: Reduced, candidate: Candidate, weight: float) -> _Certified:
-    """Find the optimum of a candidate's loss, and certify the matrices that are published.
+    """Minimise the loss and the penalty, make compliance matrices semidefinite, and certify the result.
+
+    The certificate is the duality gap: by how much the objective may exceed the optimum. Here it is expressed
+    in units of sigma, the noise of a reading.
 
     Raises:
         UnsupportedMethodError: the penalty is too small for the optimum to be certified.
     """
-    gap_scale = _compute_gap_scale(reduced)
+    gap_scale = _compute_gap_scale(reduced)  # sigma, or the residuals if greater [m]
     gap_of_one_sigma = gap_scale / compute_gap_unit(reduced, candidate)
-    try:  # The solver aims at the desired gap; a larger gap within the accepted limit is no error.
+    try:  # The solver aims at the desired gap; a larger gap up to the accepted one is no error.
         loss, solution = fit_loss(
             reduced,
             candidate,
@@ -245,18 +261,27 @@ def _fit_certified(reduced: Reduced, candidate: Candidate, weight: float) -> _Ce
     except SolverError as error:
         raise _build_uncertified_error(weight) from error
     compliances, least_eigenvalue = _make_semidefinite(reduced.to_compliances(solution.x), candidate)
+    gap = loss.certify_gap(compliances, weight, solution) / gap_of_one_sigma
+    is_certified = gap <= CERTIFIED_GAP  # false for NaN
+    if not is_certified:
+        raise _build_uncertified_error(weight)
     unknowns = reduced.to_unknowns(solution)
     unknowns[: len(compliances)] = compliances
-    gap = loss.certify_gap(compliances, weight, solution) / gap_of_one_sigma
-    if not gap <= CERTIFIED_GAP:
-        raise _build_uncertified_error(weight)
-    dual, witness = solution.certificate.dual, solution.certificate.witness
-    certificate = LinkCertificate(
-        least_eigenvalue=least_eigenvalue, dual=dual, gap=gap, scale=float(gap_scale)
-    )
     squares, weight_of_squares = loss.build_weighted_squares(candidate, unknowns, weight)
-    target_weights = loss.weigh_targets(unknowns)
-    return _Certified(compliances, unknowns, certificate, witness, squares, weight_of_squares, target_weights)
+    return _Certified(
+        compliances=compliances,
+        unknowns=unknowns,
+        certificate=LinkCertificate(
+            least_eigenvalue=least_eigenvalue,
+            dual=solution.certificate.dual,
+            gap=gap,
+            scale=float(gap_scale),
+        ),
+        witness=solution.certificate.witness,
+        squares=squares,
+        weight_of_squares=weight_of_squares,
+        target_weights=loss.weigh_targets(unknowns),
+    )
 
 
 def _build_likelihood(
@@ -264,24 +289,25 @@ def _build_likelihood(
 ) -> PenalisedLikelihood:
     """Return the least-squares problem from which the uncertainties of a fit are computed.
 
-    The stated sigma is raised to the sigma of the residuals, if the residuals are larger.
+    Its sigma is the stated sigma, or the sigma of the residuals if that is greater.
 
     Args:
         reduced: rows of the fit.
         candidate: elastic elements that bend, and the loss.
-        unknowns: (P + K,) fitted compliances and stated errors.
+        unknowns: (P + K,) fitted compliances, then fitted systematic errors.
         weight: weight λ of the penalty in the fit.
     """
-    weight = convert_weight_to_squares(reduced, candidate, unknowns, weight)
+    weight_of_squares = convert_weight_to_squares(reduced, candidate, unknowns, weight)
     compliances = unknowns[: reduced.part.compliances]
-    residuals = _summarise_residuals(reduced, weight, compliances, reduced.sigma)
-    sigma, degrees_of_freedom = residuals.sigma, residuals.degrees_of_freedom
-    if reduced.sigma is None or sigma is None:
-        return PenalisedLikelihood(reduced, weight, sigma, degrees_of_freedom)
+    residuals = _summarise_residuals(reduced, weight_of_squares, compliances, reduced.sigma)
+    degrees_of_freedom = residuals.degrees_of_freedom
+    if reduced.sigma is None:
+        return PenalisedLikelihood(reduced, weight_of_squares, residuals.sigma, degrees_of_freedom)
+    # √(χ²/ν) is the sigma of the residuals relative to the stated sigma.
     excess = 1.0
     if degrees_of_freedom >= _LEAST_FREEDOM:
-        excess = sqrt(residuals.chi_square / degrees_of_freedom)
-    return PenalisedLikelihood(reduced, weight, sigma * max(1.0, excess), None)
+        excess = max(1.0, sqrt(residuals.chi_square / degrees_of_freedom))
+    return PenalisedLikelihood(reduced, weight_of_squares, reduced.sigma * excess, None)
 
 
 class _Residuals(NamedTuple):
@@ -298,7 +324,10 @@ class _Residuals(NamedTuple):
 def _summarise_residuals(
     squares: Reduced, weight: float, compliances: FloatArray, sigma: float | None
 ) -> _Residuals:
-    """Compute the degrees of freedom, sigma and chi square of a fit from its residuals.
+    """Compute the degrees of freedom, sigma and chi square of a penalised fit from its residuals.
+
+    A penalty leaves each compliance an effective freedom between 0 and 1; the degrees of freedom are the
+    number of readings less the sum of these.
 
     Args:
         squares: (weighted) least-squares problem of the fit.
@@ -306,33 +335,39 @@ def _summarise_residuals(
         compliances: (P,) fitted compliances.
         sigma: stated standard uncertainty of a coordinate [m]; None if unknown.
     """
-    parameters, part = compliances[squares.columns] / squares.unit, squares.part
+    part = squares.part
     effective_freedom = np.zeros(part.compliances)
-    effective_freedom[squares.columns] = compute_effective_freedom(squares.state(weight), parameters)
+    effective_freedom[squares.columns] = compute_effective_freedom(
+        squares.state(weight), squares.to_parameters(compliances)
+    )
     degrees_of_freedom = max(0.0, part.count - float(effective_freedom.sum()))
-    triangle = part.with_errors_fitted
-    squares_sum = float(np.square(triangle[:, :-1] @ compliances - triangle[:, -1]).sum())
+    rows = part.with_errors_fitted  # [A d] of compliances and readings
+    residuals = rows[:, :-1] @ compliances - rows[:, -1]
+    sum_of_squares = float(np.square(residuals).sum())
     if sigma is None and degrees_of_freedom >= _LEAST_FREEDOM:
-        sigma = sqrt(squares_sum / degrees_of_freedom)
-    chi_square = squares_sum / sigma**2 if sigma else 0.0
+        sigma = sqrt(sum_of_squares / degrees_of_freedom)
+    chi_square = sum_of_squares / sigma**2 if sigma else 0.0
     return _Residuals(effective_freedom, degrees_of_freedom, sigma, chi_square)
 
 
 def _compute_gap_scale(reduced: Reduced) -> float:
-    """Return the length [m] that is the unit of the gaps of certificates.
+    """Return the length [m] by which the duality gap of a fit is judged: the size of the noise.
 
     The length is sigma, or the rms residual of an unconstrained fit without penalty, if that is greater: an
     optimum more exact than these residuals would have no use. If sigma is None, the rms residual of a fit of
     joints alone replaces sigma.
     """
-    squares, readings, joint_count = reduced.squares, reduced.part.size.readings, reduced.cone.free
+    squares, reading_count = reduced.squares, reduced.part.size.readings
+    joint_count = reduced.cone.free  # the first parameters, which have no penalty
     joint_columns = squares.R[:, :joint_count]
-    fitted = joint_columns @ np.linalg.lstsq(joint_columns, squares.z, rcond=None)[0]
-    joints_residual = float(np.linalg.norm(fitted - squares.z))
+    compliances, *_ = np.linalg.lstsq(joint_columns, squares.z, rcond=None)
+    joints_residual = float(np.linalg.norm(joint_columns @ compliances - squares.z))
+    # `squares.origin` are the parameters of the unconstrained fit.
     least_residual = float(np.linalg.norm(squares.R @ squares.origin - squares.z))
+    # Residuals are relative to the norm of the readings, `reduced.size` [m].
     joints_scale = max(joints_residual, _LEAST_SCALE) * reduced.size
-    noise = reduced.sigma or joints_scale / sqrt(max(1, readings - joint_count))
-    return max(noise, least_residual * reduced.size / sqrt(max(1, readings)))
+    noise = reduced.sigma or joints_scale / sqrt(max(1, reading_count - joint_count))
+    return max(noise, least_residual * reduced.size / sqrt(max(1, reading_count)))
 
 
 def _build_uncertified_error(weight: float) -> UnsupportedMethodError:
@@ -355,15 +390,19 @@ def _make_semidefinite(compliances: FloatArray, candidate: Candidate) -> tuple[F
         The compliances (P,) with raised diagonals; and the least of all joint compliances and of the
         eigenvalues of all matrices that are not zero.
     """
-    raised, columns = compliances.copy(), candidate.columns
+    columns = candidate.columns
+    raised = compliances.copy()
+    # Number of rows of each symmetric matrix, and the columns of its upper triangle.
     matrices = [(6, columns.link_columns(frame)) for frame in columns.frames]
     matrices.append((columns.n, columns.coupling))
     least_values = [float(raised[columns.joints].min())]
-    for size, entry_columns in matrices:
-        if raised[entry_columns].any():  # A matrix of zeros belongs to an element that does not bend.
-            raised[entry_columns] = lift_diagonal(raised[entry_columns], size)
-            eigenvalues = np.linalg.eigvalsh(to_matrix(raised[entry_columns], size))
-            least_values.append(float(eigenvalues.min()))
+    for size, of_matrix in matrices:
+        is_rigid = not raised[of_matrix].any()
+        if is_rigid:
+            continue
+        raised[of_matrix] = lift_diagonal(raised[of_matrix], size)
+        eigenvalues = np.linalg.eigvalsh(to_matrix(raised[of_matrix], size))
+        least_values.append(float(eigenvalues.min()))
     return raised, min(least_values)
 
 
@@ -380,12 +419,13 @@ def _summarise_compliance(
     """
     link_columns = candidate.columns.link_columns(frame)
     matrix = to_matrix(compliances[link_columns], 6)
+    is_diagonal = candidate.model.links == "diagonal"
     return {
         "matrix": matrix.tolist(),
         "translation": find_principal_compliances(matrix[:3, :3]),
         "rotation": find_principal_compliances(matrix[3:, 3:]),
         "effective_freedom": float(freedom[link_columns].sum()),
-        "parameters": 6 if candidate.model.links == "diagonal" else len(link_columns),
+        "parameters": 6 if is_diagonal else len(link_columns),
     }
 
 
@@ -403,54 +443,70 @@ def _compute_element_shares(
     Args:
         source: N observations.
         candidate: elastic elements that bend.
-        statements: stated errors that were fitted.
-        unknowns: (P + K,) fitted compliances and stated errors.
+        statements: systematic errors that were fitted together with the elements.
+        unknowns: (P + K,) fitted compliances, then fitted systematic errors.
 
     Returns:
-        The shares; and the prediction of all deflections by all elements and stated errors together.
+        The shares; and the prediction of all deflections by all elements and errors together.
     """
-    robot, measurements, columns = source.robot, source.measurements, candidate.columns
-    coupling_diagonal = columns.coupling[find_diagonal_entries(columns.n)]
-    # Kind, joint, and columns of each element. A joint's own compliance has a column as a single number, and
-    # a column on the diagonal of the coupled compliance; one of the two compliances is zero.
-    elements_of_model: list[tuple[Literal["joint", "coupling", "link", "base"], str | None, IndexArray]] = [
-        ("joint", robot.joint_names[joint], np.array([columns.joints[joint], coupling_diagonal[joint]]))
-        for joint in range(columns.n)
-    ]
-    if candidate.model.couples_joints:
-        elements_of_model.append(("coupling", None, np.setdiff1d(columns.coupling, coupling_diagonal)))
-    for frame in candidate.frames:
-        kind: Literal["link", "base"] = "base" if frame == BASE else "link"
-        joint_name = None if frame == BASE else robot.joint_names[frame]
-        elements_of_model.append((kind, joint_name, columns.link_columns(frame)))
+    elements = _list_elements(source.robot, candidate)
     predicted, predicted_turns, products = [], [], []
-    for rows in generate_elastic_rows(source, columns, statements):
+    for rows in generate_elastic_rows(source, candidate.columns, statements):
         # Missing readings add nothing: their rows and deflections are zero.
-        # (B, P + K) scalar product of the deflections due to each unknown with the measured deflections
-        deflection = rows.block.measurements.deflection
-        column_products = np.einsum("btip,bti->bp", rows.targets[..., :-1], deflection) * unknowns
+        regressor = rows.targets[..., :-1]  # (B observations, T targets, 3 axes, P + K unknowns)
+        deflection = rows.block.measurements.deflection  # (B, T, 3)
+        products_of_unknowns = np.einsum("btip,bti->bp", regressor, deflection) * unknowns
         products.append(
-            np.stack(
-                [column_products[:, part_columns].sum(axis=1) for _, _, part_columns in elements_of_model]
-            )
+            np.stack([products_of_unknowns[:, element.columns].sum(axis=1) for element in elements])
         )
-        predicted.append(rows.targets[..., :-1] @ unknowns)
+        predicted.append(regressor @ unknowns)
         if rows.encoders is not None:
             predicted_turns.append(rows.encoders[..., :-1] @ unknowns)
-    measured = np.square(measurements.deflection).sum(axis=(1, 2))
-    explained = np.concatenate(products, axis=1)
+    measurements = source.measurements
+    measured = np.square(measurements.deflection).sum(axis=(1, 2))  # (N,)
+    explained = np.concatenate(products, axis=1)  # (elements, N)
     share_of_observation = np.divide(explained, measured, out=np.zeros_like(explained), where=measured > 0.0)
-    elements = tuple(
+    shares = tuple(
         ElementShare(
-            kind=kind,
-            joint=joint,
+            kind=element.kind,
+            joint=element.joint,
             share=float(explained[number].sum() / measured.sum()),
             by_observation=share_of_observation[number].tolist(),
         )
-        for number, (kind, joint, _) in enumerate(elements_of_model)
+        for number, element in enumerate(elements)
     )
     prediction = Prediction.from_predicted(measurements, np.concatenate(predicted))
     only_base_bends = candidate.model.name == "joints_and_base"
     bending: Literal["links", "base"] = "base" if only_base_bends else "links"
     encoders = np.concatenate(predicted_turns) if predicted_turns else None
-    return elements, replace(prediction, bending=bending, encoders=encoders)
+    return shares, replace(prediction, bending=bending, encoders=encoders)
+
+
+class _Element(NamedTuple):
+    """Elastic element, whose share of the deflections is computed."""
+
+    kind: Literal["joint", "coupling", "link", "base"]
+    joint: str | None  #: name of the joint, or of the joint before the link; None for coupling and base
+    columns: IndexArray  #: columns of its compliances among the P columns of the richest model
+
+
+def _list_elements(robot: Robot, candidate: Candidate) -> list[_Element]:
+    """List the elastic elements of a model: all joints, their coupling, then links and base."""
+    columns = candidate.columns
+    coupling_diagonal = columns.coupling[find_diagonal_entries(columns.n)]
+    elements = list[_Element]()
+    for joint, name in enumerate(robot.joint_names):
+        # A joint's own compliance has a column as a single number, and a column on the diagonal of the
+        # coupled compliance; one of the two compliances is zero.
+        own_columns = np.array([columns.joints[joint], coupling_diagonal[joint]])
+        elements.append(_Element("joint", name, own_columns))
+    if candidate.model.couples_joints:
+        off_diagonal = np.setdiff1d(columns.coupling, coupling_diagonal)
+        elements.append(_Element("coupling", None, off_diagonal))
+    for frame in candidate.frames:
+        link_columns = columns.link_columns(frame)
+        if frame == BASE:
+            elements.append(_Element("base", None, link_columns))
+        else:
+            elements.append(_Element("link", robot.joint_names[frame], link_columns))
+    return elements

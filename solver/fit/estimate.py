@@ -23,7 +23,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -84,7 +84,7 @@ _NOT_CERTIFIED = "an end of a confidence interval could not be certified"
 def compute_interval_ends(
     likelihood: Likelihood,
     constraints: Constraints,
-    rows: FloatArray,
+    functions: FloatArray,
     radii: FloatArray,
     estimates: FloatArray,
     *,
@@ -100,8 +100,8 @@ def compute_interval_ends(
     Args:
         likelihood: likelihood of p compliances.
         constraints: constraints on these p compliances.
-        rows: (w, p) functions a, none zero; each determined by the readings.
-        radii: (q,) √Δ for each kind of interval: half the width in standard uncertainties, times sigma.
+        functions: (w, p) coefficients a of each function, none zero; each determined by the readings.
+        radii: (q,) half-widths of q kinds of interval, in standard uncertainties, times sigma.
         estimates: (w,) estimates of the functions, in the unit of aᵀc.
         by_profile: whether to include the profile interval; the coverage of the unconstrained interval,
             clipped to the constraints, suffices without the profile interval.
@@ -112,32 +112,31 @@ def compute_interval_ends(
     Raises:
         SolverError: if an end could not be certified.
     """
-    half_width = radii[:, None] * np.sqrt(((rows @ likelihood.covariance) * rows).sum(axis=1))
-    range_on_box = compute_range_on_box(rows, constraints.bounds)
-    centre = (rows @ likelihood.centre)[:, None]
-    clipped_interval = np.clip(
-        centre + np.stack([-half_width, half_width], axis=-1), range_on_box[:, :1], range_on_box[:, 1:]
-    )
-    profile_interval = (
-        compute_profile_ends(likelihood, constraints, rows, radii) if by_profile else clipped_interval
-    )
-    lower = np.minimum(np.minimum(profile_interval[..., 0], clipped_interval[..., 0]), estimates)
-    upper = np.maximum(np.maximum(profile_interval[..., 1], clipped_interval[..., 1]), estimates)
+    variances = ((functions @ likelihood.covariance) * functions).sum(axis=1)  # (w,) aᵀ C a
+    half_widths = radii[:, None] * np.sqrt(variances)  # (q, w)
+    centres = functions @ likelihood.centre
+    least, greatest = compute_range_on_box(functions, constraints.bounds).T
+    lower = np.minimum(np.clip(centres - half_widths, least, greatest), estimates)
+    upper = np.maximum(np.clip(centres + half_widths, least, greatest), estimates)
+    if by_profile:
+        profile_ends = compute_profile_ends(likelihood, constraints, functions, radii)
+        lower = np.minimum(lower, profile_ends[..., 0])
+        upper = np.maximum(upper, profile_ends[..., 1])
     return np.stack([lower, upper], axis=-1)
 
 
 def compute_profile_ends(
-    likelihood: Likelihood, constraints: Constraints, rows: FloatArray, radii: FloatArray
+    likelihood: Likelihood, constraints: Constraints, functions: FloatArray, radii: FloatArray
 ) -> FloatArray:
     """Compute the ends of the profile-likelihood intervals of linear functions aᵀc of compliances c.
 
-    An end is the least or greatest aᵀc within the constraints and ``‖R (c − ĉ)‖² ≤ min + Δ``, with R the rows
-    of the likelihood, ĉ its centre, and min the least value of the left side within the constraints.
+    An end is the least or greatest aᵀc within the constraints and the ball ``‖R (c − ĉ)‖² ≤ min + Δ``, with R
+    the rows of the likelihood, ĉ its centre, and min the least value of the left side within the constraints.
 
     Args:
         likelihood: likelihood of p compliances, with rows R and centre ĉ.
         constraints: constraints on these p compliances.
-        rows: (w, p) functions a, none zero; each determined by the readings.
+        functions: (w, p) coefficients a of each function, none zero; each determined by the readings.
         radii: (q,) √Δ for each kind of interval: half the width in standard uncertainties, times sigma.
 
     Returns:
@@ -146,97 +145,150 @@ def compute_profile_ends(
     Raises:
         SolverError: if an end could not be certified.
     """
-    shift = np.zeros(len(likelihood.centre))  # from ĉ to the constrained optimum, argmin ‖R (c − ĉ)‖²
-    if not constraints.are_satisfied_by(likelihood.centre):
-        ball = _Ball(likelihood, constraints, float(radii.max()))
-        shift = ball.find_optimum(np.zeros(len(ball.A)))[0] * ball.unit
-    distance = likelihood.rows @ shift
-    radius = np.sqrt(radii**2 + distance @ distance)
-    signed_radius = radius[:, None, None] * np.array([-1.0, 1.0])  # (q, 1, 2) towards lower and upper ends
-    covariance = rows @ likelihood.covariance  # (w, p)
-    deviation = np.sqrt((covariance * rows).sum(axis=1))
-    ends: FloatArray = (rows @ likelihood.centre)[:, None] + signed_radius * deviation[:, None]
-    end_offsets = signed_radius[..., None] * (covariance / deviation[:, None])[:, None]  # (q, w, 2, p)
-    # Ends of the unconstrained ball that violate a constraint are replaced by ends on the constrained part.
-    violates_constraint = ~constraints.are_satisfied_by(likelihood.centre + end_offsets)
-    is_point = radii <= _POINT * radii.max()  # such a ball contains only the constrained optimum
-    constrained_optimum = np.clip(
-        likelihood.centre + shift, constraints.bounds.lower, constraints.bounds.upper
-    )
-    ends[is_point], violates_constraint[is_point] = (rows @ constrained_optimum)[:, None], False
-    if violates_constraint.any():
-        radius_index, function_index, side = np.nonzero(violates_constraint)
-        ball = _Ball(likelihood, constraints, float(radius.max()))
-        functions = rows[function_index]
-        objective = np.where(side == 1, -1.0, 1.0)[:, None] * functions * ball.unit
-        objective /= np.linalg.norm(objective, axis=1, keepdims=True)
-        scaled_points, at_bound = ball.find_ends(objective, (radius[radius_index] / radius.max()) ** 2)
-        range_on_box = compute_range_on_box(functions, constraints.bounds)
-        values = functions @ likelihood.centre + (functions * ball.unit * scaled_points).sum(axis=1)
-        values = np.clip(values, range_on_box[:, 0], range_on_box[:, 1])
-        ends[violates_constraint] = np.where(at_bound, range_on_box[np.arange(len(functions)), side], values)
+    centre = likelihood.centre
+    offset = _find_offset_of_optimum(likelihood, constraints, float(radii.max()))
+    least_residual = likelihood.rows @ offset
+    ball_radii = np.sqrt(radii**2 + least_residual @ least_residual)
+    # The ends of a ball without constraints are at ĉ ± radius · C a / √(aᵀ C a), with C the covariance.
+    C_a = functions @ likelihood.covariance  # (w, p)
+    deviations = np.sqrt((C_a * functions).sum(axis=1))
+    directions = C_a / deviations[:, None]
+    signed_radii = ball_radii[:, None, None] * np.array([-1.0, 1.0])  # (q, 1, 2) to lower and upper ends
+    ends: FloatArray = (functions @ centre)[:, None] + signed_radii * deviations[:, None]
+    end_points = centre + signed_radii[..., None] * directions[:, None]  # (q, w, 2, p)
+    is_excluded = ~constraints.are_satisfied_by(end_points)
+    # A ball of radius zero contains the constrained optimum only.
+    is_point = radii <= _POINT * radii.max()
+    optimum = np.clip(centre + offset, constraints.bounds.lower, constraints.bounds.upper)
+    ends[is_point] = (functions @ optimum)[:, None]
+    is_excluded[is_point] = False
+    if is_excluded.any():
+        # Find the ends of the constrained part of the ball instead.
+        ball = _Ball(likelihood, constraints, float(ball_radii.max()))
+        kind, function, side = np.nonzero(is_excluded)
+        ends[is_excluded] = ball.compute_ends(functions[function], ball_radii[kind], is_upper=side == 1)
     return ends
 
 
-def compute_range_on_box(rows: FloatArray, bounds: Bounds) -> FloatArray:
-    """Return the least and greatest values (w, 2) of linear functions (rows (w, p)) within bounds."""
-    with np.errstate(invalid="ignore"):
-        values_at_bounds = np.stack([rows * bounds.lower, rows * bounds.upper])
-    values_at_bounds = np.where(rows == 0.0, 0.0, values_at_bounds)  # zero times an infinite bound is NaN
-    return np.stack(
-        [values_at_bounds.min(axis=0).sum(axis=1), values_at_bounds.max(axis=0).sum(axis=1)], axis=-1
-    )
+def _find_offset_of_optimum(likelihood: Likelihood, constraints: Constraints, scale: float) -> FloatArray:
+    """Return the offset (p,) from the centre ĉ to the c within the constraints with the least ‖R (c − ĉ)‖.
+
+    The rows R and the centre are those of the likelihood; `scale` is a typical ‖R (c − ĉ)‖.
+    """
+    if constraints.are_satisfied_by(likelihood.centre):
+        return np.zeros(len(likelihood.centre))
+    ball = _Ball(likelihood, constraints, scale)
+    optimum = ball.find_optimum(np.zeros(len(ball.A)))
+    return optimum.point * ball.unit
+
+
+def compute_range_on_box(functions: FloatArray, bounds: Bounds) -> FloatArray:
+    """Return the least and greatest values (w, 2) of linear functions aᵀc, with a (w, p), within bounds.
+
+    The greatest value of a sum is the sum of the greatest values of its terms a_j c_j, and so the least.
+    """
+    with np.errstate(invalid="ignore"):  # zero times an infinite bound is NaN, replaced by zero below
+        at_lower, at_upper = functions * bounds.lower, functions * bounds.upper
+    is_unused = functions == 0.0
+    at_lower[is_unused] = 0.0
+    at_upper[is_unused] = 0.0
+    least = np.minimum(at_lower, at_upper).sum(axis=1)
+    greatest = np.maximum(at_lower, at_upper).sum(axis=1)
+    return np.column_stack([least, greatest])
+
+
+class _BallOptimum(NamedTuple):
+    """Point of a `_Ball` that is optimal under the constraints, with its active constraints."""
+
+    point: FloatArray  # (p,) optimum x
+    at_bound: BoolArray  # (p,) mask of the variables that are at a bound
+    tight_rows: FloatArray  # (t, p) rows of the inequalities that hold with equality
 
 
 class _Ball:
-    """Likelihood around its centre in equilibrated variables x, as ``‖A x‖²``, with the constraints."""
+    """Ball ``‖R (c − ĉ)‖ ≤ radius`` around the centre ĉ of a likelihood, in scaled variables x.
+
+    Attributes:
+        unit: (p,) units of the variables: ``c = ĉ + unit · x``.
+        A: (m, p) rows with columns of unit length: ``‖R (c − ĉ)‖ = scale ‖A x‖``.
+        bounds: bounds of x.
+        inequalities: inequalities between the variables x; None without any.
+    """
 
     def __init__(self, likelihood: Likelihood, constraints: Constraints, scale: float) -> None:
-        """Scale likelihood and constraints: ``c = ĉ + unit · x`` and ``‖R (c − ĉ)‖ = scale ‖A x‖``."""
-        rows, centre = likelihood.rows, likelihood.centre
-        norms = np.linalg.norm(rows, axis=0)
-        self.unit: FloatArray = scale / norms
-        self.A: FloatArray = rows / norms
+        """Write the likelihood's rows R and the constraints in variables x, with ``c = ĉ + unit · x``.
+
+        Args:
+            likelihood: likelihood of p compliances, with rows R and centre ĉ.
+            constraints: constraints on these p compliances.
+            scale: radius of the greatest ball; ``‖R (c − ĉ)‖ = scale ‖A x‖``.
+        """
+        rows, centre, bounds = likelihood.rows, likelihood.centre, constraints.bounds
+        column_lengths = np.linalg.norm(rows, axis=0)
+        self._likelihood, self._constraints, self._scale = likelihood, constraints, scale
+        self.unit: FloatArray = scale / column_lengths
+        self.A: FloatArray = rows / column_lengths
         self.gram: FloatArray = self.A.T @ self.A
-        bounds = constraints.bounds
         self.bounds = Bounds((bounds.lower - centre) / self.unit, (bounds.upper - centre) / self.unit)
         self.inequalities: Inequalities | None = None
-        order = constraints.inequalities
-        if order is not None:
-            scaled = order.matrix * self.unit
-            size = np.linalg.norm(scaled, axis=1)
+        if constraints.inequalities is not None:
+            matrix, least = constraints.inequalities.matrix, constraints.inequalities.least
+            scaled_matrix = matrix * self.unit
+            row_lengths = np.linalg.norm(scaled_matrix, axis=1)
             self.inequalities = Inequalities(
-                scaled / size[:, None], (order.least - order.matrix @ centre) / size
+                scaled_matrix / row_lengths[:, None], (least - matrix @ centre) / row_lengths
             )
 
-    def find_optimum(self, rhs: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
-        """Minimise ‖A x − rhs‖² over x (p,) under the constraints.
+    def compute_ends(self, functions: FloatArray, radii: FloatArray, is_upper: BoolArray) -> FloatArray:
+        """Return the least or greatest values (K,) of functions aᵀc within balls and the constraints.
 
-        Returns:
-            The optimum x (p,), a mask (p,) of the variables that are at a bound, and the rows (t, p) of the
-            inequalities that hold with equality.
+        The search is in scaled variables x, with c = ĉ + unit · x and ĉ the centre of the balls.
+
+        Args:
+            functions: (K, p) coefficients a of each function.
+            radii: (K,) radii of the balls ``‖R (c − ĉ)‖ ≤ radius``, at most the scale.
+            is_upper: (K,) whether the greatest value is computed, not the least.
+
+        Raises:
+            SolverError: an end could not be certified.
+        """
+        signs = np.where(is_upper, -1.0, 1.0)  # a greatest value is the least value of the negative function
+        objective = signs[:, None] * functions * self.unit
+        objective /= np.linalg.norm(objective, axis=1, keepdims=True)
+        x, is_least_in_box = self.find_ends(objective, (radii / self._scale) ** 2)
+        values = functions @ self._likelihood.centre + (functions * self.unit * x).sum(axis=1)
+        # The bounds limit the values, exactly where no end is on the sphere.
+        least, greatest = compute_range_on_box(functions, self._constraints.bounds).T
+        on_sphere = np.clip(values, least, greatest)
+        on_box = np.where(is_upper, greatest, least)
+        return np.asarray(np.where(is_least_in_box, on_box, on_sphere))
+
+    def find_optimum(self, rhs: FloatArray) -> _BallOptimum:
+        """Minimise ‖A x − rhs‖² over x (p,) under the constraints, for a right-hand side (m,).
 
         Raises:
             SolverError: no certified optimum.
         """
         solution = solve_step(IdentificationProblem(self.A, rhs, self.bounds, self.inequalities))
-        tight = np.zeros((0, self.A.shape[1]))
+        x = solution.compliance
+        tight_rows = np.zeros((0, len(x)))
         if self.inequalities is not None and solution.tight is not None:
-            tight = self.inequalities.matrix[solution.tight]
-            slack = self.inequalities.matrix @ solution.compliance - self.inequalities.least
+            tight_rows = self.inequalities.matrix[solution.tight]
+            slack = self.inequalities.matrix @ x - self.inequalities.least
             # With a very large right-hand side the solver takes a true violation for rounding.
             if (slack < -_VIOLATION).any():
                 raise SolverError(_NOT_CERTIFIED)
-        return solution.compliance, solution.active != 0, tight
+        return _BallOptimum(x, solution.active != 0, tight_rows)
 
     def find_ends(self, objective: FloatArray, squared_radius: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Minimise K linear objectives over the part of a ball ‖A x‖² ≤ r² that satisfies the constraints.
 
-        For each objective, Newton's method finds the factor s at which the optimum of ``‖A x + s h‖²`` under
-        the constraints reaches the sphere, with the preimage h such that Aᵀh is the objective.
+        For each objective aᵀx, Newton's method finds the factor s ≥ 0 at which the optimum x(s) of
+        ``‖A x + s h‖²`` under the constraints is on the sphere ‖A x‖ = r, with h such that Aᵀh = a. ‖A x(s)‖
+        grows with s, so each s that was tried limits the s that is searched.
 
         Args:
-            objective: (K, p) coefficients of the objectives.
+            objective: (K, p) coefficients a of the objectives.
             squared_radius: (K,) squared radii r² of the balls.
 
         Returns:
@@ -246,49 +298,58 @@ class _Ball:
         Raises:
             SolverError: a point could not be certified, or was not found in `MOST_ROUNDS` rounds.
         """
-        objective_count = len(objective)
-        # The matrix H of the docstring
-        preimage = np.asarray(np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)
-        free_slope = np.square(preimage).sum(axis=1)
-        factor = np.sqrt(squared_radius / free_slope)
-        lower_factor = np.zeros(objective_count)
-        upper_factor = np.full(objective_count, np.inf)
-        points, at_bound = np.zeros(objective.shape), np.zeros(objective_count, dtype=np.bool_)
-        least_in_box = compute_range_on_box(objective, self.bounds)[:, 0]
-        pending = np.arange(objective_count)
+        h = np.asarray(np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)  # (K, m)
+        squared_h = np.square(h).sum(axis=1)
+        s = np.sqrt(squared_radius / squared_h)
+        least_s, greatest_s = np.zeros(len(s)), np.full(len(s), np.inf)
+        points, is_least_in_box = np.zeros(objective.shape), np.zeros(len(s), dtype=np.bool_)
+        pending = np.arange(len(s))  # objectives whose end is not found yet
         for _ in range(MOST_ROUNDS):
-            optima, derivative = self.find_optima(factor[pending], objective[pending], preimage[pending])
-            squared_norm = np.square(optima @ self.A.T).sum(axis=1)
-            norm_slope = (objective[pending] * derivative).sum(axis=1)
-            norm_slope = np.where(norm_slope > _NO_MOVEMENT * free_slope[pending], norm_slope, 0.0)
-            above_least = (objective[pending] * optima).sum(axis=1) - least_in_box[pending]
-            is_least_in_box = above_least <= _AT_BOUND * np.maximum(1.0, np.abs(optima).max(axis=1))
-            goal_norm = squared_radius[pending]
-            is_inside = is_least_in_box & (squared_norm <= goal_norm * (1 + RADIUS_TOLERANCE))
-            is_settled = is_inside | (np.abs(squared_norm - goal_norm) <= RADIUS_TOLERANCE * goal_norm)
-            points[pending[is_settled]], at_bound[pending[is_settled]] = (
-                optima[is_settled],
-                is_inside[is_settled],
-            )
-            least_factor = lower_factor[pending] = np.where(
-                squared_norm < goal_norm, factor[pending], lower_factor[pending]
-            )
-            most_factor = upper_factor[pending] = np.where(
-                squared_norm > goal_norm, factor[pending], upper_factor[pending]
-            )
-            # Newton's step while the active constraints stay active: ‖A x(s)‖² = on_face + s² slope. Where
-            # the step leaves the interval between `least` and `most`, bisection takes over.
-            on_face = np.square((optima + factor[pending, None] * derivative) @ self.A.T).sum(axis=1)
-            with np.errstate(all="ignore"):
-                newton = np.sqrt((goal_norm - on_face) / norm_slope)
-            bisection = np.where(
-                np.isfinite(most_factor), 0.5 * (least_factor + most_factor), 4.0 * least_factor
-            )
-            factor[pending] = np.where((newton > least_factor) & (newton < most_factor), newton, bisection)
-            pending = pending[~is_settled]
+            x, derivative = self.find_optima(s[pending], objective[pending], h[pending])
+            goal, squared_norm = squared_radius[pending], np.square(x @ self.A.T).sum(axis=1)
+            is_inside = squared_norm <= goal * (1 + RADIUS_TOLERANCE)
+            is_inside &= self._attains_least_in_box(objective[pending], x)
+            is_on_sphere = np.abs(squared_norm - goal) <= RADIUS_TOLERANCE * goal
+            is_found = is_inside | is_on_sphere
+            points[pending[is_found]] = x[is_found]
+            is_least_in_box[pending[is_found]] = is_inside[is_found]
+            is_too_small, is_too_great = pending[squared_norm < goal], pending[squared_norm > goal]
+            least_s[is_too_small] = s[is_too_small]
+            greatest_s[is_too_great] = s[is_too_great]
+            slope = (objective[pending] * derivative).sum(axis=1)
+            slope = np.where(slope > _NO_MOVEMENT * squared_h[pending], slope, 0.0)
+            proposed_s = self._take_newton_step(s[pending], x, derivative, slope, goal)
+            s[pending] = _bisect_unless_between(proposed_s, least_s[pending], greatest_s[pending])
+            pending = pending[~is_found]
             if not len(pending):
-                return points, at_bound
+                return points, is_least_in_box
         raise SolverError(_NOT_CERTIFIED)
+
+    def _take_newton_step(
+        self, s: FloatArray, x: FloatArray, derivative: FloatArray, slope: FloatArray, goal: FloatArray
+    ) -> FloatArray:
+        """Return the factors s (K,) at which ‖A x(s)‖² is the goal (K,) if active constraints stay active.
+
+        The optimum x(s) then moves along a line, so that ``‖A x(s)‖² = rest + s² slope``. The result is inf
+        or NaN where no s attains the goal.
+
+        Args:
+            s: (K,) last factors.
+            x: (K, p) optima x(s).
+            derivative: (K, p) −dx/ds.
+            slope: (K,) slopes.
+            goal: (K,) values of ‖A x(s)‖² that are to be attained.
+        """
+        x_at_zero = x + s[:, None] * derivative
+        rest = np.square(x_at_zero @ self.A.T).sum(axis=1)
+        with np.errstate(all="ignore"):
+            return np.asarray(np.sqrt((goal - rest) / slope))
+
+    def _attains_least_in_box(self, objective: FloatArray, x: FloatArray) -> BoolArray:
+        """Return the mask (K,) of points x (K, p) at which an objective (K, p) is least within the bounds."""
+        least = compute_range_on_box(objective, self.bounds)[:, 0]
+        excess = (objective * x).sum(axis=1) - least
+        return np.asarray(excess <= _AT_BOUND * np.maximum(1.0, np.abs(x).max(axis=1)))
 
     def find_optima(
         self, factor: FloatArray, objective: FloatArray, preimage: FloatArray
@@ -303,29 +364,67 @@ class _Ball:
         Returns:
             The optima x (K, p), and the derivatives −dx/ds (K, p) while the active constraints stay active.
         """
-        optima, derivative = np.zeros(objective.shape), np.zeros(objective.shape)
-        is_pending = np.ones(len(factor), dtype=np.bool_)  # objectives that are still to be solved one by one
-        if self.inequalities is None:
+        optima, derivatives = np.zeros(objective.shape), np.zeros(objective.shape)
+        is_solved = np.zeros(len(factor), dtype=np.bool_)
+        if self.inequalities is None:  # bounds only: all objectives at once
             gram = np.broadcast_to(self.gram, (len(factor), *self.gram.shape))
             batch = solve_batch(gram, -factor[:, None] * objective, self.bounds)
-            is_pending = ~batch.certified
-            is_settled, is_free = batch.certified, batch.active[batch.certified] == 0
-            optima[is_settled] = batch.compliance[is_settled]
-            # −dx/ds solves the Gram matrix of the free variables for the objective; fixed variables rest.
-            matrices = np.where(is_free[:, :, None] & is_free[:, None, :], self.gram, np.eye(len(self.gram)))
-            slopes = np.where(is_free, objective[is_settled], 0.0)[..., None]
-            derivative[is_settled] = np.linalg.solve(matrices, slopes)[..., 0]
-        for k in np.flatnonzero(is_pending):
-            optima[k], at_bound, tight = self.find_optimum(-factor[k] * preimage[k])
-            rows = np.vstack([np.eye(len(at_bound))[at_bound], tight])
-            free_directions = np.eye(len(at_bound))  # directions in which no active constraint changes
-            if len(rows):
-                _, singular, Vt = np.linalg.svd(rows, full_matrices=True)
-                free_directions = Vt[int((singular > _NO_DIRECTION * singular[0]).sum()) :].T
-            if free_directions.shape[1]:
-                inverse = np.linalg.pinv(self.A @ free_directions, rcond=_NO_DIRECTION)  # A may lack rank
-                derivative[k] = free_directions @ (inverse @ (inverse.T @ (free_directions.T @ objective[k])))
-        return optima, derivative
+            is_solved = batch.certified
+            optima[is_solved] = batch.compliance[is_solved]
+            is_free = batch.active[is_solved] == 0
+            derivatives[is_solved] = self._differentiate_free_variables(objective[is_solved], is_free)
+        for k in np.flatnonzero(~is_solved):
+            optimum = self.find_optimum(-factor[k] * preimage[k])
+            optima[k] = optimum.point
+            derivatives[k] = self._differentiate_optimum(objective[k], optimum)
+        return optima, derivatives
+
+    def _differentiate_free_variables(self, objective: FloatArray, is_free: BoolArray) -> FloatArray:
+        """Return the derivatives −dx/ds (K, p) of optima of ``‖A x + s h‖²`` with some variables at bounds.
+
+        The derivative y of the free variables f solves ``(AᵀA)_ff y = (Aᵀh)_f``; the others do not move.
+
+        Args:
+            objective: (K, p) objectives Aᵀh.
+            is_free: (K, p) mask of the variables that are not at a bound.
+        """
+        both_free = is_free[:, :, None] & is_free[:, None, :]
+        # An identity for the fixed variables keeps all K matrices of one size.
+        matrices = np.where(both_free, self.gram, np.eye(len(self.gram)))
+        moments = np.where(is_free, objective, 0.0)
+        return np.asarray(np.linalg.solve(matrices, moments[..., None])[..., 0])
+
+    def _differentiate_optimum(self, objective: FloatArray, optimum: _BallOptimum) -> FloatArray:
+        """Return the derivative −dx/ds (p,) of an optimum of ``‖A x + s h‖²`` with active constraints.
+
+        With a basis Z of the directions in which no active constraint changes, the derivative is Z y, and y
+        the shortest solution of ``(A Z)ᵀ(A Z) y = Zᵀ Aᵀh``; A may lack rank.
+
+        Args:
+            objective: (p,) objective Aᵀh.
+            optimum: optimum with its active constraints.
+        """
+        identity = np.eye(len(objective))
+        active_rows = np.vstack([identity[optimum.at_bound], optimum.tight_rows])
+        Z = identity
+        if len(active_rows):
+            _, singular_values, Vt = np.linalg.svd(active_rows, full_matrices=True)
+            rank = int((singular_values > _NO_DIRECTION * singular_values[0]).sum())
+            Z = Vt[rank:].T
+        if not Z.shape[1]:
+            return np.zeros(len(objective))
+        inverse = np.linalg.pinv(self.A @ Z, rcond=_NO_DIRECTION)
+        return np.asarray(Z @ (inverse @ (inverse.T @ (Z.T @ objective))))
+
+
+def _bisect_unless_between(proposed: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return proposed values (K,); the middle of an interval (K,) where a value is not inside the interval.
+
+    An interval without an upper end is left upwards, to four times its lower end.
+    """
+    is_between = (proposed > lower) & (proposed < upper)
+    middle = np.where(np.isfinite(upper), 0.5 * (lower + upper), 4.0 * lower)
+    return np.where(is_between, proposed, middle)
 
 
 def invert_compliance(compliance: float | None) -> float | None:
@@ -342,10 +441,15 @@ def stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, flo
     The upper end is None where the compliance may be zero. The result is None without an interval, and where
     the compliance may be negative, so that the stiffness has no lower limit.
     """
-    if interval is None or interval[0] < 0 or interval[1] <= 0:
+    if interval is None:
         return None
-    least = invert_compliance(interval[1])
-    return None if least is None else (least, invert_compliance(interval[0]))
+    least_compliance, greatest_compliance = interval
+    if least_compliance < 0 or greatest_compliance <= 0:
+        return None
+    least_stiffness = invert_compliance(greatest_compliance)
+    if least_stiffness is None:
+        return None
+    return least_stiffness, invert_compliance(least_compliance)
 
 
 @dataclass(frozen=True)
@@ -396,13 +500,13 @@ class CommonErrors:
 
     @property
     def responses_to_unfitted_errors(self) -> FloatArray:
-        """Change (n, K) of the compliances if an error has the size of its standard uncertainty [rad/(N·m)].
+        """Changes (n, K) of the n compliances by one standard uncertainty of each of K errors [rad/(N·m)].
 
-        There is a column for each of the K errors that the fit does not estimate.
+        The K errors are those that the fit does not estimate; K may be zero.
         """
-        not_fitted = [columns for source, columns in self.by_source.items() if source not in self.in_fit]
-        # The empty first part gives an (n, 0) result if every source was fitted.
-        return np.hstack([self.responses[:, :0], *not_fitted])
+        unfitted = [columns for source, columns in self.by_source.items() if source not in self.in_fit]
+        no_columns = self.responses[:, :0]  # `hstack` needs at least one array
+        return np.hstack([no_columns, *unfitted])
 
     @property
     def responses(self) -> FloatArray:
@@ -417,7 +521,8 @@ class CommonErrors:
 
         The unit is rad/(N·m); k = 0 for a source without errors.
         """
-        return self.by_source.get(source, self.responses[:, :0])
+        no_columns = self.responses[:, :0]
+        return self.by_source.get(source, no_columns)
 
 
 @dataclass(frozen=True)
@@ -477,7 +582,10 @@ class Estimate:
         return self.compressed.fit_statements(self.compliance)
 
     def square_second_order(self, is_counted: bool = True) -> FloatArray:
-        """Return the covariance (n, n) by errors of the load beyond first order; zero if not counted."""
+        """Return the covariance (n, n) of the compliances by errors of the load beyond first order.
+
+        The unit is (rad/(N·m))². The covariance is zero without such errors, or if they are not counted.
+        """
         n = len(self.joints)
         if self.second_order is None or not is_counted:
             return np.zeros((n, n))
@@ -511,8 +619,8 @@ class Estimate:
     @property
     def combinations(self) -> list[list[str]]:
         """Groups of joints, by name, whose compliances the readings determine only in combination."""
-        joint_groups = [group.joints for stage in self.identifiability for group in stage.combinations]
-        return [[self.joints[j].name for j in joints] for joints in joint_groups]
+        groups = [group for stage in self.identifiability for group in stage.combinations]
+        return [[self.joints[j].name for j in group.joints] for group in groups]
 
     @property
     def weakest(self) -> list[str]:
@@ -543,8 +651,11 @@ class Estimate:
         """Chi-square test of a stated sigma; None if sigma was not stated, or without degrees of freedom."""
         if not self.sigma_given:
             return None
-        from_statements = self.compressed.determined_statement_count
-        return sigma_test(self.chi_square, self.degrees_of_freedom, from_statements)
+        return sigma_test(
+            self.chi_square,
+            self.degrees_of_freedom,
+            from_stated_errors=self.compressed.determined_statement_count,
+        )
 
 
 _NO_UNCERTAINTY = (
@@ -568,7 +679,14 @@ class LeverProfile:
     replaces_first_order: bool = False
 
     def join(self, first_order: FloatArray) -> FloatArray | None:
-        """Return the intervals (2, 2) of the joint, whose intervals to first order are (2, 2)."""
+        """Return the joint's confidence intervals (2, 2): those of this profile, widened to contain others.
+
+        The profile's intervals are not widened where they replace the others. None without an upper end.
+
+        Args:
+            first_order: (2, 2) ends of the two-sided interval, then of the one-sided bounds, with
+                the load's errors to first order [rad/(N·m)].
+        """
         if self.intervals is None or self.replaces_first_order:
             return self.intervals
         lower = np.minimum(self.intervals[:, 0], first_order[:, 0])
@@ -599,26 +717,46 @@ class Evidence:
             SolverError: if the end of an interval could not be certified.
         """
         reasons = [self.explain_missing_stiffness(j) for j in range(len(self.names))]
-        determined_joints = np.array([j for j, reason in enumerate(reasons) if reason is None], dtype=np.intp)
-        intervals_of_joints: list[FloatArray | None] = [None] * len(determined_joints)
+        determined_joints = [j for j, reason in enumerate(reasons) if reason is None]
+        intervals = self._compute_intervals(determined_joints)
+        results = []
+        for j, reason in enumerate(reasons):
+            if reason is None:
+                results.append(self.derive_joint_result(j, intervals.get(j)))
+            else:
+                kind = self.observability.kinds[j]
+                results.append(JointCompliance(self.names[j], kind, "not_observable", reason=reason))
+        return tuple(results)
+
+    def _compute_intervals(self, joints: list[int]) -> dict[int, FloatArray | None]:
+        """Return for each joint the two-sided interval and the one-sided bounds (2, 2) of its compliance.
+
+        The unit is rad/(N·m). The result is empty where sigma is unknown.
+
+        Args:
+            joints: indices of the joints whose compliances the readings determine.
+
+        Raises:
+            SolverError: if the end of an interval could not be certified.
+        """
         sigma, likelihood = self.scale.sigma, self.fit.likelihood
-        if sigma is not None and len(determined_joints):
-            radii = sigma * self.scale.list_quantiles(self.confidence)
-            constraints = self.constraints.select(likelihood.joints)
-            functions = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, determined_joints)]
-            estimates = self.fit.compliance[determined_joints]
-            ends = compute_interval_ends(likelihood, constraints, functions, radii, estimates)
-            intervals_of_joints = [*ends.transpose(1, 0, 2)]
-            for index, j in enumerate(determined_joints.tolist()):
-                if j in self.profiles:
-                    intervals_of_joints[index] = self.profiles[j].join(ends[:, index])
-        joints = [
-            JointCompliance(name, kind, "not_observable", reason=reason)
-            for name, kind, reason in zip(self.names, self.observability.kinds, reasons, strict=True)
-        ]
-        for j, intervals in zip(determined_joints.tolist(), intervals_of_joints, strict=True):
-            joints[j] = self.derive_joint_result(j, intervals)
-        return tuple(joints)
+        if sigma is None or not joints:
+            return {}
+        # The compliance of a joint is the linear function aᵀc with a 1 at the joint's place.
+        functions = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, joints)]
+        ends = compute_interval_ends(
+            likelihood,
+            self.constraints.select(likelihood.joints),
+            functions,
+            radii=sigma * self.scale.list_quantiles(self.confidence),
+            estimates=self.fit.compliance[joints],
+        )  # (2, number of joints, 2)
+        intervals: dict[int, FloatArray | None] = {}
+        for index, j in enumerate(joints):
+            intervals[j] = ends[:, index]
+            if j in self.profiles:  # of a joint near the line of the load
+                intervals[j] = self.profiles[j].join(ends[:, index])
+        return intervals
 
     def derive_joint_result(self, j: int, intervals: FloatArray | None) -> JointCompliance:
         """Return the result for a joint j whose compliance the readings determine.
@@ -628,54 +766,61 @@ class Evidence:
             intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
                 where sigma is unknown.
         """
-        name = self.names[j]
-        value = float(self.fit.compliance[j])
-        prior_to_data = float(self.prior_to_data[j])
-        kind = self.observability.kinds[j]
-        units = JOINT_UNITS[kind]
-        uncertainty = self.uncertainty(j)
+        name, uncertainty = self.names[j], self.uncertainty(j)
         status: Literal["identified", "uncertain", "at_bound"] = "identified"
-        reason = self.describe_active_constraint(j, intervals)
-        if reason is not None:
+        reasons = []
+        constraint = self.describe_active_constraint(j, intervals)
+        if constraint is not None:
             status = "at_bound"
+            reasons.append(constraint)
         elif intervals is None:
-            reason = _NO_UNCERTAINTY
+            reasons.append(_NO_UNCERTAINTY)
         elif uncertainty is not None and intervals[0, 0] <= 0.0 <= intervals[0, 1]:
             status = "uncertain"
-            consequence = (
-                "exceeds the compliance itself"
-                if uncertainty >= abs(value)
-                else "leaves the stiffness without an upper limit"
-            )
-            reason = (
-                f"{self.describe_lower_limit(j, intervals)}the standard uncertainty of the joint's "
-                f"compliance, {1e6 * uncertainty:.2g} {units.micro_compliance}, {consequence}: add "
-                f"loads with more {units.load} {name}"
-            )
-        reasons = [] if reason is None else [reason]
+            reasons.append(self._explain_interval_with_zero(j, intervals, uncertainty))
+        prior_to_data = float(self.prior_to_data[j])
         if np.isinf(prior_to_data):
             reasons.append(
                 f"the readings show {name} only in combination with other joints: only the prior separates "
                 f"{name} from these joints"
             )
-        two_sided, one_sided = (None, None) if intervals is None else intervals.tolist()
+        compliance_interval, one_sided = None, None
+        if intervals is not None:
+            (lower, upper), (lower_bound, upper_bound) = intervals.tolist()
+            compliance_interval, one_sided = (lower, upper), (lower_bound, upper_bound)
         return JointCompliance(
-            name,
-            kind,
-            status,
-            value,
-            uncertainty,
-            None if two_sided is None else (two_sided[0], two_sided[1]),
-            None if one_sided is None else (one_sided[0], one_sided[1]),
-            None if np.isnan(prior_to_data) else prior_to_data,
-            "; ".join(reasons) or None,
-            self.describe_lower_limit(j, intervals),
+            name=name,
+            kind=self.observability.kinds[j],
+            status=status,
+            compliance=float(self.fit.compliance[j]),
+            standard_uncertainty=uncertainty,
+            compliance_interval=compliance_interval,
+            one_sided=one_sided,
+            prior_to_data=None if np.isnan(prior_to_data) else prior_to_data,
+            reason="; ".join(reasons) or None,
+            limit=self.describe_lower_limit(j, intervals),
+        )
+
+    def _explain_interval_with_zero(self, j: int, intervals: FloatArray, uncertainty: float) -> str:
+        """Return the sentence for a joint j whose compliance may be zero, with its intervals (2, 2).
+
+        The standard uncertainty of the compliance is in rad/(N·m).
+        """
+        units = JOINT_UNITS[self.observability.kinds[j]]
+        consequence = "leaves the stiffness without an upper limit"
+        if uncertainty >= abs(self.fit.compliance[j]):
+            consequence = "exceeds the compliance itself"
+        return (
+            f"{self.describe_lower_limit(j, intervals)}the standard uncertainty of the joint's "
+            f"compliance, {1e6 * uncertainty:.2g} {units.micro_compliance}, {consequence}: add "
+            f"loads with more {units.load} {self.names[j]}"
         )
 
     def uncertainty(self, j: int) -> float | None:
         """Return the standard uncertainty of joint j's compliance, without constraints [rad/(N·m)].
 
-        None if sigma is unknown; infinite where a load point that is elsewhere explains any compliance.
+        None if sigma is unknown; infinite for a joint near the line of the load, where an error of the load
+        point can explain any compliance.
         """
         if j in self.profiles:
             return self.profiles[j].standard_uncertainty
@@ -690,71 +835,87 @@ class Evidence:
         return None if sigma is None else sigma * float(np.sqrt(self.fit.covariance[j, j]))
 
     def describe_active_constraint(self, j: int, intervals: FloatArray | None) -> str | None:
-        """Return a sentence on the active constraint of joint j; None if no constraint is active.
+        """Return a sentence on the constraint that limits the compliance of joint j; None without one.
 
-        Exactly equal compliances are tied by the order, as noise never makes compliances equal. An order
-        through a joint that the readings do not see ties the joints before and after that joint.
+        Args:
+            j: index of the joint.
+            intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
+                where sigma is unknown.
         """
-        compliance, active = self.fit.compliance, int(self.fit.active[j])
-        if active and compliance[j] == 0.0:
+        active_bound = int(self.fit.active[j])  # -1 at the lower bound of the compliance, 1 at the upper one
+        if active_bound and self.fit.compliance[j] == 0.0:
             limit = self.describe_lower_limit(j, intervals) or "the estimated compliance is zero: "
             return f"{limit}these readings cannot distinguish the joint from a rigid joint"
-        if self.fit.tied[j] or active:
-            visible = np.flatnonzero(~self.observability.null)
-            pairs = [
-                visible[[first, second]].tolist() for first, second in self.constraints.select(visible).order
-            ]
-            tied_joints = [
-                first + second - j
-                for first, second in pairs
-                if j in (first, second) and compliance[first] == compliance[second]
-            ]
-            if tied_joints:
-                partners = ", ".join(self.names[second] for second in tied_joints)
-                return f"`stiffness_order` makes the stiffness of this joint equal to that of {partners}"
-        if active:
-            return (
-                f"the joint is at the {'maximum' if active < 0 else 'minimum'} stiffness of "
-                "`stiffness_bounds`"
-            )
+        if self.fit.tied[j] or active_bound:
+            tied_names = ", ".join(self.names[other] for other in self._list_tied_joints(j))
+            if tied_names:
+                return f"`stiffness_order` makes the stiffness of this joint equal to that of {tied_names}"
+        if active_bound:
+            extreme = "maximum" if active_bound < 0 else "minimum"
+            return f"the joint is at the {extreme} stiffness of `stiffness_bounds`"
         return None
 
-    def describe_lower_limit(self, j: int, intervals: FloatArray | None) -> str:
-        """Return the text of the lower limit of joint j's stiffness; empty if the stiffness has no limit.
+    def _list_tied_joints(self, j: int) -> list[int]:
+        """Return the other joints whose compliance the stiffness order makes equal to that of joint j.
 
-        `intervals` (2, 2) has the two-sided interval, then the one-sided bounds, of its compliance
-        [rad/(N·m)]; None if sigma is unknown.
+        Compliances are exactly equal only if the order ties them, as noise never makes them equal. A joint
+        that the readings do not show is left out: the order then ties the joints before and after it.
         """
-        if intervals is None or intervals[1, 1] <= 0.0:
+        compliance = self.fit.compliance
+        shown = np.flatnonzero(~self.observability.null)
+        tied = []
+        for pair in self.constraints.select(shown).order:
+            first, second = shown[list(pair)].tolist()
+            if j in (first, second) and compliance[first] == compliance[second]:
+                tied.append(second if first == j else first)
+        return tied
+
+    def describe_lower_limit(self, j: int, intervals: FloatArray | None) -> str:
+        """Return the text of the lower limit of joint j's stiffness, as "stiffer than … at 95 %: ".
+
+        The text is empty if the stiffness has no lower limit.
+
+        Args:
+            j: index of the joint.
+            intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
+                where sigma is unknown.
+        """
+        if intervals is None:
             return ""
-        stiffness = stiffness_text(round_down(1.0 / float(intervals[1, 1])), self.observability.kinds[j])
+        greatest_compliance = float(intervals[1, 1])
+        if greatest_compliance <= 0.0:
+            return ""
+        stiffness = stiffness_text(round_down(1.0 / greatest_compliance), self.observability.kinds[j])
         return f"stiffer than {stiffness} at {100 * self.confidence:g} %: "
 
     def explain_missing_stiffness(self, j: int) -> str | None:
         """Return the reason why joint j has no stiffness; None if joint j has a stiffness."""
         observability = self.observability
         if observability.null[j]:
-            if np.isnan(self.prior_to_data[j]):
-                return observability.reasons[j]
+            reason = observability.reasons[j]
+            if np.isnan(self.prior_to_data[j]):  # no prior
+                return reason
             return (
-                f"{observability.reasons[j]}; the prior is not returned as a result, because the readings "
+                f"{reason}; the prior is not returned as a result, because the readings "
                 "do not determine the joint"
             )
         for group in self.fit.undetermined:
             if j in group.joints:
                 return group.reason(self.names)
+        # An uncertainty above this compliance says nothing of the joint.
+        greatest_useful = float(observability.reference_compliance[j])
         uncertainty = self.compute_first_order_uncertainty(j)
-        most = float(observability.reference_compliance[j])
-        if uncertainty is not None and uncertainty > most:
+        if uncertainty is not None and uncertainty > greatest_useful:
             return explain_noise(j, self.names, observability, uncertainty)
-        if j in self.profiles and self.profiles[j].standard_uncertainty > most:
+        if j in self.profiles and self.profiles[j].standard_uncertainty > greatest_useful:
             return _SHORT_LEVER
         return None
 
     def compute_extra_uncertainties(self) -> FloatArray:
-        """Return by how much profiles enlarge the standard uncertainties (n,), as a further error would.
+        """Return the uncertainties (n,) that the load's errors beyond first order add to joints [rad/(N·m)].
 
-        A profile without an upper end does not count, as its joint has no number.
+        Added in squares to the uncertainty to first order, such an uncertainty gives that of the joint's
+        profile. It is zero for a joint without a profile, or whose profile has no upper end.
         """
         extra = np.zeros(len(self.names))
         for j, profile in self.profiles.items():
@@ -764,10 +925,9 @@ class Evidence:
         return extra
 
     def list_open_joints(self) -> IndexArray:
-        """Return the joints whose compliance has no upper end, ascending."""
-        return np.array(
-            [j for j in sorted(self.profiles) if self.profiles[j].intervals is None], dtype=np.intp
-        )
+        """Return the joints whose compliance interval has no upper end, ascending."""
+        open_joints = [j for j, profile in self.profiles.items() if profile.intervals is None]
+        return np.array(sorted(open_joints), dtype=np.intp)
 
 
 _LEAST_POSTURES: Final = 2
@@ -793,11 +953,10 @@ class Spread:
     def correlation(self) -> FloatArray:
         """Return the correlation (..., n, n) between the joints; zero where an uncertainty is zero."""
         uncertainty = self.uncertainty
-        inverse_uncertainty = np.divide(
-            1.0, uncertainty, out=np.zeros_like(uncertainty), where=uncertainty > 0.0
-        )
-        scales = inverse_uncertainty[..., None] * inverse_uncertainty[..., None, :]
-        return np.asarray(np.clip(self.covariance * scales, -1.0, 1.0))
+        inverse = np.zeros_like(uncertainty)
+        np.divide(1.0, uncertainty, out=inverse, where=uncertainty > 0.0)
+        correlation = self.covariance * (inverse[..., :, None] * inverse[..., None, :])
+        return np.asarray(np.clip(correlation, -1.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -856,60 +1015,35 @@ class UncertaintyBudget:
         """
         if estimate.covariance is None:
             return None
-        common_errors = estimate.common
-        sigma_given = estimate.sigma_given
-        readings_covariance = estimate.covariance
-        if common_errors is not None:
-            readings_covariance = readings_covariance - common_errors.responses @ common_errors.responses.T
-            readings_covariance = readings_covariance - estimate.square_second_order()
-        degrees_of_freedom = None if sigma_given else estimate.degrees_of_freedom
-        components = [
-            BudgetComponent(
-                readings_covariance, "readings", "B" if sigma_given else "A", True, degrees_of_freedom
-            )
-        ]
-        if common_errors is not None:
-            of_levers = [each for each in common_errors.by_source if each.endswith(_OF_LEVERS)]
-            components += [
-                BudgetComponent(
-                    responses @ responses.T + estimate.square_second_order(source in of_levers[-1:]),
-                    source,
-                    "A" if source == "fitted_causes" else "B",
-                    True,
-                    responses=responses if source.endswith("load_point") else None,
-                )
-                for source, responses in common_errors.by_source.items()
-                if responses.any()
-            ]
-        estimated_joints = np.flatnonzero(estimate.estimated)
+        joints = np.flatnonzero(estimate.estimated)
+        readings = _compute_part_of_readings(estimate, estimate.covariance)
+        components = [readings]
+        if estimate.common is not None:
+            components += _list_parts_of_common_errors(estimate, estimate.common)
         if jackknife is not None:
-            components += _estimate_model_error(
-                jackknife, readings_covariance, estimated_joints, included=lack_of_fit
-            )
+            components += _estimate_model_error(jackknife, readings.covariance, joints, included=lack_of_fit)
         neglected = estimate.complementary_stiffness
         if neglected is not None and not neglected.included and neglected.shift is not None:
-            shift = np.outer(neglected.shift, neglected.shift)
-            components.append(BudgetComponent(shift, "complementary_stiffness", "B", False))
-        coverage_factor = max(
+            squared_shift = np.outer(neglected.shift, neglected.shift)
+            components.append(BudgetComponent(squared_shift, "complementary_stiffness", "B", included=False))
+        # Student's distribution replaces the normal one for components that were estimated from few data.
+        quantiles = [
             student_quantile(0.5 * (1.0 + probability), component.degrees_of_freedom)
             for component in components
-            if component.source == "readings" or (component.source == "model_error" and component.included)
-        )
-        return cls(estimated_joints, tuple(components), probability, coverage_factor)
+            if component.included and component.source in ("readings", "model_error")
+        ]
+        return cls(joints, tuple(components), probability, coverage_factor=max(quantiles))
 
     def total(self, *, all_components: bool = False) -> Spread:
-        """Return the sum of the components that the standard uncertainty includes.
-
-        `all_components` adds the components that the standard uncertainty leaves out, too.
-        """
+        """Return the sum of the components that the standard uncertainty includes, or of all components."""
         covariances = [each.covariance for each in self.components if each.included or all_components]
         return Spread(np.sum(covariances, axis=0))
 
     @property
     def spread(self) -> Spread:
         """Stack of uncertainties: the components, the sum of the included components, and the sum of all."""
-        rows = [*self.components, self.total(), self.total(all_components=True)]
-        return Spread(np.stack([row.covariance for row in rows]))
+        spreads = [*self.components, self.total(), self.total(all_components=True)]
+        return Spread(np.stack([spread.covariance for spread in spreads]))
 
     def widen_intervals(self, estimate: Estimate, bounds: Bounds) -> Estimate:
         """Return the estimate with intervals widened to contain compliance ± expanded uncertainty.
@@ -921,27 +1055,65 @@ class UncertaintyBudget:
         joints = list(estimate.joints)
         uncertainty = self.total().uncertainty
         for j in self.joints.tolist():
-            joint = joints[j]
-            interval = joint.compliance_interval
-            one_sided = joint.one_sided
-            value = joint.compliance
-            if interval is None or one_sided is None or value is None:
+            joint, standard_uncertainty = joints[j], float(uncertainty[j])
+            if joint.compliance is None or joint.compliance_interval is None or joint.one_sided is None:
                 continue
-            half = self.coverage_factor * float(uncertainty[j])
-            least = max(float(bounds.lower[j]), value - half)
-            most = min(float(bounds.upper[j]), value + half)
-            interval = min(interval[0], least), max(interval[1], most)
-            is_uncertain = joint.status == "identified" and interval[0] <= 0.0
-            joints[j] = replace(
+            expanded_uncertainty = self.coverage_factor * standard_uncertainty
+            least = max(float(bounds.lower[j]), joint.compliance - expanded_uncertainty)
+            greatest = min(float(bounds.upper[j]), joint.compliance + expanded_uncertainty)
+            interval = _widen(joint.compliance_interval, least, greatest)
+            joint = replace(
                 joint,
-                status="uncertain" if is_uncertain else joint.status,
-                standard_uncertainty=float(uncertainty[j]),
+                standard_uncertainty=standard_uncertainty,
                 compliance_interval=interval,
-                one_sided=(min(one_sided[0], least), max(one_sided[1], most)),
-                reason="; ".join(filter(None, [joint.reason, _NO_UPPER_END if is_uncertain else None]))
-                or None,
+                one_sided=_widen(joint.one_sided, least, greatest),
             )
+            if joint.status == "identified" and interval[0] <= 0.0:
+                reasons = [joint.reason, _NO_UPPER_END] if joint.reason else [_NO_UPPER_END]
+                joint = replace(joint, status="uncertain", reason="; ".join(reasons))
+            joints[j] = joint
         return replace(estimate, joints=tuple(joints))
+
+
+def _widen(interval: tuple[float, float], least: float, greatest: float) -> tuple[float, float]:
+    """Return the interval, widened to contain two numbers."""
+    return min(interval[0], least), max(interval[1], greatest)
+
+
+def _compute_part_of_readings(estimate: Estimate, covariance: FloatArray) -> BudgetComponent:
+    """Return the part of an estimate's covariance (n, n) that is due to the noise of the readings.
+
+    Errors that all observations share, such as those of the load point, are subtracted.
+    """
+    if estimate.common is not None:
+        covariance = covariance - estimate.common.responses @ estimate.common.responses.T
+        covariance = covariance - estimate.square_second_order()
+    if estimate.sigma_given:
+        return BudgetComponent(covariance, "readings", "B", included=True)
+    return BudgetComponent(covariance, "readings", "A", True, estimate.degrees_of_freedom)
+
+
+def _list_parts_of_common_errors(estimate: Estimate, common_errors: CommonErrors) -> list[BudgetComponent]:
+    """Return a component of the uncertainty for each source of errors that all observations share."""
+    sources = common_errors.by_source
+    # The part beyond first order belongs to the last source whose effect depends on a joint's lever.
+    lever_sources = [source for source in sources if source.endswith(_OF_LEVERS)]
+    components = []
+    for source, responses in sources.items():
+        if not responses.any():
+            continue
+        is_last_lever_source = source in lever_sources[-1:]
+        second_order = estimate.square_second_order(is_last_lever_source)
+        components.append(
+            BudgetComponent(
+                covariance=responses @ responses.T + second_order,
+                source=source,
+                evaluation="A" if source == "fitted_causes" else "B",
+                included=True,
+                responses=responses if source.endswith("load_point") else None,
+            )
+        )
+    return components
 
 
 def _estimate_model_error(
@@ -952,34 +1124,41 @@ def _estimate_model_error(
     The covariance of the jackknife contains noise and model error. In units of the noise, the eigenvalues for
     noise alone are 1 on average and at most ``(1 + √(p/P))²``, with p joints and P postures (Marchenko &
     Pastur, 1967). Only larger eigenvalues count as model error, less the 1 that noise explains.
+
+    Args:
+        jackknife: estimates that each leave out one posture.
+        readings_covariance: (n, n) covariance of the compliances by the noise of the readings.
+        joints: (p,) joints that have an estimate.
+        included: whether the standard uncertainty of the joints includes the model error.
     """
     compliances = jackknife.compliance[:, joints]
     compliances = compliances[np.isfinite(compliances).all(axis=1)]
-    fit_count, joint_count = compliances.shape
-    if fit_count < joint_count + _LEAST_POSTURES:
+    P, p = compliances.shape
+    if p + _LEAST_POSTURES > P:
         return []
     deviations = compliances - compliances.mean(axis=0)
-    jackknife_covariance = (jackknife.postures - 1.0) / fit_count * deviations.T @ deviations
+    jackknife_covariance = (jackknife.postures - 1.0) / P * deviations.T @ deviations
     noise_covariance = readings_covariance[np.ix_(joints, joints)]
     if not (np.isfinite(jackknife_covariance).all() and np.isfinite(noise_covariance).all()):
         return []
     try:
-        values, vectors = linalg.eigh(jackknife_covariance, noise_covariance)
+        eigenvalues, vectors = linalg.eigh(jackknife_covariance, noise_covariance)
     except np.linalg.LinAlgError:  # readings without noise: a ratio to the noise does not exist
         return []
-    noise_limit = (1.0 + np.sqrt(joint_count / fit_count)) ** 2
-    covariance_root = noise_covariance @ vectors * np.sqrt(np.where(values > noise_limit, values - 1.0, 0.0))
+    greatest_of_noise = (1.0 + np.sqrt(p / P)) ** 2
+    model_eigenvalues = np.where(eigenvalues > greatest_of_noise, eigenvalues - 1.0, 0.0)
+    root = noise_covariance @ vectors * np.sqrt(model_eigenvalues)
     covariance = np.zeros_like(readings_covariance)
-    covariance[np.ix_(joints, joints)] = covariance_root @ covariance_root.T
-    return [BudgetComponent(covariance, "model_error", "A", included, fit_count - 1.0)]
+    covariance[np.ix_(joints, joints)] = root @ root.T
+    return [BudgetComponent(covariance, "model_error", "A", included, P - 1.0)]
 
 
 @dataclass(frozen=True, eq=False)
 class Contributions:
     """Parts of n joints in the predicted deflection, each projected on that deflection.
 
-    Joint j alone moves a target by ``A_X,j c_j``; its part is ``A_X,j c_j · δp̂ / ‖δp̂‖``, and the parts of all
-    joints add up to ‖δp̂‖. A joint without an estimate counts as rigid.
+    Joint j alone moves a target by ``A_X,j c_j``; its part is ``A_X,j c_j · δp̂ / ‖δp̂‖``, and the parts of
+    all joints add up to ‖δp̂‖. A joint without an estimate counts as rigid.
     """
 
     by_observation: FloatArray  #: (n, N) mean over the targets of each observation [m]
@@ -1011,16 +1190,18 @@ class Prediction:
         cls, measurements: Measurements, predicted: FloatArray, contributions: Contributions | None = None
     ) -> Prediction:
         """Return the prediction of deflections (N, T, 3) [m] with residuals and compensation."""
-        residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
-        residual_length = np.linalg.norm(residual[measurements.present], axis=-1)
-        mean_deflection = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()
+        is_read = measurements.present
+        residual = np.where(is_read[..., None], measurements.deflection - predicted, 0.0)
+        residual_lengths = np.linalg.norm(residual[is_read], axis=-1)
+        mean_deflection = np.linalg.norm(measurements.deflection[is_read], axis=-1).mean()
+        compensation = None
+        if mean_deflection > 0:
+            compensation = float(1.0 - residual_lengths.mean() / mean_deflection)
         return cls(
             predicted=predicted,
             residual=residual,
-            compensation=float(1.0 - residual_length.mean() / mean_deflection)
-            if mean_deflection > 0
-            else None,
-            rms_residual=float(np.sqrt(np.mean(residual_length**2))),
+            compensation=compensation,
+            rms_residual=float(np.sqrt(np.mean(residual_lengths**2))),
             contributions=contributions,
         )
 
@@ -1049,26 +1230,48 @@ def predict(
         SolverError: the load has no balance with joints of the given compliances.
     """
     contributing = compliance if is_estimated is None else np.where(is_estimated, compliance, 0.0)
-    measurements, errors = rows.measurements, statements or FittedStatements.none(rows.robot.n)
-    predicted, projected, encoder_deflections = [], [], []
-    for of_errors in errors.statements.generate(rows, whitened=False):
-        block = of_errors.block
-        motion, turn = errors.predict(of_errors)
-        predicted.append(block.A @ compliance + motion)
-        encoder_deflections.append(block.torque * compliance + (0.0 if turn is None else turn))
-        by_joint = block.A * contributing
-        deflection = by_joint.sum(axis=-1)
-        length = np.linalg.norm(deflection, axis=-1)
-        direction = deflection / np.where(length > 0.0, length, 1.0)[..., None]
-        projected.append(np.einsum("btij,bti->btj", by_joint, direction))
-    # Contributions (N, T, n) of the joints; zero for targets that were not read.
-    by_reading, present = np.concatenate(projected), measurements.present
-    mean_by_joint = by_reading.sum(axis=(0, 1)) / present.sum()
-    total = float(mean_by_joint.sum())
-    contributions = Contributions(
-        by_observation=(by_reading.sum(axis=1) / present.sum(axis=1)[:, None]).T,
-        mean=mean_by_joint,
-        share=mean_by_joint / total if total > 0.0 else np.zeros_like(mean_by_joint),
-    )
+    errors = statements or FittedStatements.none(rows.robot.n)
+    predicted, encoder_deflections, projected = [], [], []
+    for of_block in errors.statements.generate(rows, whitened=False):
+        A, torque = of_block.block.A, of_block.block.torque  # (B, T, 3, n), (B, n)
+        motion_by_errors, turn_by_errors = errors.predict(of_block)
+        predicted.append(A @ compliance + motion_by_errors)
+        deflection = torque * compliance
+        encoder_deflections.append(deflection if turn_by_errors is None else deflection + turn_by_errors)
+        projected.append(_project_on_sum(A * contributing))
+    measurements = rows.measurements
+    contributions = _average_contributions(np.concatenate(projected), measurements.present)
     prediction = Prediction.from_predicted(measurements, np.concatenate(predicted), contributions)
     return replace(prediction, encoders=np.concatenate(encoder_deflections))
+
+
+def _project_on_sum(by_joint: FloatArray) -> FloatArray:
+    """Project the motion by each joint on the motion by all joints together.
+
+    Args:
+        by_joint: (B, T, 3, n) motion of each target by each of n joints.
+
+    Returns:
+        (B, T, n) signed lengths of the projections; zero where the joints together move nothing.
+    """
+    total = by_joint.sum(axis=-1)  # (B, T, 3)
+    length = np.linalg.norm(total, axis=-1)
+    direction = total / np.where(length > 0.0, length, 1.0)[..., None]
+    return np.asarray(np.einsum("btij,bti->btj", by_joint, direction))  # sums over the coordinates i
+
+
+def _average_contributions(by_reading: FloatArray, present: BoolArray) -> Contributions:
+    """Average the contributions (N, T, n) of n joints [m] over the targets, and over all readings.
+
+    Args:
+        by_reading: contributions to each reading; zero where a target was not read.
+        present: (N, T) mask of the targets that were read.
+    """
+    mean = by_reading.sum(axis=(0, 1)) / present.sum()
+    total = float(mean.sum())
+    by_observation = by_reading.sum(axis=1) / present.sum(axis=1)[:, None]
+    return Contributions(
+        by_observation=by_observation.T,
+        mean=mean,
+        share=mean / total if total > 0.0 else np.zeros_like(mean),
+    )

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
 from jointstiff.solver.fit.estimate import (
     CommonErrors,
@@ -53,7 +53,7 @@ from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS, complementa
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS
 
 MAX_ITERATIONS: Final = 60
-"""Maximum number of fits: with K_c alone two or three suffice, with statements five to fifteen."""
+"""Maximum number of fits: with K_c alone two or three suffice, with stated errors five to fifteen."""
 _CHANGE_TOLERANCE: Final = 1e-10
 """Largest relative change of the compliances by a further fit at rest."""
 _CHANGE_IN_UNCERTAINTIES: Final = 1e-6
@@ -84,50 +84,52 @@ def identify(rows: Rows, settings: Settings) -> Estimate:
         SolverError: optimality could not be certified, or the load has no balance with K_c.
     """
     refuse_unsupported(rows, settings)
-    problem = _state_problem(rows.at(None), settings)
-    first = problem.fit_once()
-    settled = _settle(problem, first)
-    estimate = _build_estimate(settled.problem, settled.problem.certify(settled.last))
-    effect = _describe_complementary_stiffness(settled, first, estimate)
+    unloaded_rows = rows.at(None)  # in the postures without the load
+    problem = _state_problem(unloaded_rows, settings)
+    first_fit = problem.fit_once()
+    final = _fit_until_at_rest(problem, first_fit)
+    certified_fit = final.problem.certify(final.fit)
+    estimate = _build_estimate(final.problem, certified_fit)
     return replace(
         estimate,
         characteristic_length=problem.method.characteristic_length,
-        complementary_stiffness=effect,
-        statements_dropped=settled.statements_dropped,
+        complementary_stiffness=_describe_complementary_stiffness(final, first_fit, estimate),
+        statements_dropped=final.statements_dropped,
     )
 
 
 def _state_problem(rows: Rows, settings: Settings) -> _Problem:
-    """Return the problem of a fit: method, observability, and the statements to be fitted with the joints.
+    """Return the data of a fit: method, observability, and the stated errors to fit with the joints.
 
     Raises:
         NotObservableError: the readings determine no joint.
     """
     observability = _require_observable(Excitation.of(rows))
-    method = Method(rows.robot, settings, _find_length(rows, settings, observability))
+    length = _find_length(rows, settings, observability)
+    method = Method(rows.robot, settings, length)
     stated_terms = _list_fitted_statements(rows.measurements, settings, method)
     return _Problem(rows, settings, method, observability, stated_terms)
 
 
-class _Settled(NamedTuple):
-    """Last of several fits, at which the rows belong to the fitted compliances."""
+class _FinalFit(NamedTuple):
+    """Last of several fits, at which the robot is bent by the fitted compliances."""
 
-    problem: _Problem  #: problem of the last fit: without statements if the readings contradict them
-    last: _Pass
+    problem: _Problem  #: problem of this fit: without stated errors if the readings contradict them
+    fit: _Pass
     iterations: int  #: number of fits after the first
-    statements_dropped: str | None = None  #: why statements were dropped; None if they were not
+    statements_dropped: str | None = None  #: why stated errors were not fitted after all; None if they were
 
 
-def _settle(problem: _Problem, first: _Pass) -> _Settled:
-    """Repeat the fit until the rows belong to the fitted compliances.
+def _fit_until_at_rest(problem: _Problem, first: _Pass) -> _FinalFit:
+    """Repeat the fit until the compliances that bend the robot equal the fitted compliances.
 
-    Rows depend on the compliances by the complementary stiffness K_c, which bends the robot, and by columns
-    of statements. If the readings contradict the statements, these are dropped: their errors are propagated
-    after the fit instead.
+    The complementary stiffness K_c bends the robot, and the columns of stated errors (errors of the load and
+    of places that are fitted within their stated uncertainties) depend on the compliances, too. If the
+    readings contradict the stated uncertainties, the errors are propagated after the fit instead.
 
     Args:
-        problem: observations, settings and statements.
-        first: fit without K_c and statements.
+        problem: observations, settings and stated errors.
+        first: fit without K_c and stated errors.
 
     Raises:
         SolverError: the load has no balance with K_c, or the compliances do not come to rest.
@@ -137,68 +139,72 @@ def _settle(problem: _Problem, first: _Pass) -> _Settled:
         try:
             last, iterations = _iterate_to_rest(problem, first)
             _refuse_contradicted(last)
-            return _Settled(problem, last, iterations)
+            return _FinalFit(problem, last, iterations)
         except SolverError as error:
-            problem, statements_dropped = replace(problem, stated_terms=()), error.reason
+            problem = replace(problem, stated_terms=())
+            statements_dropped = error.reason
     last, iterations = first, 0
     if problem.settings.complementary_stiffness:
         last, iterations = _iterate_to_rest(problem, first)
-    return _Settled(problem, last, iterations, statements_dropped)
+    return _FinalFit(problem, last, iterations, statements_dropped)
 
 
 def _describe_complementary_stiffness(
-    settled: _Settled, first: _Pass, estimate: Estimate
+    final: _FinalFit, first: _Pass, estimate: Estimate
 ) -> ComplementaryStiffness:
     """Return the effect of the complementary stiffness K_c on a fit.
 
+    K_c (n, n) is the change of the joints' torques by their deflections, as the load moves with the arm.
+
     Args:
-        settled: last fit.
-        first: fit without K_c and statements.
+        final: last fit.
+        first: fit without K_c and stated errors.
         estimate: estimate from the last fit.
     """
-    problem = settled.problem
+    problem = final.problem
     is_included = problem.settings.complementary_stiffness
     if is_included and not problem.stated_terms:
-        shift = settled.last.fit.compliance - first.fit.compliance
-    else:
+        shift = final.fit.compliance - first.compliance
+    else:  # stated errors changed the compliances, too, or K_c was neglected
         shift = _estimate_neglected_shift(problem, first, estimate.sigma)
-    estimated = estimate.estimated
-    stiffness_ratios = np.abs(estimate.compliance)[:, None] * _find_largest_stiffness(problem.rows)
+    ratios = np.abs(estimate.compliance)[:, None] * _find_largest_stiffness(problem.rows)  # |K_c,ij| c_i
+    ratios_of_estimates = ratios[np.ix_(estimate.estimated, estimate.estimated)]
     return ComplementaryStiffness(
         included=is_included,
-        iterations=settled.iterations if is_included else 0,
-        largest_ratio=float(stiffness_ratios[np.ix_(estimated, estimated)].max(initial=0.0)),
+        iterations=final.iterations if is_included else 0,
+        largest_ratio=float(ratios_of_estimates.max(initial=0.0)),
         largest_shift=_find_largest_standardised_shift(shift, estimate),
         shift=shift,
     )
 
 
 def _find_length(rows: Rows, settings: Settings, observability: Observability) -> float | None:
-    """Return the characteristic length [m], as given or of least condition; None for other weightings."""
+    """Return the characteristic length [m] that makes displacements and rotations comparable.
+
+    It is the length of the settings, or else that of the least condition number; None for other weightings.
+    """
     if settings.weighting != "characteristic_length":
         return None
     if settings.characteristic_length is not None:
         return settings.characteristic_length
-    with_unit_length = Method(rows.robot, settings, 1.0)
+    with_unit_length = Method(rows.robot, settings, length=1.0)
     return find_length_of_least_condition(with_unit_length, rows, observability.null)
 
 
 def _find_largest_stiffness(rows: Rows) -> FloatArray:
-    """Return the largest entries (n, n) of K_c in the unloaded postures of a set [N·m/rad]."""
-    largest_of_blocks = [
-        np.abs(complementary_stiffness(block)).max(axis=0) for block in rows.generate_blocks()
-    ]
-    return np.asarray(np.max(largest_of_blocks, axis=0))
+    """Return the greatest |K_c,ij| (n, n) over the observations, in the unloaded postures [N·m/rad]."""
+    largest = [np.abs(complementary_stiffness(block)).max(axis=0) for block in rows.generate_blocks()]
+    return np.asarray(np.max(largest, axis=0))
 
 
-def _refuse_contradicted(fit: _Pass) -> None:
-    """Refuse a fit that explains the readings by errors far larger than stated.
+def _refuse_contradicted(last: _Pass) -> None:
+    """Refuse a fit that explains the readings by errors of load or places far larger than stated.
 
     Raises:
         SolverError: an error is more than `_MOST_UNCERTAINTIES` standard uncertainties from zero.
     """
-    unknowns = fit.compressed.fit_statements(fit.fit.compliance).unknowns
-    greatest = float(np.abs(unknowns).max(initial=0.0))
+    errors = last.compressed.fit_statements(last.compliance).unknowns  # in standard uncertainties
+    greatest = float(np.abs(errors).max(initial=0.0))
     if greatest > _MOST_UNCERTAINTIES:
         raise SolverError(f"the fit moves an error by {greatest:.0f} times its standard uncertainty")
 
@@ -206,13 +212,15 @@ def _refuse_contradicted(fit: _Pass) -> None:
 def _list_fitted_statements(
     measurements: Measurements, settings: Settings, method: Method
 ) -> tuple[Term, ...]:
-    """Return the terms with stated uncertainties that are fitted together with the joints.
+    """Return the terms (kinds of error) with stated uncertainties that are fitted together with the joints.
 
     Only a method of one stage with weights by covariance can fit them. With other methods the errors are
     propagated after the fit, and no term is returned.
     """
-    can_fit = method.by_covariance and len(method.stages) == 1 and settings.loss == "squared"
-    return list_stated_terms(measurements) if can_fit else ()
+    has_one_stage = len(method.stages) == 1
+    if has_one_stage and method.by_covariance and settings.loss == "squared":
+        return list_stated_terms(measurements)
+    return ()
 
 
 def identify_with_fallback(rows: Rows, settings: Settings) -> tuple[Settings, Estimate]:
@@ -232,12 +240,12 @@ def identify_with_fallback(rows: Rows, settings: Settings) -> tuple[Settings, Es
     except SolverError as error:
         if error.where != "complementary_stiffness":
             raise
-        neglected = replace(settings, complementary_stiffness=False)
-        estimate = identify(rows, neglected)
+        settings_without = replace(settings, complementary_stiffness=False)
+        estimate = identify(rows, settings_without)
         if estimate.complementary_stiffness is None:
             raise
         effect = replace(estimate.complementary_stiffness, obstacle=error.reason)
-        return neglected, replace(estimate, complementary_stiffness=effect)
+        return settings_without, replace(estimate, complementary_stiffness=effect)
 
 
 def refuse_unsupported(rows: Rows, settings: Settings) -> None:
@@ -258,33 +266,41 @@ def refuse_unsupported(rows: Rows, settings: Settings) -> None:
             where="loss",
             remedy="use loss squared, or omit the readings along a direction",
         )
+    if settings.weighting != "covariance":
+        _refuse_unsupported_weighting(measurements, settings)
+
+
+def _refuse_unsupported_weighting(measurements: Measurements, settings: Settings) -> None:
+    """Refuse what a weighting other than that by covariance cannot support.
+
+    Raises:
+        UnsupportedMethodError: names what is missing and a remedy.
+    """
     weighting = settings.weighting
-    not_by_covariance = weighting != "covariance"
-    by_length = weighting == "characteristic_length"
-    for refused, why, remedy in (
-        (
-            not_by_covariance and settings.prior is not None,
-            "does not use the uncertainty of the readings, so a prior cannot be weighed against the readings",
-            "use weighting covariance, or omit `priors`",
-        ),
-        (
-            not_by_covariance and measurements.encoders is not None,
-            "cannot combine encoder readings (angles) with positions (lengths)",
-            "use weighting covariance, or omit the encoder readings",
-        ),
-        (
-            by_length and settings.method != "complete_pose",
-            f"needs rotations, but method {settings.method} does not use rotations",
-            "use weighting covariance, or method complete_pose",
-        ),
-    ):
-        if refused:
-            raise UnsupportedMethodError(f"weighting {weighting} {why}", where="weighting", remedy=remedy)
+    if settings.prior is not None:
+        raise UnsupportedMethodError(
+            f"weighting {weighting} does not use the uncertainty of the readings, so a prior cannot be "
+            "weighed against the readings",
+            where="weighting",
+            remedy="use weighting covariance, or omit `priors`",
+        )
+    if measurements.encoders is not None:
+        raise UnsupportedMethodError(
+            f"weighting {weighting} cannot combine encoder readings (angles) with positions (lengths)",
+            where="weighting",
+            remedy="use weighting covariance, or omit the encoder readings",
+        )
+    if weighting == "characteristic_length" and settings.method != "complete_pose":
+        raise UnsupportedMethodError(
+            f"weighting {weighting} needs rotations, but method {settings.method} does not use rotations",
+            where="weighting",
+            remedy="use weighting covariance, or method complete_pose",
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class _Pass:
-    """One fit of all observations; with K_c or statements several fits follow each other."""
+    """One fit of all observations; with K_c or stated errors several fits follow each other."""
 
     rows: Rows  # observations with the weights of the fit, at the compliances that bend the robot
     compressed: MethodRows  # rows that were fitted
@@ -292,14 +308,23 @@ class _Pass:
     robust: RobustFit | None  # weights of the readings by the Huber loss; None for the squared loss
     targets: TargetRows | None  # rows for the Huber loss; None for the squared loss
 
+    @property
+    def compliance(self) -> FloatArray:
+        """Fitted compliances (n,) [rad/(N·m)]."""
+        return self.fit.compliance
+
     def estimate_noise(self) -> float:
-        """Return sigma, the standard deviation of a coordinate, from the residuals [m]; 0 if none remain."""
-        return estimate_scale(self.fit, self.compressed.all_readings, None).sigma or 0.0
+        """Return sigma, the standard deviation of a coordinate, from the residuals [m].
+
+        The result is 0 without degrees of freedom to estimate sigma from.
+        """
+        scale = estimate_scale(self.fit, self.compressed.all_readings, None)
+        return scale.sigma or 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Observations, settings and statements of a fit, which all passes share."""
+    """Observations, settings and stated errors of a fit, which all repetitions share."""
 
     rows: Rows  # N observations in their unloaded postures
     settings: Settings
@@ -311,8 +336,9 @@ class _Problem:
         """Fit all observations once, without a certificate.
 
         Args:
-            compliance: (n,) compliances that bend the robot, with K_c, and at which the columns of statements
-                are computed; None for a fit that neglects K_c and statements.
+            compliance: (n,) compliances that bend the robot, where the complementary stiffness K_c is part of
+                the model, and at which the columns of stated errors are computed; None for a fit that
+                neglects K_c and stated errors.
             before: the fit before; None for the first fit.
         """
         rows, settings = self.rows, self.settings
@@ -322,52 +348,72 @@ class _Problem:
         if settings.loss == "huber":
             targets = TargetRows.of(rows)
             robust = self._fit_huber(targets, before)
+            # Least squares of the reweighted readings gives the Huber estimate.
             rows = rows.of(robust.reweight(rows.measurements))
-        statements = None if before is None else self._state(compliance, before)
-        compressed = MethodRows.compress(self.method, rows, statements)
-        return _Pass(rows, compressed, self._solve(compressed, robust, solve_step), robust, targets)
+        stated_errors = None
+        if self.stated_terms and compliance is not None and before is not None:
+            stated_errors = self._state(compliance, before)
+        compressed = MethodRows.compress(self.method, rows, stated_errors)
+        fit = self._solve(compressed, robust, solve_step)
+        return _Pass(rows, compressed, fit, robust, targets)
 
     def certify(self, last: _Pass) -> _Pass:
-        """Return the last fit with certificates of its optimum."""
+        """Return the last fit, solved again by Clarabel, with certificates of its optimum."""
         return replace(last, fit=self._solve(last.compressed, last.robust, solve))
 
     def _solve(self, compressed: MethodRows, robust: RobustFit | None, solve_problem: Find) -> Fit:
-        """Return the fit of compressed rows, with the prior of the settings."""
-        settings, null = self.settings, self.observability.null
-        fit = fit_method(compressed, null, settings.constraints, solve_problem=solve_problem)
-        if settings.prior is None:
+        """Return the fit of compressed rows, with the prior of the settings.
+
+        Args:
+            compressed: compressed rows of all observations.
+            robust: fit with the Huber loss, which gives sigma; None for the squared loss.
+            solve_problem: function that solves a problem.
+        """
+        constraints, has_no_effect = self.settings.constraints, self.observability.null
+        fit = fit_method(compressed, has_no_effect, constraints, solve_problem=solve_problem)
+        if self.settings.prior is None:
             return fit
-        # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
-        sigma = self.rows.measurements.sigma if robust is None else robust.sigma
-        scale = estimate_scale(fit, compressed.all_readings, sigma)
-        prior = settings.prior.in_units_of(_require_sigma_for_prior(scale))
-        with_prior = fit_method(compressed, null, settings.constraints, prior, solve_problem)
-        return replace(with_prior, alone=fit)
+        # A prior is weighed against the noise of the readings. A sigma that is not stated is estimated from
+        # the readings alone, without the prior.
+        stated_sigma = self.rows.measurements.sigma if robust is None else robust.sigma
+        sigma = _require_sigma_for_prior(estimate_scale(fit, compressed.all_readings, stated_sigma))
+        prior = self.settings.prior.in_units_of(sigma)
+        fit_with_prior = fit_method(compressed, has_no_effect, constraints, prior, solve_problem)
+        return replace(fit_with_prior, alone=fit)
 
     def _fit_huber(self, targets: TargetRows, before: _Pass | None) -> RobustFit:
-        """Fit the joints with Huber's loss; an unknown sigma is estimated by the first fit and then kept."""
+        """Fit the joints with Huber's loss; an unknown sigma is estimated by the first fit and then kept.
+
+        Args:
+            targets: whitened rows of all readings.
+            before: the fit before; None for the first fit.
+        """
         sigma = self.rows.measurements.sigma
         if before is not None and before.robust is not None:
             sigma = before.robust.sigma
         return fit_huber(
             targets,
-            self.observability.null,
-            self.settings.constraints,
+            has_no_effect=self.observability.null,
+            constraints=self.settings.constraints,
             prior=self.settings.prior,
             sigma=sigma,
             threshold=self.settings.huber_threshold,
         )
 
-    def _state(self, compliance: FloatArray | None, before: _Pass) -> Statements | None:
-        """Return what is stated, with columns at compliances (n,); None without stated terms."""
-        if not self.stated_terms or compliance is None:
-            return None
+    def _state(self, compliance: FloatArray, before: _Pass) -> Statements:
+        """Return the stated errors to fit with the joints, with their columns at compliances (n,).
+
+        Args:
+            compliance: (n,) compliances [rad/(N·m)]; negative ones count as zero.
+            before: the fit before, whose residuals give sigma where sigma is not stated.
+        """
         measurements = self.rows.measurements
+        sigma = measurements.sigma or before.estimate_noise()
         return Statements(
             terms=self.stated_terms,
             common=measurements.common_uncertainty,
             compliance=np.maximum(compliance, 0.0),
-            sigma=max(measurements.sigma or before.estimate_noise(), LEAST_STATED_SIGMA),
+            sigma=max(sigma, LEAST_STATED_SIGMA),
         )
 
 
@@ -393,17 +439,18 @@ def _require_observable(excitation: Excitation) -> Observability:
     Raises:
         NotObservableError: no target moved, or the readings determine no joint.
     """
-    observability = excitation.observability()
     if not excitation.anything_moved:
         raise NotObservableError(
             "no target moved, so no compliance can be identified",
             where="observations",
             remedy="check that the loaded readings were taken with the load applied",
         )
+    observability = excitation.observability()
     if observability.null.all():
-        reasons = ", or ".join(dict.fromkeys(str(each).split(":")[0] for each in observability.reasons))
+        short_reasons = [str(reason).split(":")[0] for reason in observability.reasons]
+        distinct_reasons = ", or ".join(dict.fromkeys(short_reasons))
         raise NotObservableError(
-            f"the readings do not determine any joint: {reasons}",
+            f"the readings do not determine any joint: {distinct_reasons}",
             where="observations",
             remedy="add loads with a torque about the joints' axes, and targets away from these axes",
         )
@@ -413,9 +460,9 @@ def _require_observable(excitation: Excitation) -> Observability:
 def _iterate_to_rest(problem: _Problem, first: _Pass) -> tuple[_Pass, int]:
     """Repeat the fit until the fitted compliances equal those of the fit before.
 
-    With the complementary stiffness K_c, the compliances bend the robot; the columns of statements depend on
-    them, too. The iteration starts from a first-order estimate of the effect of K_c, so that with noisy
-    readings a single fit suffices without statements.
+    With the complementary stiffness K_c, the compliances bend the robot; the columns of stated errors depend
+    on them, too. The iteration starts from a first-order estimate of the effect of K_c, so that with noisy
+    readings a single fit suffices without stated errors.
 
     Returns:
         The last fit, and the number of fits after the first.
@@ -423,29 +470,33 @@ def _iterate_to_rest(problem: _Problem, first: _Pass) -> tuple[_Pass, int]:
     Raises:
         SolverError: the compliances do not come to rest in `MAX_ITERATIONS` fits.
     """
-    start = first.fit.compliance
+    start = first.compliance
     if problem.settings.complementary_stiffness:
         sigma = problem.rows.measurements.sigma or first.estimate_noise()
         start = start + _estimate_neglected_shift(problem, first, sigma)
-    last, rounds = first, 0
+    last, iterations = first, 0
 
     def fit_at(compliance: FloatArray) -> FloatArray:
         """Return the fitted compliances (n,) where the robot was bent with other compliances (n,)."""
-        nonlocal last, rounds
-        last, rounds = problem.fit_once(compliance, last), rounds + 1
-        return last.fit.compliance
+        nonlocal last, iterations
+        last = problem.fit_once(compliance, before=last)
+        iterations += 1
+        return last.compliance
 
-    unit = _list_changes_at_rest(problem.observability, first)
-    find_rest(fit_at, start, unit=unit, most_steps=MAX_ITERATIONS)
-    return last, rounds
+    greatest_changes = _list_changes_at_rest(problem.observability, first)
+    find_rest(fit_at, start, unit=greatest_changes, most_steps=MAX_ITERATIONS)
+    return last, iterations
 
 
-def _list_changes_at_rest(observability: Observability, first_fit: _Pass) -> FloatArray:
-    """Return the greatest changes (n,) of the compliances by a further fit that count as rest [rad/(N·m)]."""
+def _list_changes_at_rest(observability: Observability, first: _Pass) -> FloatArray:
+    """Return the greatest changes (n,) of the compliances by a further fit that count as rest [rad/(N·m)].
+
+    They are small compared with the compliance, or with its standard uncertainty if that is larger.
+    """
     # A joint that nothing moves has no compliance to compare with.
     reference = np.maximum(observability.reference_compliance, np.finfo(np.float64).tiny)
-    size = np.maximum(np.abs(first_fit.fit.compliance), reference)
-    uncertainty = first_fit.estimate_noise() * np.sqrt(np.diagonal(first_fit.fit.covariance))
+    size = np.maximum(np.abs(first.compliance), reference)
+    uncertainty = first.estimate_noise() * np.sqrt(np.diagonal(first.fit.covariance))
     uncertainty = np.where(np.isfinite(uncertainty), uncertainty, 0.0)
     return np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
 
@@ -453,22 +504,25 @@ def _list_changes_at_rest(observability: Observability, first_fit: _Pass) -> Flo
 def _estimate_neglected_shift(problem: _Problem, without_k_c: _Pass, sigma: float | None) -> FloatArray:
     """Return the change (n,) of the compliances if K_c were included, to first order [rad/(N·m)].
 
-    The deflections by K_c are subtracted from the readings; joints at a bound stay at the bound. Of a large
-    set only `SHIFT_OBSERVATIONS` evenly spread observations are used, and the change is multiplied by the
-    ratio of the numbers of observations; where loads in all directions cancel, this overstates the change. A
-    prior is included where sigma [m] is known.
+    Joints at a bound stay at the bound. Of a large set only `SHIFT_OBSERVATIONS` evenly spread observations
+    are used, and the change is multiplied by the ratio of the numbers of observations; where loads in all
+    directions cancel, this overstates the change.
+
+    Args:
+        problem: observations and settings.
+        without_k_c: fit that neglects K_c.
+        sigma: standard uncertainty of a coordinate [m], which weighs the prior; None leaves the prior out.
     """
-    fit, sample = without_k_c.fit, without_k_c.rows.at(None).select_evenly(SHIFT_OBSERVATIONS)
-    estimated = np.flatnonzero(~problem.observability.null & (fit.active == 0))
+    fit = without_k_c.fit
+    sample = without_k_c.rows.at(None).select_evenly(SHIFT_OBSERVATIONS)
+    is_free = ~problem.observability.null & (fit.active == 0)
     prior = problem.settings.prior
+    weighed_prior = prior.in_units_of(sigma) if prior and sigma else None
     responses = without_k_c.compressed.compute_responses(
-        sample,
-        [NEGLECTED_STIFFNESS],
-        fit.compliance,
-        estimated,
-        prior.in_units_of(sigma) if prior and sigma else None,
+        sample, [NEGLECTED_STIFFNESS], fit.compliance, np.flatnonzero(is_free), weighed_prior
     )
-    return -responses[NEGLECTED_STIFFNESS.name][:, 0] * (len(problem.rows) / len(sample))
+    bias = responses[NEGLECTED_STIFFNESS.name][:, 0]  # by neglecting K_c
+    return -bias * (len(problem.rows) / len(sample))
 
 
 def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
@@ -476,63 +530,36 @@ def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
 
     With the Huber loss, a robust scale replaces a sigma that is unknown.
     """
-    settings, measurements = problem.settings, problem.rows.measurements
-    robot, observability = problem.rows.robot, problem.observability
-    fit, robust, all_readings = last_fit.fit, last_fit.robust, last_fit.compressed.all_readings
-    sigma = measurements.sigma if robust is None else robust.sigma
-    # With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
-    scale = estimate_scale(fit if fit.alone is None else fit.alone, all_readings, sigma)
-    if fit.alone is not None:
-        scale = replace(estimate_scale(fit, all_readings, scale.sigma), given=scale.given)
-    scale = replace(scale, given=scale.given and measurements.sigma is not None)
-    # The weights of the Huber loss come from the residuals, which makes the covariance larger.
-    fit = fit.multiply_covariance(1.0 if robust is None else robust.inflation)
-    common_errors = None
-    if scale.sigma is not None:
-        scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
-        common_errors = _propagate_common_errors(problem, last_fit, scale.sigma or 1.0)
-        if common_errors is not None:
-            fit = fit.add_common_errors(common_errors.responses_to_unfitted_errors / (scale.sigma or 1.0))
+    settings, robust = problem.settings, last_fit.robust
+    scale = _estimate_final_scale(problem, last_fit)
+    fit, common_errors = _add_uncertainties(problem, last_fit, scale)
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
-    numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
-    numbers += [] if covariance is None else [covariance]
-    if not all(np.isfinite(array).all() for array in numbers):
-        raise MeasurementError(
-            "the numbers overflow: the magnitudes of loads, lengths and sigma are inconsistent",
-            where="units",
-            remedy="check the units of force, length and sigma",
-        )
-    prior_to_data = np.full(robot.n, np.nan)
-    if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
-        prior_to_data = _compare_prior_to_data(fit.alone, settings.prior, scale.sigma)
-    chi_square, certificates = scale.chi_square, fit.certificates
-    if robust is not None and last_fit.targets is not None:
-        chi_square = last_fit.targets.chi_square(
-            fit.compliance, sigma=robust.sigma, threshold=robust.threshold
-        )
-        certificates = (robust.certificate, *certificates)
+    _refuse_overflow(fit, scale, covariance)
     evidence = Evidence(
-        robot.joint_names,
-        fit,
-        observability,
-        scale,
-        settings.constraints,
-        settings.confidence,
-        prior_to_data,
-        _profile_short_levers(problem, last_fit, fit, scale, common_errors),
+        names=problem.rows.robot.joint_names,
+        fit=fit,
+        observability=problem.observability,
+        scale=scale,
+        constraints=settings.constraints,
+        confidence=settings.confidence,
+        prior_to_data=_compare_prior_to_data(fit.alone, settings.prior, scale.sigma, len(fit.compliance)),
+        profiles=_profile_short_levers(problem, last_fit, fit, scale, common_errors),
     )
-    joints = evidence.derive_joint_results()
     likelihood: Likelihood | None = fit.likelihood
     second_order = None
     if evidence.profiles:
         # Beyond first order, errors of the load add to the uncertainty of joints near the line of the load.
         second_order = evidence.compute_extra_uncertainties()
         covariance = None if covariance is None else covariance + np.diag(np.square(second_order))
-        widened = fit.add_common_errors(np.diag(second_order) / (scale.sigma or 1.0)).likelihood
-        known = widened.leave_out(evidence.list_open_joints())
-        likelihood = known if len(known.joints) else None
+        likelihood = _widen_likelihood(fit, second_order / (scale.sigma or 1.0), evidence.list_open_joints())
+    chi_square, certificates = scale.chi_square, fit.certificates
+    if robust is not None and last_fit.targets is not None:
+        certificates = (robust.certificate, *certificates)
+        chi_square = last_fit.targets.chi_square(
+            fit.compliance, sigma=robust.sigma, threshold=robust.threshold
+        )
     return Estimate(
-        joints=joints,
+        joints=evidence.derive_joint_results(),
         compliance=fit.compliance,
         balanced=last_fit.rows.balanced,
         covariance=covariance,
@@ -543,7 +570,7 @@ def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
         identifiability=fit.identifiability,
         certificates=certificates,
         compressed=last_fit.compressed,
-        observability=observability,
+        observability=problem.observability,
         likelihood=likelihood,
         common=common_errors,
         second_order=second_order,
@@ -551,140 +578,231 @@ def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
     )
 
 
-def _propagate_common_errors(problem: _Problem, last_fit: _Pass, sigma: float) -> CommonErrors | None:
-    """Return the changes of the estimate by one standard uncertainty of each error common to all.
+def _add_uncertainties(problem: _Problem, last_fit: _Pass, scale: Scale) -> tuple[Fit, CommonErrors | None]:
+    """Return the last fit with all uncertainties in its covariance, and the errors common to all readings.
 
-    The result is None if no such error has an uncertainty. `sigma` [m] weighs a prior against the readings.
+    There are no common errors where sigma is unknown.
     """
-    measurements, settings = problem.rows.measurements, problem.settings
-    common_uncertainty, errors = measurements.common_uncertainty, fitted_errors(measurements)
-    fitted_terms = errors.terms
-    # For each term: the name in the budget, and the standard uncertainties of the unknowns.
-    source_and_prior = {
-        name: (common_uncertainty.source(name), term.prior(common_uncertainty))
-        for name, term in TERMS.items()
-    }
-    # An error fitted from the readings replaces a stated uncertainty
-    fitted_names = {term.name for term in fitted_terms}
-    terms = [
-        TERMS[name]
-        for name, (_, uncertainties) in source_and_prior.items()
-        if any(uncertainties) and name not in fitted_names
+    fit, sigma = last_fit.fit, scale.sigma
+    if last_fit.robust is not None:
+        # The weights of the Huber loss come from the residuals, which makes the covariance larger.
+        fit = fit.multiply_covariance(last_fit.robust.inflation)
+    if sigma is None:
+        return fit, None
+    common_errors = _propagate_common_errors(problem, last_fit, sigma)
+    if common_errors is None:
+        return fit, None
+    return fit.add_common_errors(common_errors.responses_to_unfitted_errors / sigma), common_errors
+
+
+def _widen_likelihood(fit: Fit, uncertainty: FloatArray, open_joints: IndexArray) -> Likelihood | None:
+    """Return the likelihood of the compliances with further independent uncertainties of the joints.
+
+    None if the likelihood has no joint left.
+
+    Args:
+        fit: fit of n joints.
+        uncertainty: (n,) further standard uncertainties, in units of sigma.
+        open_joints: joints that are left out, because their compliance has no upper end.
+    """
+    widened = fit.add_common_errors(np.diag(uncertainty)).likelihood
+    known = widened.leave_out(open_joints)
+    return known if len(known.joints) else None
+
+
+def _estimate_final_scale(problem: _Problem, last_fit: _Pass) -> Scale:
+    """Return sigma, as stated or from the residuals, and the chi-square of the last fit.
+
+    With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
+    """
+    stated_sigma = problem.rows.measurements.sigma
+    sigma = stated_sigma if last_fit.robust is None else last_fit.robust.sigma
+    fit, all_readings = last_fit.fit, last_fit.compressed.all_readings
+    if fit.alone is None:
+        scale = estimate_scale(fit, all_readings, sigma)
+        is_given = scale.given
+    else:
+        without_prior = estimate_scale(fit.alone, all_readings, sigma)
+        scale = estimate_scale(fit, all_readings, without_prior.sigma)
+        is_given = without_prior.given
+    # A robust scale is not a stated sigma.
+    scale = replace(scale, given=is_given and stated_sigma is not None)
+    return scale if scale.sigma is None else replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
+
+
+def _refuse_overflow(fit: Fit, scale: Scale, covariance: FloatArray | None) -> None:
+    """Refuse a fit with numbers that are not finite.
+
+    Raises:
+        MeasurementError: a compliance, its covariance or chi-square is not finite.
+    """
+    arrays = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
+    if covariance is not None:
+        arrays.append(covariance)
+    if not all(np.isfinite(array).all() for array in arrays):
+        raise MeasurementError(
+            "the numbers overflow: the magnitudes of loads, lengths and sigma are inconsistent",
+            where="units",
+            remedy="check the units of force, length and sigma",
+        )
+
+
+def _propagate_common_errors(problem: _Problem, last_fit: _Pass, sigma: float) -> CommonErrors | None:
+    """Return the changes of the compliances by one standard uncertainty of each error common to all readings.
+
+    Each kind of error is a term, such as the load point, with k unknowns. None without uncertain errors.
+
+    Args:
+        problem: observations and settings.
+        last_fit: last fit, whose rows belong to its compliances.
+        sigma: standard uncertainty of a coordinate [m], which weighs a prior against the readings.
+    """
+    measurements, prior = problem.rows.measurements, problem.settings.prior
+    common_uncertainty, fitted = measurements.common_uncertainty, fitted_errors(measurements)
+    fitted_names = {term.name for term in fitted.terms}  # fitted to the readings before this fit
+    stated_terms = [
+        term
+        for term in TERMS.values()
+        if term.name not in fitted_names and any(term.prior(common_uncertainty))
     ]
-    if not (terms or fitted_terms):
+    if not (stated_terms or fitted.terms):
         return None
     responses = last_fit.compressed.compute_responses(
         last_fit.rows,
-        [*terms, *fitted_terms],
-        last_fit.fit.compliance,
-        np.flatnonzero(~problem.observability.null),
-        None if settings.prior is None else settings.prior.in_units_of(sigma),
+        [*stated_terms, *fitted.terms],
+        last_fit.compliance,
+        joints=np.flatnonzero(~problem.observability.null),
+        prior=None if prior is None else prior.in_units_of(sigma),
     )
     by_source = {}
+    for term in stated_terms:
+        response = responses[term.name]  # (n, k)
+        # `resize` repeats the term's uncertainties until each of the k unknowns has its own.
+        uncertainties = np.resize(term.prior(common_uncertainty), response.shape[1])
+        by_source[common_uncertainty.source(term.name)] = uncertainties * response
+    if fitted.terms:
+        response = np.hstack([responses[term.name] for term in fitted.terms])
+        by_source["fitted_causes"] = response @ fitted.root  # root of the covariance of the fitted errors
     terms_in_fit = last_fit.compressed.statements.terms
-    for source, uncertainties, response in (
-        (*source_and_prior[term.name], responses[term.name]) for term in terms
-    ):
-        # `resize` repeats the uncertainties for each column.
-        by_source[source] = np.resize(uncertainties, response.shape[1]) * response
-    in_fit = frozenset(source_and_prior[term.name][0] for term in terms_in_fit)
-    if fitted_terms:
-        responses_to_causes = np.hstack([responses[term.name] for term in fitted_terms])
-        by_source["fitted_causes"] = responses_to_causes @ errors.root
+    in_fit = frozenset(common_uncertainty.source(term.name) for term in terms_in_fit)
     return CommonErrors(by_source, in_fit)
 
 
 def _profile_short_levers(
     problem: _Problem, last_fit: _Pass, fit: Fit, scale: Scale, common_errors: CommonErrors | None
 ) -> dict[int, LeverProfile]:
-    """Return the profiles of joints near the line of the load, whatever the method.
+    """Return profile-likelihood intervals of the joints near the line of the load, by the joint's index.
 
-    Errors that the profiles do not know, such as that of the force's scale, widen them.
+    At such a joint an error of the load's place changes the torque by as much as the torque itself, so that
+    intervals to first order do not suffice. The errors of the load are free in the profiles.
 
     Args:
-        problem: observations, settings and statements.
+        problem: observations, settings and stated errors.
         last_fit: last fit, whose rows belong to its compliances.
         fit: the fit, with the uncertainty of errors that all observations share.
         scale: sigma.
         common_errors: errors that all observations share; None without any.
     """
-    settings, measurements = problem.settings, problem.rows.measurements
     # Readings without noise determine the load point, too: to first order is exact enough.
     if common_errors is None or not scale.sigma or scale.sigma < LEAST_STATED_SIGMA:
         return {}
-    free = _free_load(problem, last_fit, scale.sigma)
-    if free is None:
+    free_load = _free_load(problem, last_fit, scale.sigma)
+    if free_load is None:
         return {}
-    compliance, common = last_fit.fit.compliance, measurements.common_uncertainty
-    quantiles = scale.list_quantiles(settings.confidence)
+    quantiles = scale.list_quantiles(problem.settings.confidence)
     inflation = 1.0 if last_fit.robust is None else last_fit.robust.inflation
-    in_profiles = {common.source(term.name) for term in (*list_stated_terms(measurements), FORCE_SCALE)}
-    others = replace(common_errors, in_fit=frozenset(in_profiles)).responses_to_unfitted_errors
-    is_same_likelihood = bool(last_fit.compressed.statements.terms)
-    bounds, profiles = settings.constraints.bounds, {}
-    for index in np.flatnonzero(free.weak).tolist():
-        j = int(free.joints[index])
-        if any(j in group.joints for group in fit.undetermined):
+    other_errors = _list_errors_outside_profiles(problem.rows.measurements, common_errors)
+    force_scale = problem.rows.measurements.common_uncertainty.scale  # relative uncertainty of all forces
+    bounds = problem.settings.constraints.bounds
+    combined_joints = {j for group in fit.undetermined for j in group.joints}
+    profiles = {}
+    for index in np.flatnonzero(free_load.weak).tolist():
+        j = int(free_load.joints[index])
+        if j in combined_joints:
             continue
-        ends = free.profile(index).find_ends(scale.sigma * np.sqrt(inflation) * quantiles)
+        ends = free_load.profile(index).find_ends(scale.sigma * np.sqrt(inflation) * quantiles)
         if not np.isfinite(np.concatenate(ends)).all():
-            profiles[j] = LeverProfile()
+            profiles[j] = LeverProfile()  # an interval without an upper end
             continue
-        value, other_error = float(compliance[j]), float(np.linalg.norm(others[j]))
-        first_order = scale.sigma * float(np.sqrt(fit.covariance[j, j]))
-        unconstrained, within = (
-            _widen_profile(each, value, quantiles[:, None] * np.hypot(other_error, common.scale * each))
-            for each in ends
-        )
-        lower = np.minimum(unconstrained[:, 0], within[:, 0])
-        upper = np.maximum(unconstrained[:, 1], within[:, 1])
-        half_width = float(np.ptp(unconstrained[0])) / 2.0
+        other_error = float(np.linalg.norm(other_errors[j]))
+        widened = []
+        for intervals in ends:  # without, then within the constraints
+            errors_at_ends = np.hypot(other_error, force_scale * intervals)
+            value = float(last_fit.compliance[j])
+            widened.append(_widen_profile(intervals, value, quantiles[:, None] * errors_at_ends))
+        unconstrained, constrained = widened
+        lower = np.minimum(unconstrained[:, 0], constrained[:, 0])
+        upper = np.maximum(unconstrained[:, 1], constrained[:, 1])
+        first_order_uncertainty = scale.sigma * float(np.sqrt(fit.covariance[j, j]))
+        half_width = float(np.ptp(unconstrained[0])) / 2.0  # of the two-sided interval
         profiles[j] = LeverProfile(
             np.clip(np.column_stack([lower, upper]), bounds.lower[j], bounds.upper[j]),
-            max(first_order, half_width / float(quantiles[0])),
-            replaces_first_order=is_same_likelihood,
+            standard_uncertainty=max(first_order_uncertainty, half_width / float(quantiles[0])),
+            replaces_first_order=bool(last_fit.compressed.statements.terms),
         )
     return profiles
 
 
+def _list_errors_outside_profiles(measurements: Measurements, common_errors: CommonErrors) -> FloatArray:
+    """Return the changes (n, k) of the compliances by k errors that profiles do not know [rad/(N·m)].
+
+    Profiles have the stated errors of load and places as unknowns. The error of the force's scale, which
+    multiplies a compliance, is added to a profile by itself.
+    """
+    common = measurements.common_uncertainty
+    terms = [*list_stated_terms(measurements), FORCE_SCALE]
+    sources = frozenset(common.source(term.name) for term in terms)
+    return replace(common_errors, in_fit=sources).responses_to_unfitted_errors
+
+
 def _free_load(problem: _Problem, last_fit: _Pass, sigma: float) -> FreeLoad | None:
-    """Return the last fit with the errors of the load free; None if no joint has a short lever."""
+    """Return the readings with the errors of the load as unknowns, at the compliances of the last fit.
+
+    None if no joint has a short lever, which means that it is near the line of the load.
+    """
     measurements = problem.rows.measurements
-    statements = Statements(
-        list_stated_terms(measurements),
-        measurements.common_uncertainty,
-        np.maximum(last_fit.fit.compliance, 0.0),
-        sigma,
+    stated_errors = Statements(
+        terms=list_stated_terms(measurements),
+        common=measurements.common_uncertainty,
+        compliance=np.maximum(last_fit.compliance, 0.0),
+        sigma=sigma,
     )
-    joints = np.flatnonzero(~problem.observability.null)
-    return FreeLoad.of(last_fit.rows, problem.settings, statements, joints)
+    has_effect = ~problem.observability.null
+    return FreeLoad.of(last_fit.rows, problem.settings, stated_errors, np.flatnonzero(has_effect))
 
 
-def _widen_profile(intervals: FloatArray, value: float, beyond: FloatArray) -> FloatArray:
-    """Return intervals (q, 2) that contain an estimate, and errors that the profile does not know.
+def _widen_profile(intervals: FloatArray, value: float, other_errors: FloatArray) -> FloatArray:
+    """Return intervals (q, 2) around an estimate, widened by errors that the profile does not know.
+
+    Distances of the ends from the estimate and other errors are added in squares. An interval that does not
+    contain the estimate is widened to contain the estimate.
 
     Args:
-        intervals: (q, 2) by the profile [rad/(N·m)].
-        value: estimate.
-        beyond: (q, 2) expanded uncertainties by other errors, at the ends.
+        intervals: (q, 2) lower and upper ends by the profile [rad/(N·m)].
+        value: estimate [rad/(N·m)].
+        other_errors: (q, 2) expanded uncertainties by other errors, at the ends [rad/(N·m)].
     """
-    sides = np.array([-1.0, 1.0])
-    distance = np.maximum(sides * (intervals - value), 0.0)
-    return np.asarray(value + sides * np.hypot(distance, beyond))
+    signs = np.array([-1.0, 1.0])  # of the distances from the estimate to lower and upper ends
+    distances = np.maximum(signs * (intervals - value), 0.0)
+    return np.asarray(value + signs * np.hypot(distances, other_errors))
 
 
-def _compare_prior_to_data(fit_without_prior: Fit, prior: Prior, sigma: float) -> FloatArray:
+def _compare_prior_to_data(
+    fit_without_prior: Fit | None, prior: Prior | None, sigma: float | None, n: int
+) -> FloatArray:
     """Return for each joint the ratio (n,) of the prior's information to the readings' information.
 
     The ratio is ``s₀⁻² / (sigma² C_jj)⁻¹``, with s₀ the prior's standard uncertainty and C_jj the variance
     from the readings; NaN for joints without a prior, and inf where the readings alone determine only a
     combination with other joints.
     """
+    if fit_without_prior is None or prior is None or sigma is None:
+        return np.full(n, np.nan)
     variance = sigma**2 * np.diagonal(fit_without_prior.covariance)
     ratio = np.where(prior.known, variance / prior.standard_uncertainty**2, np.nan)
-    for group in fit_without_prior.undetermined:
-        for joint in group.joints:
-            ratio[joint] = np.inf if prior.known[joint] else np.nan
+    combined_joints = [j for group in fit_without_prior.undetermined for j in group.joints]
+    for j in combined_joints:
+        ratio[j] = np.inf if prior.known[j] else np.nan
     return ratio
 
 
@@ -692,18 +810,22 @@ def _find_largest_standardised_shift(shift: FloatArray | None, estimate: Estimat
     """Return the largest change of a compliance in standard uncertainties; None if no uncertainty is known.
 
     Uncertainties that were assumed, not stated, are left out of the standard uncertainty.
+
+    Args:
+        shift: (n,) change of the compliances [rad/(N·m)]; None where unknown.
+        estimate: estimate of n compliances.
     """
     if shift is None or estimate.covariance is None:
         return None
     variance = np.diagonal(estimate.covariance)
     if estimate.common is not None:
         for source in ("assumed_load_point", "assumed_force_scale"):
-            variance = variance - np.square(estimate.common.responses_to(source)).sum(axis=1)
+            responses = estimate.common.responses_to(source)  # (n, k)
+            variance = variance - np.square(responses).sum(axis=1)
         is_assumed = "assumed_load_point" in estimate.common.by_source
         variance = variance - np.diagonal(estimate.square_second_order(is_assumed))
     has_uncertainty = estimate.estimated & (variance > 0.0)
-    return (
-        float((np.abs(shift[has_uncertainty]) / np.sqrt(variance[has_uncertainty])).max())
-        if has_uncertainty.any()
-        else None
-    )
+    if not has_uncertainty.any():
+        return None
+    standardised_shift = np.abs(shift[has_uncertainty]) / np.sqrt(variance[has_uncertainty])
+    return float(standardised_shift.max())

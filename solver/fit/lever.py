@@ -5,12 +5,12 @@ statements at the fitted compliances are exact enough. Where the lever of a
 joint is as short as the load point is uncertain, a joint can be as stiff as the fit says and the lever be as
 stated, or the joint be soft and the lever shorter. For such a joint j the interval is the profile
 
-    P_j(v) = min over c_-j, e of ‖A_-j c_-j + A_j v + B(ĉ with c_j = v) e − d‖² + σ² ‖e‖²
+    P_j(v) = min over c', e of ‖A' c' + A_j v + B(ĉ with c_j = v) e − d‖² + σ² ‖e‖²
 
-over the other compliances within their constraints and the errors e in standard uncertainties: a convex
-program for each v. The interval has no upper end where a shorter lever explains any compliance; a bound of
-the joint's own does not change that. All methods have the same profile, that of all readings weighted by
-covariance.
+over the other compliances c' (columns A') within their constraints and the errors e in standard
+uncertainties: a convex program for each v. The interval has no upper end where a shorter lever explains any
+compliance; a bound of the joint's own does not change that. All methods have the same profile, that of all
+readings weighted by covariance.
 """
 
 from __future__ import annotations
@@ -71,58 +71,72 @@ class FreeLoad:
     def of(
         cls, rows: Rows, settings: Settings, statements: Statements, joints: IndexArray
     ) -> FreeLoad | None:
-        """Compress the rows of a campaign; None if no joint has a short lever.
+        """Compress the rows of a campaign; None if no joint is near the line of the load.
+
+        Near this line a joint's lever is short compared with the uncertainty of the load point.
 
         Args:
             rows: N observations, in balance with the fitted compliances.
             settings: constraints and prior; method and weighting do not matter.
-            statements: what is stated of load and places, at the fitted compliances.
+            statements: systematic errors of load and places with their standard uncertainties.
             joints: (p,) joints that the readings show, ascending.
         """
-        if not any(term.name in BY_JOINT for term in statements.terms):
+        states_errors_of_load = any(term.name in BY_JOINT for term in statements.terms)
+        if not states_errors_of_load:
             return None
-        sample = rows.select_evenly(_SAMPLE) if len(rows) > _SAMPLE else rows
-        free = cls._compress(sample, settings, statements, joints)
-        if not free.weak.any():
+        is_large = len(rows) > _SAMPLE
+        sample = rows.select_evenly(_SAMPLE) if is_large else rows  # enough to tell short levers
+        free_load = cls._compress(sample, settings, statements, joints)
+        if not free_load.weak.any():
             return None
-        return free if sample is rows else cls._compress(rows, settings, statements, joints)
+        if is_large:
+            free_load = cls._compress(rows, settings, statements, joints)
+        return free_load
 
     @classmethod
     def _compress(
         cls, rows: Rows, settings: Settings, statements: Statements, joints: IndexArray
     ) -> FreeLoad:
-        n, of_load = rows.robot.n, [term for term in statements.terms if term.name in BY_JOINT]
-        split = Statements(
-            (*statements.terms, *(BY_JOINT[term.name] for term in of_load)),
-            statements.common,
-            statements.compliance,
-            statements.sigma,
-        )
+        """Build the least-squares problem ``A c + B e ≈ d``, compressed by QR; the arguments are as of `of`.
+
+        c are the compliances of the p joints, e the K errors. The columns B depend on the compliances: B
+        changes by ``levers[:, j]`` for each unit of compliance of joint j.
+        """
+        terms_of_load = [term for term in statements.terms if term.name in BY_JOINT]
+        # `BY_JOINT` has the same errors of the load, with a column for each joint at compliance 1.
+        terms = (*statements.terms, *(BY_JOINT[term.name] for term in terms_of_load))
+        with_levers = Statements(terms, statements.common, statements.compliance, statements.sigma)
         all_readings = replace(settings, method="partial_pose", weighting="covariance")
-        method, prior = Method(rows.robot, all_readings, None), settings.prior
+        method = Method(rows.robot, all_readings, None)
         triangle: Triangle | None = None
-        for of_block in split.generate(rows, [JOINTS]):
-            triangle = triangle or Triangle(**of_block.widths)
-            triangle.add(next(method.map_rows(of_block)).fitted)
+        for block_rows in with_levers.generate(rows, [JOINTS]):
+            triangle = triangle or Triangle(**block_rows.widths)
+            only_stage = next(method.map_rows(block_rows))
+            triangle.add(only_stage.fitted)
         if triangle is None:
             raise ValueError("no observations")
-        R, span = triangle.R, triangle.span
-        stated = np.concatenate([span[term.name] for term in statements.terms])
-        levers = np.zeros((len(R), n, len(stated)))
-        for term in of_load:
-            of_term = np.searchsorted(stated, span[term.name])
-            levers[:, :, of_term] = R[:, span[BY_JOINT[term.name].name]].reshape(len(R), n, -1)
-        A, B, d = R[:, joints], R[:, stated], R[:, -1]
-        if prior is not None:
-            matrix, values = prior.in_units_of(statements.sigma).rows(joints)
-            A, d = np.vstack([A, matrix]), np.concatenate([d, values])
+
+        R, columns_of = triangle.R, triangle.span  # QR factor of all rows; columns of each term in it
+        columns_of_errors = np.concatenate([columns_of[term.name] for term in statements.terms])
+        A, B, d = R[:, joints], R[:, columns_of_errors], R[:, -1]
+        levers = np.zeros((len(R), rows.robot.n, len(columns_of_errors)))  # (rows, joints, errors)
+        for term in terms_of_load:
+            errors = np.searchsorted(columns_of_errors, columns_of[term.name])  # indices among the K errors
+            by_joint = R[:, columns_of[BY_JOINT[term.name].name]]
+            levers[:, :, errors] = by_joint.reshape(len(R), rows.robot.n, -1)
+        levers = levers[:, joints]
+        if settings.prior is not None:
+            matrix, values = settings.prior.in_units_of(statements.sigma).rows(joints)
+            A = np.vstack([A, matrix])
+            d = np.concatenate([d, values])
+            # Priors of compliances do not depend on the errors.
             B = np.vstack([B, np.zeros((len(matrix), B.shape[1]))])
             levers = np.concatenate([levers, np.zeros((len(matrix), *levers.shape[1:]))])
         return cls(
             joints=joints,
             A=A,
             B=B,
-            levers=levers[:, joints],
+            levers=levers,
             d=d,
             compliance=statements.compliance[joints],
             sigma=statements.sigma,
@@ -131,9 +145,12 @@ class FreeLoad:
 
     @cached_property
     def ratios(self) -> FloatArray:
-        """Effect (p,) of each joint's compliance by the stated load over that by errors of the load."""
-        by_errors = np.sqrt(np.square(self.levers).sum(axis=(0, 2)))
+        """Effect (p,) on the readings of the stated load on each joint, over the effect of the load's errors.
+
+        Infinite where errors of the load have no effect.
+        """
         by_load = np.linalg.norm(self.A, axis=0)
+        by_errors = np.sqrt(np.square(self.levers).sum(axis=(0, 2)))  # over rows and errors
         infinite: FloatArray = np.full(len(by_load), np.inf)
         return np.asarray(np.divide(by_load, by_errors, out=infinite, where=by_errors > 0.0))
 
@@ -155,58 +172,107 @@ class Profile:
     """
 
     def __init__(self, load: FreeLoad, j: int) -> None:
-        """Project the columns that do not depend on the joint's compliance out of all others."""
+        """Start the profile of the joint with index j among the p joints that the readings show."""
         self._load, self._j = load, j
         self._others = np.delete(np.arange(len(load.joints)), j)
         self.programs = 0
-        effect = np.hypot(np.linalg.norm(load.A[:, j]), np.linalg.norm(load.levers[:, j]))
-        self.unit = load.sigma / float(effect)  # least standard uncertainty of the joint [rad/(N·m)]
+        effect_of_unit_compliance = np.hypot(np.linalg.norm(load.A[:, j]), np.linalg.norm(load.levers[:, j]))
+        # Least standard uncertainty of the joint [rad/(N·m)], if all else was known.
+        self.unit = load.sigma / float(effect_of_unit_compliance)
         # Whether the readings leave an upper end does not depend on the joint's own upper bound.
         bounds = load.constraints.bounds
-        upper = np.where(np.arange(len(load.joints)) == j, np.inf, bounds.upper)
+        upper = bounds.upper.copy()
+        upper[j] = np.inf
         self._constraints = replace(load.constraints, bounds=Bounds(bounds.lower, upper))
 
     @cached_property
     def _without_others(self) -> tuple[FloatArray, ...]:
-        """Columns of the joint, statements and levers, and the readings; other joints are projected out."""
+        """Project the columns of the other joints out of the least-squares problem ``v a + B e ≈ d``.
+
+        A fit to the result equals a fit in which the other compliances are free.
+
+        Returns:
+            The joint's column a (m, 1), the columns B of the errors (m, K), the change of B by a unit
+            compliance of the joint (m, K), and the readings d (m, 1).
+        """
         load, j = self._load, self._j
-        basis = orthonormal_basis(unit_columns(load.A[:, self._others])[0], INDEPENDENT)
+        columns_of_others, _ = unit_columns(load.A[:, self._others])
+        basis = orthonormal_basis(columns_of_others, INDEPENDENT)
         columns = (load.A[:, j : j + 1], load.B, load.levers[:, j], load.d[:, None])
         return tuple(each - basis @ (basis.T @ each) for each in columns)
 
     def without_constraints(self, compliance: FloatArray) -> FloatArray:
-        """Return the least sums of squares (V,) at compliances (V,) of the joint, without constraints."""
+        """Minimise the sum of squares over all other unknowns for each of V compliances of the joint.
+
+        Returns the least sums (V,) without constraints on the compliances.
+        """
         a, B, lever, d = self._without_others
         rows = self._stack(compliance, a, B, lever, d)
-        return np.square(compute_triangular_factor(rows)[:, -1, -1])
+        # The last entry of the QR factor of rows [A d] is the length of the residual of ``A x ≈ d``.
+        factors = compute_triangular_factor(rows)
+        return np.square(factors[:, -1, -1])
 
     def within_constraints(self, compliance: FloatArray) -> FloatArray:
-        """Return the least sums of squares (V,) at compliances (V,) of the joint, within the constraints."""
-        load, j, errors = self._load, self._j, self._load.B.shape[1]
-        rows = self._stack(compliance, load.A[:, j : j + 1], load.B, load.levers[:, j], load.d[:, None])
-        others = np.zeros((*rows.shape[:2], len(self._others)))
-        others[:, : len(load.A)] = load.A[:, self._others]
-        rows = np.concatenate([rows[..., :-1], others, rows[..., -1:]], axis=-1)
-        factors = compute_triangular_factor(rows)[:, errors:, errors:]
-        return np.array(
-            [self._solve(value, factor) for value, factor in zip(compliance, factors, strict=True)]
-        )
+        """Minimise the sum of squares over all other unknowns for each of V compliances of the joint.
+
+        Returns the least sums (V,) within the constraints on the compliances; infinite where no compliances
+        of the other joints satisfy the constraints.
+        """
+        rows = self._stack_with_others(compliance)
+        # The errors have no constraints, and their columns come first. So the QR factor has a first part for
+        # the errors, and below it a part for the other compliances alone.
+        error_count = self._load.B.shape[1]
+        factors = compute_triangular_factor(rows)[:, error_count:, error_count:]
+        least = [self._solve(value, factor) for value, factor in zip(compliance, factors, strict=True)]
+        return np.array(least)
 
     def _stack(
         self, compliance: FloatArray, a: FloatArray, B: FloatArray, lever: FloatArray, d: FloatArray
     ) -> FloatArray:
-        """Return rows (V, m + K, K + 1) of the errors for each compliance, then one statement for each."""
+        """Build the least-squares rows of the errors e for each of V compliances v of the joint.
+
+        First ``(B + (v − ĉ) lever) e = d − v a`` for the readings, with ĉ the fitted compliance, then the
+        statements ``σ e = 0``.
+
+        Args:
+            compliance: (V,) compliances v.
+            a: (m, 1) column of the joint.
+            B: (m, K) columns of the errors at the fitted compliances.
+            lever: (m, K) change of B by a unit compliance of the joint.
+            d: (m, 1) readings.
+
+        Returns:
+            Rows (V, m + K, K + 1), the right-hand side last.
+        """
         load = self._load
-        at_value = B + (compliance - load.compliance[self._j])[:, None, None] * lever
-        remaining = d - compliance[:, None, None] * a
-        errors = B.shape[1]
-        rows = np.zeros((len(compliance), len(d) + errors, errors + 1))
-        rows[:, : len(d), :-1], rows[:, : len(d), -1:] = at_value, remaining
-        rows[:, len(d) :, :-1] = load.sigma * np.eye(errors)
+        m, error_count = B.shape
+        v = compliance[:, None, None]
+        rows = np.zeros((len(compliance), m + error_count, error_count + 1))
+        rows[:, :m, :-1] = B + (v - load.compliance[self._j]) * lever
+        rows[:, :m, -1:] = d - v * a
+        rows[:, m:, :-1] = load.sigma * np.eye(error_count)
         return rows
 
+    def _stack_with_others(self, compliance: FloatArray) -> FloatArray:
+        """Build the least-squares rows of the errors and the other joints, for V compliances of the joint.
+
+        Returns:
+            Rows (V, m + K, K + p): K columns of errors, p − 1 columns of other compliances, the right-hand
+            side.
+        """
+        load, j = self._load, self._j
+        rows = self._stack(compliance, load.A[:, j : j + 1], load.B, load.levers[:, j], load.d[:, None])
+        columns_of_others = np.zeros((*rows.shape[:2], len(self._others)))
+        columns_of_others[:, : len(load.A)] = load.A[:, self._others]
+        return np.concatenate([rows[..., :-1], columns_of_others, rows[..., -1:]], axis=-1)
+
     def _solve(self, value: float, factor: FloatArray) -> float:
-        """Return the least sum of squares over the other compliances; infinite if none is feasible."""
+        """Minimise the sum of squares over the other compliances; return infinity if none is feasible.
+
+        Args:
+            value: compliance of the joint [rad/(N·m)].
+            factor: (p, p) triangular factor of the rows of the other compliances, the right-hand side last.
+        """
         self.programs += 1
         try:
             left = self._constraints.fix_joints(np.array([self._j]), np.array([value]), self._others)
@@ -224,26 +290,23 @@ class Profile:
         """
         estimate = float(self._load.compliance[self._j])
         free = _search(self.without_constraints, estimate, self.unit, radii, -np.inf)
-        # Where the optimum without constraints meets the constraints, it is the optimum within them, too, and
-        # the sums of squares within constraints are nowhere less: that interval lies within this one.
-        if self._constraints.are_satisfied_by(self._find_optimum(free.bottom)):
+        # If the optimum without constraints satisfies the constraints, it is the optimum within them, too.
+        # The sums of squares within constraints are nowhere less: that interval is contained in this one.
+        optimum = self._find_optimum(free.bottom)
+        if self._constraints.are_satisfied_by(optimum):
             return ProfileEnds(free.ends, free.ends)
         least = float(self._constraints.bounds.lower[self._j])
-        return ProfileEnds(
-            free.ends, _search(self.within_constraints, estimate, self.unit, radii, least).ends
-        )
+        constrained = _search(self.within_constraints, estimate, self.unit, radii, least)
+        return ProfileEnds(free.ends, constrained.ends)
 
     def _find_optimum(self, value: float) -> FloatArray:
         """Return the compliances (p,) of the fit without constraints for a compliance of the joint."""
-        load, j, errors = self._load, self._j, self._load.B.shape[1]
-        rows = self._stack(
-            np.array([value]), load.A[:, j : j + 1], load.B, load.levers[:, j], load.d[:, None]
-        )[0]
-        others = np.zeros((len(rows), len(self._others)))
-        others[: len(load.A)] = load.A[:, self._others]
-        columns, length = unit_columns(np.hstack([rows[:, :-1], others]))
-        unknowns = np.linalg.lstsq(columns, rows[:, -1], rcond=INDEPENDENT)[0] / length
-        return np.insert(unknowns[errors:], j, value)
+        rows = self._stack_with_others(np.array([value]))[0]
+        columns, lengths = unit_columns(rows[:, :-1])
+        scaled_unknowns, *_ = np.linalg.lstsq(columns, rows[:, -1], rcond=INDEPENDENT)
+        unknowns = scaled_unknowns / lengths
+        error_count = self._load.B.shape[1]
+        return np.insert(unknowns[error_count:], self._j, value)
 
 
 class ProfileEnds(NamedTuple):
@@ -267,9 +330,11 @@ def _search(
     radii: FloatArray,
     least: float,
 ) -> _Search:
-    """Return the intervals (q, 2) in which a profile exceeds its minimum by at most each squared radius.
+    """Find the intervals (q, 2) in which a profile exceeds its minimum by at most each squared radius.
 
-    An end is infinite, or the lower bound, if the profile stays below as far as it was computed.
+    The profile is computed on a grid around the estimate; then the minimum and the ends are found between
+    points of the grid. An end is infinite, or the lower bound, if the profile is below as far as it was
+    computed.
 
     Args:
         squares: profile: sums of squares (V,) at compliances (V,).
@@ -278,37 +343,45 @@ def _search(
         radii: (q,) square roots of the rises.
         least: lower bound.
     """
+
+    def profile(v: float) -> float:
+        """Return the sum of squares at a compliance."""
+        return float(squares(np.array([v]))[0])
+
     steps = unit * _STEPS
-    grid = np.unique(np.clip(np.concatenate([start - steps, [start], start + steps]), least, None))
+    grid = np.concatenate([start - steps, [start], start + steps])
+    grid = np.unique(np.clip(grid, least, None))  # ascending
     values = squares(grid)
     lowest = int(values.argmin())
     bottom, minimum = float(grid[lowest]), float(values[lowest])
     if not np.isfinite(minimum):  # the order of the joints excludes every compliance of the grid
         return _Search(np.tile([least, np.inf], (len(radii), 1)), start)
+    before, after = grid[max(lowest - 1, 0)], grid[min(lowest + 1, len(grid) - 1)]
     found = minimize_scalar(
-        lambda v: float(squares(np.array([v]))[0]),
-        bounds=(float(grid[max(lowest - 1, 0)]), float(grid[min(lowest + 1, len(grid) - 1)])),
+        profile,
+        bounds=(float(before), float(after)),
         method="bounded",
         options={"maxiter": _MOST_STEPS_TO_MINIMUM, "xatol": _MINIMUM_TOLERANCE * unit},
     )
     if found.fun < minimum:
         bottom, minimum = float(found.x), float(found.fun)
-    rise = np.sqrt(np.maximum(values - minimum, 0.0))
+
+    root_of_rise = np.sqrt(np.maximum(values - minimum, 0.0))
     ends = np.empty((len(radii), 2))
     for row, radius in enumerate(radii.tolist()):
 
-        def above(v: float, radius: float = radius) -> float:
+        def excess(v: float, radius: float = radius) -> float:
             """Return by how much the root of the rise exceeds the radius."""
-            return float(np.sqrt(max(float(squares(np.array([v]))[0]) - minimum, 0.0))) - radius
+            return float(np.sqrt(max(profile(v) - minimum, 0.0))) - radius
 
-        inside = np.append(grid[rise <= radius], bottom)
-        for side, last, beyond in (
-            (0, inside.min(), grid[grid < inside.min()][::-1]),
-            (1, inside.max(), grid[grid > inside.max()]),
-        ):
-            if not len(beyond):
-                ends[row, side] = least if side == 0 else np.inf
-                continue
-            tolerance = _END_TOLERANCE * max(abs(float(beyond[0]) - bottom) / 4.0, unit)
-            ends[row, side] = brentq(above, last, float(beyond[0]), xtol=tolerance)
+        def find_end(inside: float, beyond: float, excess: Callable[[float], float] = excess) -> float:
+            """Return the compliance between two neighbours of the grid at which the rise is the radius."""
+            tolerance = _END_TOLERANCE * max(abs(beyond - bottom) / 4.0, unit)
+            return float(brentq(excess, inside, beyond, xtol=tolerance))
+
+        inside = np.append(grid[root_of_rise <= radius], bottom)
+        first, last = float(inside.min()), float(inside.max())
+        below, above = grid[grid < first], grid[grid > last]
+        ends[row, 0] = find_end(first, float(below[-1])) if len(below) else least
+        ends[row, 1] = find_end(last, float(above[0])) if len(above) else np.inf
     return _Search(ends, bottom)

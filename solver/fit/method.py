@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, pairwise
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -71,16 +71,7 @@ class Settings:
             RequestError: an option names a joint that the robot does not have, or the order of the joints
                 contradicts itself or the bounds.
         """
-        pairs = (pair for chain in options.stiffness_order for pair in pairwise(chain))
-        order = tuple(
-            dict.fromkeys(
-                (
-                    robot.joint_index(first, f"stiffness_order.{first}"),
-                    robot.joint_index(second, f"stiffness_order.{second}"),
-                )
-                for first, second in pairs
-            )
-        )
+        order = _order_from_options(options, robot)
         # If elastic links are requested, the loss belongs to their model, and joints alone use squares.
         uses_huber = options.loss == "huber" and options.elasticity in {"joints", "automatic"}
         settings = cls(
@@ -108,16 +99,28 @@ class Settings:
         return Constraints(self.bounds, self.order)
 
 
+def _order_from_options(options: RunOptions, robot: Robot) -> Order:
+    """Return the pairs (i, j) of joints, joint i at least as stiff as joint j, that chains of names state.
+
+    A chain of joints, stiffest first, states a pair for each two neighbours.
+    """
+    pairs = []
+    for names in options.stiffness_order:
+        joints = [robot.joint_index(name, f"stiffness_order.{name}") for name in names]
+        pairs += list(pairwise(joints))
+    return tuple(dict.fromkeys(pairs))  # each pair once
+
+
 def _bounds_from_options(options: RunOptions, robot: Robot, order: Order) -> Bounds:
     """Return the bounds of the compliances; joints in an order or with a stiffness bound are positive."""
     bounds = Bounds.positive(robot.n) if options.positive else Bounds.unconstrained(robot.n)
     lower, upper = bounds.lower.copy(), bounds.upper.copy()
     for pair in order:
         lower[list(pair)] = 0.0
-    for name, (least, greatest) in options.stiffness_bounds.items():
+    for name, (least_stiffness, greatest_stiffness) in options.stiffness_bounds.items():
         j = robot.joint_index(name, f"stiffness_bounds.{name}")
-        lower[j] = 0.0 if greatest is None else 1.0 / greatest
-        upper[j] = np.inf if least is None else 1.0 / least
+        lower[j] = 0.0 if greatest_stiffness is None else 1.0 / greatest_stiffness
+        upper[j] = np.inf if least_stiffness is None else 1.0 / least_stiffness
     return Bounds(lower, upper)
 
 
@@ -153,25 +156,33 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class StageRows:
-    """Rows of B observations in one stage."""
+    """Rows of B observations in one stage, with the stage's linear map N of the targets' rows."""
 
     #: (B, r, K + 1) columns of all terms, then of the readings; rows of the targets, then rows of the
     #: encoders of the stage's joints
     fitted: FloatArray
-    #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows, N the linear map of the stage; None where N = I
-    spread: FloatArray | None
+    spread: FloatArray  #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows
 
-    def list_spread_columns(self, whitened: BlockRows, joints: int) -> FloatArray:
-        """Return the columns (m, n) of the joints in `spread`, or in the whitened rows where N = I."""
-        spread = whitened.targets if self.spread is None else self.spread
-        return spread.reshape(-1, spread.shape[-1])[:, :joints]
+    @property
+    def columns(self) -> FloatArray:
+        """Columns (B r, K) of all terms, without the readings, with the rows of all observations together."""
+        return self.fitted.reshape(-1, self.fitted.shape[-1])[:, :-1]
+
+
+class _StageMap(NamedTuple):
+    """Linear map N of the whitened rows of B observations of T targets; the identity if both are None."""
+
+    of_observations: FloatArray | None = None  # (B, m, 3 T) map of the rows of whole observations
+    of_targets: FloatArray | None = None  # (B, T, 3, 3) map of the rows of single targets
 
 
 class Method:
     """A method with its weighting, as linear maps N of the whitened rows of the readings."""
 
     def __init__(self, robot: Robot, settings: Settings, length: float | None) -> None:
-        """Choose the stages of the method.
+        """Choose the stages of the method: the least-squares problems that it solves one after the other.
+
+        The decoupled method estimates the arm's joints, then the wrist's joints; all others have one stage.
 
         Args:
             robot: n joints.
@@ -181,16 +192,16 @@ class Method:
         Raises:
             UnsupportedMethodError: the decoupled method, and the robot has no spherical wrist.
         """
-        joints = np.arange(robot.n)
+        all_joints, no_joints = np.arange(robot.n), np.arange(0)
         self.joint_names, self.joint_kinds = robot.joint_names, robot.joint_kinds
         self.name, self.weighting = settings.method, settings.weighting
         self.characteristic_length = length
         self.length = 1.0 if settings.weighting == "uniform" else length
-        self.stages: tuple[Stage, ...] = (Stage(joints, joints[:0]),)
+        self.stages: tuple[Stage, ...] = (Stage(all_joints, known=no_joints),)
         if settings.method == "decoupled_partial_pose":
             self.centre = find_spherical_wrist(robot).centre
-            arm, wrist = joints[:-WRIST_JOINTS], joints[-WRIST_JOINTS:]
-            self.stages = (Stage(arm, joints[:0]), Stage(wrist, arm))
+            arm, wrist = all_joints[:-WRIST_JOINTS], all_joints[-WRIST_JOINTS:]
+            self.stages = (Stage(arm, known=no_joints), Stage(wrist, known=arm))
 
     @property
     def by_covariance(self) -> bool:
@@ -203,7 +214,10 @@ class Method:
         return self.by_covariance and self.name == "partial_pose"
 
     def map_rows(self, whitened: BlockRows) -> Iterator[StageRows]:
-        """Yield the rows of a block of observations in each stage, in the order of the stages.
+        """Yield the rows of B observations of T targets in each stage, in the order of the stages.
+
+        A stage is a least-squares problem with N times the whitened rows M of the targets, N its own linear
+        map; its spread ``NᵀN M`` serves covariances. Rows of the encoders of the stage's joints come last.
 
         Args:
             whitened: whitened rows of B observations, in units of sigma.
@@ -211,50 +225,50 @@ class Method:
         Raises:
             UnsupportedMethodError: if the targets of an observation lie on a line, and a pose is needed.
         """
-        targets, encoders = whitened.targets, whitened.encoders
-        flat = targets.reshape(len(targets), -1, targets.shape[-1])
-        maps = self._stage_maps(whitened.block)
-        for stage, (observation_map, target_map) in zip(self.stages, maps, strict=True):
-            if observation_map is not None:
-                fitted_rows = observation_map @ flat
-                spread_rows = observation_map.transpose(0, 2, 1) @ fitted_rows
-            elif target_map is not None:  # S W⁻¹, target by target
-                fitted_rows = target_map @ targets
-                spread_rows = (target_map.mT @ fitted_rows).reshape(flat.shape)
-                fitted_rows = fitted_rows.reshape(flat.shape)
-            else:
-                fitted_rows, spread_rows = flat, None
-            if encoders is not None:
-                fitted_rows = np.concatenate([fitted_rows, encoders[:, stage.joints]], axis=1)
-            yield StageRows(fitted_rows, spread_rows)
+        by_target = whitened.targets  # (B, T, 3, K + 1)
+        M = by_target.reshape(len(by_target), -1, by_target.shape[-1])  # (B, 3 T, K + 1)
+        for stage, N in zip(self.stages, self._stage_maps(whitened.block), strict=True):
+            fitted, spread = M, M  # for N = I
+            if N.of_observations is not None:
+                fitted = N.of_observations @ M
+                spread = N.of_observations.mT @ fitted
+            elif N.of_targets is not None:
+                fitted_by_target = N.of_targets @ by_target
+                spread = (N.of_targets.mT @ fitted_by_target).reshape(M.shape)
+                fitted = fitted_by_target.reshape(M.shape)
+            if whitened.encoders is not None:
+                fitted = np.concatenate([fitted, whitened.encoders[:, stage.joints]], axis=1)
+            yield StageRows(fitted, spread)
 
-    def _stage_maps(self, block: RegressorBlock) -> list[tuple[FloatArray | None, FloatArray | None]]:
-        """Return for each stage the linear map N of the whitened rows, as a pair of arrays or None.
+    def _stage_maps(self, block: RegressorBlock) -> list[_StageMap]:
+        """Return for each stage of the method the linear map N of the whitened rows of observations.
 
-        The first array (B, m, 3 T) maps the rows of whole observations, the second (B, T, 3, 3) the rows of
-        single targets. At least one of them is None; if both are, N is the identity.
+        The partial pose uses the positions of the targets, the complete pose that of the flange, and the
+        decoupled method first that of the wrist centre, then the targets again.
         """
-        target_maps: tuple[FloatArray | None, FloatArray | None] = (None, None)
+        to_targets = _StageMap()  # the identity: rows stay weighted by covariance
         if not self.by_covariance:
-            target_maps = self._undo_whitening(block)
-        match self.name:
-            case "partial_pose":
-                return [target_maps]
-            case "complete_pose":
-                return [(self._map_to_pose(block), None)]
-            case _:
-                return [(self._map_to_wrist_centre(block), None), target_maps]
+            to_targets = self._undo_whitening(block)
+        if self.name == "partial_pose":
+            return [to_targets]
+        if self.name == "complete_pose":
+            return [_StageMap(of_observations=self._map_to_pose(block))]
+        to_wrist_centre = _StageMap(of_observations=self._map_to_wrist_centre(block))
+        return [to_wrist_centre, to_targets]
 
     def _map_to_pose(self, block: RegressorBlock) -> FloatArray:
         """Return the map (B, 6, 3 T) from whitened rows to the displacement of the flange's pose.
 
-        The displacement is whitened if the method uses covariances, else scaled by the method's length.
+        With factors Q R of the whitened map from the displacement to the deflections, the displacement is
+        R⁻¹ Qᵀ times the rows. It is whitened if the method uses covariances, else scaled by the method's
+        length.
         """
         Q, R, _ = factorise_displacement(block)
         if self.by_covariance:
-            return Q.mT
-        row_scale = np.repeat([1.0 / (self.length or 1.0), 1.0], 3)
-        scaled_map = row_scale[:, None] * np.linalg.solve(R, Q.mT)
+            return Q.mT  # the covariance of the displacement is (Rᵀ R)⁻¹, so R whitens it
+        displacement_map = np.linalg.solve(R, Q.mT)
+        row_scale = np.repeat([1.0 / (self.length or 1.0), 1.0], 3)  # three of translation, three of rotation
+        scaled_map = row_scale[:, None] * displacement_map
         return np.asarray(_least_root_weights(block.measurements) * scaled_map)
 
     def _map_to_wrist_centre(self, block: RegressorBlock) -> FloatArray:
@@ -263,37 +277,85 @@ class Method:
         The displacement is whitened if the method uses covariances.
         """
         Q, R, reference = factorise_displacement(block)
-        centre = block.postures.to_base(np.broadcast_to(self.centre, (len(Q), 1, 3)))[:, 0]
-        # Map from the displacement of the reference point, and the rotation, to that of the centre.
+        # Map (B, 6, 3 T) to the translation of the reference point, and the rotation of the flange
+        displacement_map = np.linalg.solve(R, Q.mT)
+        centre_in_flange = np.broadcast_to(self.centre, (len(Q), 1, 3))
+        centre = block.postures.to_base(centre_in_flange)[:, 0]  # (B, 3)
+        # δp_centre = δp_reference + δφ × (centre − reference) = [I, −skew(centre − reference)] (δp, δφ)
         identity = np.broadcast_to(np.eye(3), (len(Q), 3, 3))
-        extrapolation = np.concatenate([identity, -skew(centre - reference)], axis=2)
-        centre_map = extrapolation @ np.linalg.solve(R, Q.mT)
+        to_centre = np.concatenate([identity, -skew(centre - reference)], axis=2)
+        centre_map = to_centre @ displacement_map
         if self.by_covariance:  # orthonormal rows: the displacement of the centre, whitened
             return np.linalg.qr(centre_map.mT)[0].mT
         return np.asarray(_least_root_weights(block.measurements) * centre_map)
 
     @staticmethod
-    def _undo_whitening(block: RegressorBlock) -> tuple[FloatArray | None, FloatArray | None]:
-        """Return the map from whitened rows back to equal weights, as a pair like that of `_stage_maps`."""
-        part = block.measurements
-        weight = np.ones(part.present.shape) if part.weight is None else part.weight
-        if not part.scatter:
-            return None, np.asarray(np.linalg.inv(whitener(part.covariance)), dtype=np.float64)
-        identity = np.eye(3 * weight.shape[1]).reshape(*weight.shape[1:], 3, -1)
-        whiten = block.whiten(np.broadcast_to(identity, (len(weight), *identity.shape)))
-        back = np.linalg.inv(whiten.reshape(len(weight), identity.shape[-1], -1))
-        return np.asarray(np.repeat(np.sqrt(weight), 3, axis=1)[..., None] * back, dtype=np.float64), None
+    def _undo_whitening(block: RegressorBlock) -> _StageMap:
+        """Return the map N from whitened rows back to the readings, times the roots S of their weights.
+
+        The weights are those of a robust fit, and 1 for the squared loss.
+        """
+        measurements = block.measurements
+        if not measurements.scatter:  # errors of different targets are independent
+            inverse_whitener = np.linalg.inv(whitener(measurements.covariance))
+            return _StageMap(of_targets=np.asarray(inverse_whitener, dtype=np.float64))
+        B, T = measurements.present.shape
+        weight = np.ones((B, T)) if measurements.weight is None else measurements.weight
+        # Whiten the unit vector of each coordinate to get the matrix W of each observation.
+        unit_vectors = np.broadcast_to(np.eye(3 * T).reshape(T, 3, 3 * T), (B, T, 3, 3 * T))
+        W = block.whiten(unit_vectors).reshape(B, 3 * T, 3 * T)
+        S = np.sqrt(weight).repeat(3, axis=1)[..., None]  # (B, 3 T, 1)
+        return _StageMap(of_observations=np.asarray(S * np.linalg.inv(W), dtype=np.float64))
 
 
 def _least_root_weights(measurements: Measurements) -> FloatArray | float:
     """Return the root (B, 1, 1) of the least weight of each observation's targets; 1 without weights.
 
-    With a robust loss, a pose gets the least weight of its targets.
+    A robust fit gives the weights of single targets, but a pose of the flange needs one weight.
     """
     if measurements.weight is None:
         return 1.0
-    least_weight = np.where(measurements.present, measurements.weight, 1.0).min(axis=1)
-    return np.asarray(np.sqrt(least_weight)[:, None, None])
+    weights = np.where(measurements.present, measurements.weight, 1.0)  # (B, T)
+    return np.asarray(np.sqrt(weights.min(axis=1))[:, None, None])
+
+
+class _MethodSums:
+    """Triangular factors and products of a method's rows, summed block by block.
+
+    Attributes:
+        readings: triangular factor of all whitened rows.
+        fitted: triangular factor of the rows that each stage fits; not used by a plain method.
+        spreads: triangular factor of the rows ``NᵀN [A d]`` of each stage, with the stage's linear map N.
+        cross: (n, n) products of the columns of the wrist's and the arm's stage.
+        seen_from_centre: effect of the joints on the wrist centre, for the decoupled method.
+    """
+
+    def __init__(self, method: Method, n: int, K: int) -> None:
+        """Start without rows, for n joints and K errors that are fitted with the joints."""
+        self._method, self._n = method, n
+        self.readings = Triangle(joints=n, statements=K)
+        self.fitted = [Triangle(joints=n, statements=K) for _ in method.stages]
+        self.spreads = [Triangle(joints=n) for _ in method.stages]
+        self.cross: FloatArray = np.zeros((n, n))
+        self.seen_from_centre = Excitation(method.joint_kinds)
+
+    def add(self, of_block: BlockRows) -> None:
+        """Add the whitened rows of a block of observations, as they are and as each stage fits them."""
+        self.readings.add(of_block.flat, count=int(of_block.read.sum()))
+        if self._method.is_plain:
+            return
+        stages = list(self._method.map_rows(of_block))
+        for stage_rows, fitted in zip(stages, self.fitted, strict=True):
+            fitted.add(stage_rows.fitted)
+        if not self._method.by_covariance:
+            joints_and_readings = [*range(self._n), -1]
+            for stage_rows, spread in zip(stages, self.spreads, strict=True):
+                spread.add(stage_rows.spread[..., joints_and_readings])
+        if len(stages) > 1:
+            # Products of the joints' columns, summed over the rows of all observations
+            arm, wrist = (stage_rows.spread[..., : self._n] for stage_rows in stages)  # (B, 3 T, n)
+            self.cross += wrist.reshape(-1, self._n).T @ arm.reshape(-1, self._n)
+            self.seen_from_centre.add_wrist_centre(of_block.block, self._method.centre)
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,102 +363,91 @@ class MethodRows:
     """Compressed rows of a campaign for each stage of a method, in units of sigma."""
 
     method: Method  #: the method with its stages
-    statements: Statements  #: statements that are fitted with the joints, with K unknowns
-    #: triangle of all readings, weighted by covariance, with the statements projected out. Residuals, sigma
-    #: and degrees of freedom are computed on this triangle, whatever the method fits
+    statements: Statements  #: errors of stated uncertainty, fitted with the joints, K unknowns
+    #: triangle of all readings, weighted by covariance, with the stated errors projected out. Residuals,
+    #: sigma and degrees of freedom are computed on this triangle, whatever the method fits
     all_readings: Triangle
-    stages: tuple[Triangle, ...]  #: triangle of each stage, with the statements projected out
+    stages: tuple[Triangle, ...]  #: triangle of each stage, with the stated errors projected out
     #: triangle of each stage's `StageRows.spread`; None where rows are weighted by covariance
     spreads: tuple[Triangle, ...] | None
     #: (n, n) weighted covariance between the readings of the two stages: ``A₂ᵀΩ₂ Σ Ω₁A₁``
     cross: FloatArray
     #: excitation of the joints as the motion of the wrist centre shows it; decoupled method only
     seen_from_centre: Excitation
-    columns: FloatArray  #: (m, n + K) compressed columns of all readings, then a row for each statement
-    #: (K, n + 1) unknowns of the statements that one unit of each joint's column, and the readings, call for
+    columns: FloatArray  #: (m, n + K) compressed columns of all readings, then a row for each stated error
+    #: (K, n + 1) stated errors that fit one unit of each joint's column, and the readings, best
     to_unknowns: FloatArray
 
     @classmethod
     def compress(cls, method: Method, rows: Rows, statements: Statements | None = None) -> MethodRows:
-        """Compress the rows of all observations.
+        """Compress the rows of all observations to triangular factors R, with RᵀR = AᵀA for rows A.
 
         Args:
-            method: the method with its stages.
+            method: the method with its stages, which are least-squares problems.
             rows: N observations.
-            statements: statements to be fitted with the joints; only for a method of one stage.
+            statements: errors of stated uncertainty, fitted with the joints; only for a method of one stage.
         """
         n = rows.robot.n
         statements = statements or Statements.none(n)
-        generated = statements.generate(rows, [JOINTS])
-        first = next(generated)
-        count = first.targets.shape[-1] - 1 - n
-        readings = Triangle(joints=n, statements=count)
-        fitted = [Triangle(joints=n, statements=count) for _ in method.stages]
-        spreads = [Triangle(joints=n) for _ in method.stages]
-        cross, seen_from_centre = np.zeros((n, n)), Excitation(method.joint_kinds)
-        for of_block in chain([first], generated):
-            readings.add(of_block.flat, count=int(of_block.read.sum()))
-            if method.is_plain:
-                continue
-            stage_rows = list(method.map_rows(of_block))
-            for stage, mapped in enumerate(stage_rows):
-                fitted[stage].add(mapped.fitted)
-                if mapped.spread is not None:
-                    spreads[stage].add(mapped.spread[..., [*range(n), -1]])
-            if len(stage_rows) > 1:
-                arm, wrist = (mapped.list_spread_columns(of_block, n) for mapped in stage_rows)
-                cross += wrist.T @ arm
-                seen_from_centre.add_wrist_centre(of_block.block, method.centre)
-        stages = [readings] if method.is_plain else fitted
-        sigma = statements.sigma
+        blocks = statements.generate(rows, [JOINTS])
+        first = next(blocks)  # tells the number of columns: n joints, K stated errors, the readings
+        K = first.targets.shape[-1] - 1 - n
+        sums = _MethodSums(method, n, K)
+        for of_block in chain([first], blocks):
+            sums.add(of_block)
         # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
-        readings.rows -= fitted_errors(rows.measurements).determined
-        all_readings, *others = [
-            triangle.given("statements", np.ones(count), sigma) if count else triangle
-            for triangle in ([readings] if method.is_plain else [readings, *fitted])
-        ]
+        sums.readings.rows -= fitted_errors(rows.measurements).determined
+        sigma = statements.sigma
+        all_readings = _fit_stated(sums.readings, K, sigma)
+        fitted = [sums.readings] if method.is_plain else sums.fitted
+        stages = [_fit_stated(triangle, K, sigma) for triangle in fitted]
         return cls(
             method=method,
             statements=statements,
             all_readings=all_readings,
-            stages=(all_readings,) if method.is_plain else tuple(others),
-            spreads=None if method.by_covariance else tuple(spreads),
-            cross=cross,
-            seen_from_centre=seen_from_centre,
-            columns=np.vstack([readings.matrix, np.eye(n + count)[n:] * sigma]),
-            to_unknowns=_fit_unknowns(stages[-1].R, n, sigma),
+            stages=tuple(stages),
+            spreads=None if method.by_covariance else tuple(sums.spreads),
+            cross=sums.cross,
+            seen_from_centre=sums.seen_from_centre,
+            columns=np.vstack([sums.readings.matrix, np.eye(n + K)[n:] * sigma]),
+            to_unknowns=_fit_unknowns(fitted[-1].R, n, sigma),
         )
 
     def compress_again(self, rows: Rows) -> MethodRows:
-        """Compress other observations by the same method, with the same statements."""
+        """Compress other observations by the same method, with the same stated errors."""
         return MethodRows.compress(self.method, rows, self.statements)
 
     def fit_statements(self, compliance: FloatArray) -> FittedStatements:
-        """Return the statements with the values that fit best for given compliances (n,) [rad/(N·m)]."""
+        """Return the stated errors with the values that fit best for given compliances (n,) [rad/(N·m)]."""
         return FittedStatements(self.statements, self.to_unknowns @ np.append(-compliance, 1.0))
 
     @property
     def determined_statement_count(self) -> float:
-        """Effective number of unknowns of statements that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``.
+        """Effective number of stated errors that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``.
 
-        B are the columns of the statements after projecting the joints out; σ is the noise of a reading.
+        B are the columns of K errors of stated uncertainty, such as errors of the load, with the columns of
+        the joints projected out; σ is the noise of a reading.
         """
-        n, statement_count = len(self.method.joint_names), len(self.to_unknowns)
-        if not statement_count:
+        n, K = len(self.method.joint_names), len(self.to_unknowns)
+        if not K:
             return 0.0
-        joints, columns = np.split(self.columns[:-statement_count], [n], axis=1)
-        joint_basis = orthonormal_basis(unit_columns(joints)[0])
-        columns = columns - joint_basis @ (joint_basis.T @ columns)
-        squared_singular_values = np.square(np.linalg.svd(columns, compute_uv=False))
-        return float((squared_singular_values / (squared_singular_values + self.statements.sigma**2)).sum())
+        columns = self.columns[:-K]  # the last K rows are not those of readings
+        of_joints, of_errors = columns[:, :n], columns[:, n:]
+        basis = orthonormal_basis(unit_columns(of_joints)[0])
+        B = of_errors - basis @ (basis.T @ of_errors)
+        squares = np.square(np.linalg.svd(B, compute_uv=False))
+        return float((squares / (squares + self.statements.sigma**2)).sum())
 
     def build_columns(self, rows: Rows) -> FloatArray:
         """Return the whitened columns (m, n + K) of the targets of further readings.
 
-        First the n joints, then the K unknowns of the statements, as in `columns`.
+        First the n joints, then the K stated errors, as in `columns`.
         """
-        columns = [of_block.targets[..., :-1] for of_block in self.statements.generate(rows, [JOINTS])]
-        return np.concatenate([each.reshape(-1, each.shape[-1]) for each in columns])
+        blocks = []
+        for of_block in self.statements.generate(rows, [JOINTS]):
+            columns = of_block.targets[..., :-1]  # (B, T, 3, n + K), without the readings
+            blocks.append(columns.reshape(-1, columns.shape[-1]))
+        return np.concatenate(blocks)
 
     def compute_responses(
         self,
@@ -408,7 +459,8 @@ class MethodRows:
     ) -> dict[str, FloatArray]:
         """Compute the bias of the estimate that one unit of each unknown of neglected terms causes.
 
-        Without bounds the estimate is linear, ĉ = H d, so the bias is ``H A_term``.
+        A term is an error or effect that moves the targets in proportion to its k unknowns. Without bounds
+        the estimate is linear, ĉ = H d, so the bias is ``H A_term``, with A_term the columns of the term.
 
         Args:
             rows: the observations that were compressed.
@@ -421,51 +473,78 @@ class MethodRows:
             For each term's name the bias (n, k) that its k unknowns cause [rad/(N·m) per unit]; zero for
             joints that are not estimated.
         """
-        n, count = len(self.method.joint_names), len(self.to_unknowns)
-        moments: list[FloatArray | float] = [0.0] * len(self.stages)
-        neglected = rows.generate(terms, compliance)
-        fitted = self.statements.generate(rows, [JOINTS])
-        for of_terms, of_joints in zip(neglected, fitted, strict=True):
+        products, widths = self._multiply_by_terms(rows, terms, compliance)
+        bias = np.zeros(products[0].shape)
+        for stage, triangle, product in zip(self.method.stages, self.stages, products, strict=True):
+            fitted_joints = np.intersect1d(stage.joints, joints)
+            known_joints = np.intersect1d(stage.known, joints)  # estimated by an earlier stage
+            A, A_known = triangle.matrix[:, fitted_joints], triangle.matrix[:, known_joints]
+            # The bias b of the fitted joints solves AᵀA b = Aᵀ A_term − Aᵀ A_known b_known.
+            rhs = product[fitted_joints] - A.T @ (A_known @ bias[known_joints])
+            if prior is not None:
+                A = np.vstack([A, prior.rows(fitted_joints)[0]])
+            inverse = Spectrum(A).inverse  # pseudo-inverse A⁺, so (AᵀA)⁻¹ = A⁺ A⁺ᵀ
+            bias[fitted_joints] = inverse @ (inverse.T @ rhs)
+        stops = np.cumsum([widths[term.name] for term in terms])
+        bias_of_terms = np.split(bias, stops[:-1], axis=1)
+        return {term.name: part for term, part in zip(terms, bias_of_terms, strict=True)}
+
+    def _multiply_by_terms(
+        self, rows: Rows, terms: Sequence[Term], compliance: FloatArray
+    ) -> tuple[list[FloatArray], dict[str, int]]:
+        """Return for each stage the products ``Aᵀ A_term`` (n, K) of the columns of joints and of terms.
+
+        Where errors are fitted with the joints, A is what their columns leave of the joints' columns.
+
+        Args:
+            rows: the observations that were compressed.
+            terms: terms with K unknowns together, a column for each.
+            compliance: (n,) joint compliances at which the columns of the terms are computed [rad/(N·m)].
+
+        Returns:
+            The products for each stage, and the number of columns of each term, by the term's name.
+        """
+        n = len(self.method.joint_names)
+        errors_of_joints = self.to_unknowns[:, :-1]  # fitted errors that explain each joint's column best
+        products: list[FloatArray] = [np.zeros(()) for _ in self.stages]
+        widths: dict[str, int] = {}
+        joint_blocks = self.statements.generate(rows, [JOINTS])
+        for of_terms, of_joints in zip(rows.generate(terms, compliance), joint_blocks, strict=True):
             stage_rows = zip(self.method.map_rows(of_terms), self.method.map_rows(of_joints), strict=True)
-            for stage, (mapped_terms, mapped_joints) in enumerate(stage_rows):
-                columns = mapped_joints.fitted.reshape(-1, n + count + 1)[:, :-1]
-                columns = columns[:, :n] - columns[:, n:] @ self.to_unknowns[:, :-1]
-                flat = mapped_terms.fitted.reshape(-1, mapped_terms.fitted.shape[-1])
-                moments[stage] = moments[stage] + columns.T @ flat[:, :-1]
-            widths = of_terms.widths
-        bias = np.zeros(np.shape(moments[0]))
-        for stage_of_method, triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
-            fitted_joints = np.intersect1d(stage_of_method.joints, joints)
-            known_joints = np.intersect1d(stage_of_method.known, joints)
-            matrix = triangle.matrix
-            remaining = np.asarray(moment)[fitted_joints] - matrix[:, fitted_joints].T @ (
-                matrix[:, known_joints] @ bias[known_joints]
-            )
-            columns = matrix[:, fitted_joints]
-            with_prior = columns if prior is None else np.vstack([columns, prior.rows(fitted_joints)[0]])
-            inverse = Spectrum(with_prior).inverse
-            bias[fitted_joints] = inverse @ (inverse.T @ remaining)
-        last_columns = np.cumsum([widths[term.name] for term in terms])[:-1]
-        return dict(zip((term.name for term in terms), np.split(bias, last_columns, axis=1), strict=True))
+            for stage, (term_rows, joint_rows) in enumerate(stage_rows):
+                joint_columns, error_columns = joint_rows.columns[:, :n], joint_rows.columns[:, n:]
+                A = joint_columns - error_columns @ errors_of_joints
+                products[stage] = products[stage] + A.T @ term_rows.columns
+            widths = of_terms.widths  # the same in all blocks
+        return products, widths
+
+
+def _fit_stated(triangle: Triangle, count: int, sigma: float) -> Triangle:
+    """Return the triangle in which `count` stated errors are fitted, each 0 ± 1."""
+    if not count:
+        return triangle
+    return triangle.given("statements", np.ones(count), sigma)
 
 
 def _fit_unknowns(rows: FloatArray, joints: int, sigma: float) -> FloatArray:
-    """Return the unknowns (K, n + 1) of statements that fit each joint's column, and the readings, best.
+    """Return the stated errors (K, n + 1) that fit each joint's column, and the readings, best.
+
+    The best U minimises ``‖B U − Y‖² + sigma² ‖U‖²``, with the columns B of the errors, and the columns Y
+    of the joints and the readings.
 
     Args:
-        rows: (m, n + K + 1) rows of the readings: columns of the joints, of the statements, of the readings.
+        rows: (m, n + K + 1) rows of the readings: columns of the joints, of the errors, of the readings.
         joints: number n of joints.
-        sigma: standard uncertainty of a reading, by which statements are weighted.
+        sigma: standard uncertainty of a reading, by which the errors are weighted.
     """
-    columns = rows[:, joints:-1]
-    count = columns.shape[1]
-    if not count:
+    B = rows[:, joints:-1]
+    Y = rows[:, [*range(joints), -1]]
+    K = B.shape[1]
+    if not K:
         return np.zeros((0, joints + 1))
-    others = rows[:, [*range(joints), -1]]
-    stated = np.vstack([columns, sigma * np.eye(count)])
-    return np.asarray(
-        np.linalg.lstsq(stated, np.vstack([others, np.zeros((count, joints + 1))]), rcond=None)[0]
-    )
+    with_statements = np.vstack([B, sigma * np.eye(K)])
+    rhs = np.vstack([Y, np.zeros((K, joints + 1))])
+    return np.asarray(np.linalg.lstsq(with_statements, rhs, rcond=None)[0])
 
 
 def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -485,18 +564,19 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
         UnsupportedMethodError: if the targets of an observation lie on a line.
     """
     measurements = block.measurements
-    present = measurements.present[..., None]
-    reference = block.points.mean(axis=1, where=present)
-    lever_arms = np.where(present, block.points - reference[:, None], 0.0)
+    present = measurements.present[..., None]  # (B, T, 1)
+    barycentre = block.points.mean(axis=1, where=present)
+    lever_arms = np.where(present, block.points - barycentre[:, None], 0.0)
     _refuse_lines(lever_arms)
+    # δp_X = [I, −skew(lever arm)] (δp_b, δφ): a matrix (3, 6) for each target
     rotation_columns = -skew(lever_arms)
-    displacement_columns = measurements.project_on_directions(
-        np.concatenate([np.broadcast_to(np.eye(3), rotation_columns.shape), rotation_columns], axis=-1)
+    translation_columns = np.broadcast_to(np.eye(3), rotation_columns.shape)
+    columns = measurements.project_on_directions(
+        np.concatenate([translation_columns, rotation_columns], axis=-1)
     )
-    Q, R = np.linalg.qr(
-        block.whiten(np.where(present[..., None], displacement_columns, 0.0)).reshape(len(lever_arms), -1, 6)
-    )
-    return Q, R, reference
+    whitened = block.whiten(np.where(present[..., None], columns, 0.0))  # (B, T, 3, 6)
+    Q, R = np.linalg.qr(whitened.reshape(len(lever_arms), -1, 6))
+    return Q, R, barycentre
 
 
 def _refuse_lines(lever_arms: FloatArray) -> None:
@@ -506,11 +586,12 @@ def _refuse_lines(lever_arms: FloatArray) -> None:
         UnsupportedMethodError: if the targets of an observation lie on a line.
     """
     singular_values = np.linalg.svd(lever_arms, compute_uv=False)
-    collinear = np.flatnonzero(singular_values[:, 1] <= _COLLINEAR * singular_values[:, 0])
-    if len(collinear):
+    length, height = singular_values[:, 0], singular_values[:, 1]
+    line_count = int((height <= _COLLINEAR * length).sum())
+    if line_count:
         raise UnsupportedMethodError(
             "the targets lie on a line, so the flange's rotation about this line is not observable "
-            f"({len(collinear)} observations)",
+            f"({line_count} observations)",
             where="readings",
             remedy="use method partial_pose, or place the three targets so that they form a triangle",
         )
@@ -522,22 +603,26 @@ def refuse_missing_poses(measurements: Measurements) -> None:
     Raises:
         UnsupportedMethodError: names the first such observation.
     """
-    counts = (measurements.coordinates == 3).sum(axis=1)
-    too_few = np.flatnonzero(counts < MIN_TARGETS)
+    is_read_completely = measurements.coordinates == 3  # (N, T) all three coordinates
+    target_counts = is_read_completely.sum(axis=1)
+    too_few = np.flatnonzero(target_counts < MIN_TARGETS)
     if len(too_few):
         first = int(too_few[0])
         raise UnsupportedMethodError(
             f"the pose of the flange needs {MIN_TARGETS} targets, but {measurements.place(first)} has "
-            f"{counts[first]} ({len(too_few)} of {len(counts)} observations have too few)",
+            f"{target_counts[first]} ({len(too_few)} of {len(target_counts)} observations have too few)",
             where=f"observations[{first}].readings",
             remedy="use method partial_pose, or read three targets in every observation",
         )
+    # Positions in two frames, flange and base, cannot be compared without the robot's kinematics:
+    # `factorise_displacement` judges such observations later.
     present, in_flange = measurements.present, measurements.in_flange
-    # Places in two frames form no line; `factorise_displacement` judges them by the robot.
-    of_one_frame = (in_flange | ~present).all(axis=1) | ~(in_flange & present).any(axis=1)
-    read = present[of_one_frame][..., None]
-    position = measurements.position[of_one_frame]
-    _refuse_lines(np.where(read, position - position.mean(axis=1, where=read)[:, None], 0.0))
+    all_in_flange = (in_flange | ~present).all(axis=1)
+    none_in_flange = ~(in_flange & present).any(axis=1)
+    has_one_frame = all_in_flange | none_in_flange
+    position, is_read = measurements.position[has_one_frame], present[has_one_frame][..., None]
+    barycentre = position.mean(axis=1, where=is_read)
+    _refuse_lines(np.where(is_read, position - barycentre[:, None], 0.0))
 
 
 def find_spherical_wrist(robot: Robot) -> Wrist:
@@ -584,22 +669,21 @@ def find_length_of_least_condition(method: Method, rows: Rows, has_no_effect: Bo
         (mapped,) = method.map_rows(of_block)
         displacements.add(mapped.fitted[:, :3])
         rotations.add(mapped.fitted[:, 3:])
-    linear, angular = (part.matrix[:, ~has_no_effect] for part in (displacements, rotations))
+    A_v = displacements.matrix[:, ~has_no_effect]
+    A_omega = rotations.matrix[:, ~has_no_effect]
 
     def log_condition(decade: float) -> float:
         """Return the logarithm of the condition number for the length 10**decade [m]."""
-        stacked = np.concatenate([linear / 10.0**decade, angular])
-        singular_values = np.linalg.svd(stacked / np.linalg.norm(stacked, axis=0), compute_uv=False)
+        stacked = np.concatenate([A_v / 10.0**decade, A_omega])
+        unit_columns_of_stacked = stacked / np.linalg.norm(stacked, axis=0)
+        singular_values = np.linalg.svd(unit_columns_of_stacked, compute_uv=False)
         return float(np.log(singular_values[0] / max(singular_values[-1], np.finfo(float).tiny)))
 
     # The condition number has several local minima where singular values cross: scan, then refine.
     grid = np.linspace(*_DECADES, 121)
-    best = int(np.argmin([log_condition(decade) for decade in grid]))
+    best = grid[np.argmin([log_condition(decade) for decade in grid])]
     step = grid[1] - grid[0]
     refined = minimize_scalar(
-        log_condition,
-        bounds=(grid[best] - step, grid[best] + step),
-        method="bounded",
-        options={"xatol": 1e-10},
+        log_condition, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-10}
     )
     return float(10.0 ** np.clip(refined.x, *_DECADES))

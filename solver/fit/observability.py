@@ -98,12 +98,17 @@ def split_null_space(
     """
     if not len(null_space):
         return ()
-    # The projector onto the null space does not depend on the basis, and is block diagonal over the groups.
-    are_linked = np.abs(null_space.T @ null_space) > _INVOLVED_PART  # (p, p)
+    # The projector onto the null space does not depend on the basis, and is block diagonal over the groups:
+    # the groups are the connected components of the graph of its entries that are not zero.
+    projector = null_space.T @ null_space  # (p, p)
+    are_linked = np.abs(projector) > _INVOLVED_PART
+    is_involved = are_linked.diagonal()
     _, labels = connected_components(coo_array(are_linked), directed=False)
-    involved = are_linked.diagonal()
-    groups = [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
-    return tuple(_describe_combination(null_space, scale, group, columns) for group in groups)
+    combinations = list[Combination]()
+    for label in np.unique(labels[is_involved]):
+        group = np.flatnonzero((labels == label) & is_involved)
+        combinations.append(_describe_combination(null_space, scale, group, columns))
+    return tuple(combinations)
 
 
 def _describe_combination(
@@ -111,9 +116,9 @@ def _describe_combination(
 ) -> Combination:
     """Return a group of joints with the weighted sums of their compliances that the readings determine.
 
-    A sum with weights w is determined if no direction without effect on the readings changes the sum. With
-    these directions ν (k, m), one in each row, and k chosen joints f, ``w = e_i + Σ_f w_f e_f`` and ``ν w =
-    0`` give ``w_f = −ν_f⁻¹ ν_i`` for each other joint i.
+    A sum with weights w is determined if no direction without effect on the readings changes it: ``ν w = 0``
+    with these k directions ν (k, m), one in each row. We choose k joints f with independent columns ν_f. Each
+    other joint i has one sum, ``w = e_i + Σ_f w_f e_f`` with ``w_f = −ν_f⁻¹ ν_i``.
 
     Args:
         null_space: (k, p) orthonormal directions without effect on the readings, for columns of unit norm.
@@ -121,25 +126,34 @@ def _describe_combination(
         group: (m,) columns of the joints of the group.
         columns: (p,) the joint of each column.
     """
-    members = null_space[:, group]
-    values, vectors = np.linalg.eigh(members.T @ members)  # a projector: its eigenvalues are 0 or 1
-    directions = vectors[:, values > 0.5].T
-    # Choose k independent columns of `null` (k, m): the last suitable column each time rather than the
-    # largest, so that rounding does not decide between equal columns.
-    remaining, pivots = directions, list[int]()
+    of_group = null_space[:, group]
+    eigenvalues, eigenvectors = np.linalg.eigh(of_group.T @ of_group)  # a projector: eigenvalues are 0 or 1
+    directions = eigenvectors[:, eigenvalues > 0.5].T  # (k, m) orthonormal basis of the rows of `of_group`
+    chosen = _choose_independent_columns(directions)
+    others = np.setdiff1d(np.arange(len(group)), chosen)
+    nu = directions / scale[group]  # from columns of unit norm to the compliances themselves
+    sums = np.zeros((len(others), len(group)))
+    sums[np.arange(len(others)), others] = 1.0
+    sums[:, chosen] = -np.linalg.solve(nu[:, chosen], nu[:, others]).T
+    return Combination(tuple(int(columns[i]) for i in group), sums)
+
+
+def _choose_independent_columns(directions: FloatArray) -> list[int]:
+    """Return ascending indices of k independent columns of a matrix (k, m) of rank k.
+
+    Of the columns that are long enough after projection on the complement of those chosen before, the last is
+    chosen rather than the longest, so that rounding does not decide between equal columns.
+    """
+    remaining = directions
+    chosen = list[int]()
     for _ in range(len(directions)):
         norms = np.linalg.norm(remaining, axis=0)
-        last = int(np.flatnonzero(norms > _RELEVANT_PART * norms.max())[-1])
-        direction = remaining[:, last] / norms[last]
-        remaining = remaining - np.outer(direction, direction @ remaining)
-        pivots.append(last)
-    chosen_joints = sorted(pivots)
-    other_joints = np.setdiff1d(np.arange(len(group)), chosen_joints)
-    directions = directions / scale[group]  # from columns of unit norm to the compliances themselves
-    sums = np.zeros((len(other_joints), len(group)))
-    sums[np.arange(len(other_joints)), other_joints] = 1.0
-    sums[:, chosen_joints] = -np.linalg.solve(directions[:, chosen_joints], directions[:, other_joints]).T
-    return Combination(tuple(int(columns[i]) for i in group), sums)
+        is_long_enough = norms > _RELEVANT_PART * norms.max()
+        last = int(np.flatnonzero(is_long_enough)[-1])
+        unit_vector = remaining[:, last] / norms[last]
+        remaining = remaining - np.outer(unit_vector, unit_vector @ remaining)
+        chosen.append(last)
+    return sorted(chosen)
 
 
 def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ...]) -> str:
@@ -150,15 +164,20 @@ def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ..
         joints: indices of the m joints.
         names: names of all joints.
     """
-    words = ""
+    text = ""
     for weight, joint in zip(row.tolist(), joints, strict=True):
         if abs(weight) < _NOT_PRINTED:
             continue
-        weight_text = f"{abs(weight):.2g}"
-        sign = "-" if weight < 0 else "+" if words else ""
-        words += f" {sign} " if words else sign
-        words += f"c({names[joint]})" if weight_text == "1" else f"{weight_text} c({names[joint]})"
-    return words
+        is_negative = weight < 0
+        if text:
+            text += " - " if is_negative else " + "
+        elif is_negative:
+            text += "-"
+        factor = f"{abs(weight):.2g}"
+        if factor != "1":
+            text += f"{factor} "
+        text += f"c({names[joint]})"
+    return text
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,12 +209,14 @@ class Excitation:
     def __init__(self, joint_kinds: tuple[JointKind, ...]) -> None:
         n = len(joint_kinds)
         self._kinds = joint_kinds
-        # Sums over the observations of the squares of each joint's torque and of the largest torque possible;
-        # and of the joint's column in the regressor and of the largest column possible
-        self._squared_torque, self._squared_largest_torque = np.zeros((2, n))
-        self._squared_column, self._squared_largest_column = np.zeros((2, n))
+        # Sums of squares over the observations, for each joint. "Largest" is what is largest possible, with
+        # the force perpendicular to the lever.
+        self._squared_torque = np.zeros(n)
+        self._squared_largest_torque = np.zeros(n)
+        self._squared_column = np.zeros(n)  # of the joint's column in the regressor
+        self._squared_largest_column = np.zeros(n)
         self._squared_deflection = 0.0  # sum over all readings
-        self._greatest_torque = np.zeros(n)
+        self._greatest_torque = np.zeros(n)  # of all observations
 
     @classmethod
     def of(cls, rows: Rows) -> Excitation:
@@ -210,39 +231,52 @@ class Excitation:
         self.add_with_points(block, block.jacobian, block.measurements.present)
 
     def add_with_points(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
-        """Add a block of observations of points that move with the flange, and of encoders.
+        """Add the observations of a block to the sums, for given points that move with the flange.
 
-        An encoder counts like a target at the distance from the axis at which a target has the same weight.
+        A joint's column in the regressor is its torque times the motion of the points by the joint. An
+        encoder counts like a target at the distance from the axis at which a target has the same weight.
 
         Args:
             block: B observations.
             jacobian: (B, T, 3, n) Jacobian J_v of the T points [m/rad].
             present: (B, T) whether the point counts in the observation.
         """
-        measurements = block.measurements
+        measurements, encoders = block.measurements, block.measurements.encoders
+        # (B, n) sum of the squared motions of all points by a unit turn of each joint
+        if not present.all():
+            jacobian = jacobian * present[..., None, None]
+        rows = jacobian.reshape(len(jacobian), -1, jacobian.shape[-1])  # (B, 3 T, n)
+        squared_motion = np.einsum("bij,bij->bj", rows, rows)
+        if encoders is not None:
+            squared_lever = measurements.encoder_lever**2
+            squared_motion += squared_lever * encoders.present
+            self._squared_deflection += float((squared_lever * encoders.deflection**2).sum())
+        self._squared_deflection += float((measurements.deflection**2).sum())
+
+        squared_torque = block.torque**2
+        self._squared_torque += squared_torque.sum(axis=0)
+        self._squared_column += (squared_torque * squared_motion).sum(axis=0)
+        greatest_of_block = np.abs(block.torque).max(axis=0)
+        self._greatest_torque = np.maximum(self._greatest_torque, greatest_of_block)
+
+        # (B, n) torque of a force perpendicular to the lever, and a moment about the axis
         force = np.linalg.norm(measurements.force, axis=1)[:, None]
         moment = np.linalg.norm(measurements.moment, axis=1)[:, None]
         lever_arm = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
-        jacobians = jacobian if present.all() else jacobian * present[..., None, None]
-        jacobians = jacobians.reshape(len(jacobians), -1, jacobians.shape[-1])
-        squared_motion = np.einsum("bij,bij->bj", jacobians, jacobians)
-        if measurements.encoders is not None:
-            squared_lever, encoders = measurements.encoder_lever**2, measurements.encoders
-            squared_motion += squared_lever * encoders.present
-            self._squared_deflection += float((squared_lever * encoders.deflection**2).sum())
-        squared_greatest_torque = (lever_arm * force + moment) ** 2  # of a force perpendicular to the lever
-        self._squared_torque += (block.torque**2).sum(axis=0)
-        np.maximum(self._greatest_torque, np.abs(block.torque).max(axis=0), out=self._greatest_torque)
-        self._squared_largest_torque += squared_greatest_torque.sum(axis=0)
-        self._squared_column += (block.torque**2 * squared_motion).sum(axis=0)
-        self._squared_largest_column += (squared_greatest_torque * squared_motion).sum(axis=0)
-        self._squared_deflection += float((measurements.deflection**2).sum())
+        squared_largest_torque = (lever_arm * force + moment) ** 2
+        self._squared_largest_torque += squared_largest_torque.sum(axis=0)
+        self._squared_largest_column += (squared_largest_torque * squared_motion).sum(axis=0)
 
     def add_wrist_centre(self, block: RegressorBlock, centre: FloatArray) -> None:
-        """Add a block of observations of the wrist's centre (3,), given in the flange frame [m]."""
-        points = block.postures.to_base(np.broadcast_to(centre, (len(block.torque), 1, 3)))
-        present = np.ones((len(points), 1), dtype=np.bool_)
-        self.add_with_points(block, block.postures.jacobian_at(points), present)
+        """Add the observations of a block as if the wrist's centre was their only target.
+
+        `centre` (3,) is in the flange frame [m].
+        """
+        observations = len(block.torque)
+        centres_in_flange = np.broadcast_to(centre, (observations, 1, 3))
+        jacobian = block.postures.jacobian_at(block.postures.to_base(centres_in_flange))
+        present = np.ones((observations, 1), dtype=np.bool_)
+        self.add_with_points(block, jacobian, present)
 
     @property
     def anything_moved(self) -> bool:
@@ -252,13 +286,17 @@ class Excitation:
     def observability(self) -> Observability:
         """Return the observability of the joints in all observations added so far."""
         largest = self._squared_largest_column
-        has_no_lever = largest <= NULL_COLUMN**2 * largest.max()
-        null = has_no_lever | (self._squared_column <= NULL_COLUMN**2 * largest)
+        no_load_could_show = largest <= NULL_COLUMN**2 * largest.max()
+        loads_do_not_show = self._squared_column <= NULL_COLUMN**2 * largest
+        has_no_effect = no_load_could_show | loads_do_not_show
+        reasons: list[str | None] = [None] * len(has_no_effect)
+        for joint in np.flatnonzero(has_no_effect).tolist():
+            reasons[joint] = self._explain_no_effect(joint)
         divisor = np.where(largest > 0, largest, np.inf)
         return Observability(
-            null=null,
+            null=has_no_effect,
             reference_compliance=np.sqrt(self._squared_deflection / divisor),
-            reasons=tuple(self._explain_no_effect(j) if null[j] else None for j in range(len(null))),
+            reasons=tuple(reasons),
             excitation=np.sqrt(self._squared_column / divisor),
             greatest_torque=self._greatest_torque,
             kinds=self._kinds,
@@ -266,14 +304,17 @@ class Excitation:
 
     def _explain_no_effect(self, joint: int) -> str:
         """Return why a joint has no effect on the readings, with a remedy."""
-        words = JOINT_UNITS[self._kinds[joint]]
-        # If the load always acts on the joint's axis, the joint's own sum is zero: compare with the greatest
-        # sum of all joints.
-        largest_torques = self._squared_largest_torque
-        if not largest_torques.any():
+        words = JOINT_UNITS[
+            self._kinds[joint]
+        ]  # verbs such as "twists" or "pushes", by the kind of the joint
+        largest = self._squared_largest_torque  # [N²·m²]
+        if not largest.any():
             return "no observation has a force or a moment: give the loads"
-        squared_limit = NULL_COLUMN**2 * max(largest_torques[joint], 1e-6 * largest_torques.max())
-        if self._squared_torque[joint] <= squared_limit:
+        # If the load always acts on the joint's axis, the largest torque of the joint is zero, too: then the
+        # largest torque of all joints tells what is rounding.
+        comparable = max(largest[joint], 1e-6 * largest.max())
+        is_never_loaded = self._squared_torque[joint] <= NULL_COLUMN**2 * comparable
+        if is_never_loaded:
             return f"the load never {words.loads} this joint: add loads that {words.load_verb} the joint"
         return f"no target moves when this joint {words.moves}: place a target away from the joint's axis"
 
@@ -319,23 +360,28 @@ class Spectrum:
         Args:
             R: (m, p) weighted regressor, compressed; p may be zero.
         """
-        unit, self.scale = unit_columns(R)
-        scale = self.scale
-        U, singular, Vt = np.linalg.svd(unit, full_matrices=R.shape[0] < R.shape[1])
-        self.singular_values = np.zeros(R.shape[1])
-        self.singular_values[: len(singular)] = singular
-        largest = singular.max(initial=0.0)
-        self.rank = rank = int((self.singular_values > NULL_DIRECTION * largest).sum())
+        m, p = R.shape
+        scaled_R, self.scale = unit_columns(R)
+        # With fewer rows than columns, only the full matrix Vᵀ contains the null space.
+        U, singular_values, Vt = np.linalg.svd(scaled_R, full_matrices=m < p)
+        self.singular_values = np.zeros(p)
+        self.singular_values[: len(singular_values)] = singular_values
+        threshold = NULL_DIRECTION * singular_values.max(initial=0.0)
+        rank = int((self.singular_values > threshold).sum())
+        self.rank = rank
         self.weakest: FloatArray = Vt[-1] if len(Vt) else np.zeros(0)
         self.null_space: FloatArray = Vt[rank:]
-        strong = U[:, :rank] * singular[:rank]
-        self.determined: FloatArray = R if rank == R.shape[1] else strong @ Vt[:rank] * scale
-        self.seen: FloatArray = Vt[:rank] * scale
-        self.inverse: FloatArray = (Vt[:rank].T / singular[:rank]) @ U[:, :rank].T / scale[:, None]
+
+        # The first `rank` directions, and from columns of unit norm back to those of R.
+        U, s, Vt = U[:, :rank], singular_values[:rank], Vt[:rank]
+        self.determined: FloatArray = R if rank == p else (U * s) @ Vt * self.scale
+        self.seen: FloatArray = Vt * self.scale
+        self.inverse: FloatArray = (Vt.T / s) @ U.T / self.scale[:, None]
 
     def deviation(self, column: int) -> float | None:
         """Return the standard uncertainty of a column's unknown; None if the rows do not determine it."""
-        if (self.null_space[:, column] ** 2).sum() > _INVOLVED_PART:
+        undetermined_part = (self.null_space[:, column] ** 2).sum()
+        if undetermined_part > _INVOLVED_PART:
             return None
         return float(np.linalg.norm(self.inverse[column]))
 
@@ -353,11 +399,11 @@ def analyse_spectrum(spectrum: Spectrum, columns: IndexArray) -> Identifiability
     weakest = None
     if has_full_rank and condition > HARD_TO_TELL:
         direction = spectrum.weakest
-        involved = np.flatnonzero(np.abs(direction) > _RELEVANT_PART * np.abs(direction).max())
-        change = direction[involved] / spectrum.scale[involved]
+        is_involved = np.abs(direction) > _RELEVANT_PART * np.abs(direction).max()
+        change = direction[is_involved] / spectrum.scale[is_involved]
         # The sign of a singular vector is arbitrary: choose the sign for which the first part is positive.
         change = change * (np.sign(change[0]) / np.abs(change).max())
-        weakest = WeakDirection(tuple(int(columns[i]) for i in involved), change, condition)
+        weakest = WeakDirection(tuple(columns[is_involved].tolist()), change, condition)
     return Identifiability(
         rank=spectrum.rank,
         condition_number=condition,
@@ -378,21 +424,19 @@ def explain_noise(
         observability: observability of the joints in the same observations.
         uncertainty: standard uncertainty of the joint's compliance [rad/(N·m)].
     """
-    torque = observability.greatest_torque
-    most_loaded = int(np.argmax(observability.greatest_torque))
-    units, units_of_most = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most_loaded))
-    least, greatest = figure(torque[joint], ".2g"), figure(torque[most_loaded], ".2g")
-    most_loaded_joint = (
-        ""
-        if most_loaded == joint
-        else f", and {names[most_loaded]} with up to {greatest} {units_of_most.effort}"
-    )
+    torques = observability.greatest_torque
+    units = JOINT_UNITS[observability.kinds[joint]]  # units and verbs by the kind of the joint
+    load = f"at most {figure(torques[joint], '.2g')} {units.effort}"
+    most_loaded = int(np.argmax(torques))
+    if most_loaded != joint:
+        unit = JOINT_UNITS[observability.kinds[most_loaded]].effort
+        load += f", and {names[most_loaded]} with up to {figure(torques[most_loaded], '.2g')} {unit}"
+    explaining_all = figure(observability.reference_compliance[joint], ".2g")
     return (
         "hidden by noise: the compliance of this joint has a standard uncertainty of "
-        f"{figure(uncertainty, '.2g')} {units.compliance}, but a compliance of "
-        f"{figure(observability.reference_compliance[joint], '.2g')} {units.compliance} would explain "
-        f"all deflections by this joint alone; the load {units.loads} the joint with at most {least} "
-        f"{units.effort}{most_loaded_joint}: add loads that {units.load_verb} the joint more"
+        f"{figure(uncertainty, '.2g')} {units.compliance}, but a compliance of {explaining_all} "
+        f"{units.compliance} would explain all deflections by this joint alone; the load {units.loads} the "
+        f"joint with {load}: add loads that {units.load_verb} the joint more"
     )
 
 

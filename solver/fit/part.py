@@ -44,7 +44,7 @@ class Size:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Rows of some observations for all elastic models, compressed.
+    """Part of a measurement set, such as a fold: its rows for all elastic models, compressed.
 
     The columns A of P compliances come first, then the columns B of K stated errors, in units of their
     standard uncertainties, then the readings d.
@@ -61,15 +61,17 @@ class Part:
 
     @classmethod
     def merge(cls, parts: Sequence[Part]) -> Part:
-        """Merge several parts of a set; sums of squares are added, so that no digits are lost.
+        """Merge several parts of a measurement set into one part.
 
-        The rows of single targets are dropped if they become too many.
+        The QR factor of the stacked QR factors of the parts is that of all their rows. The rows of single
+        targets are dropped if they become too many.
         """
         size = Size.add([part.size for part in parts])
+        factors = np.concatenate([part.triangle for part in parts])
         targets = np.concatenate([part.targets for part in parts])
-        triangle = compute_triangular_factor(np.concatenate([part.triangle for part in parts]))
-        kept = targets if size.targets <= MOST_TARGETS else targets[:0]
-        return replace(parts[0], triangle=triangle, size=size, targets=kept)
+        if size.targets > MOST_TARGETS:
+            targets = targets[:0]
+        return replace(parts[0], triangle=compute_triangular_factor(factors), size=size, targets=targets)
 
     def with_sigma(self, sigma: float) -> Part:
         """Return the part with statements weighted by another standard uncertainty of a reading [m]."""
@@ -82,28 +84,37 @@ class Part:
 
     @cached_property
     def stated(self) -> FloatArray:
-        """Rows (q, P + K + 1) of what is stated: first that K errors are zero, then priors."""
+        """Rows (q, P + K + 1) of the priors: first of the K errors, then of the compliances."""
         return self.statements.build_rows(self.compliances, self.stated_errors)
 
     @cached_property
     def _with_errors_fitted(self) -> tuple[FloatArray, FloatArray]:
-        """Triangle (P + 1, P + 1) with stated errors projected out, and the map (K, P + 1) to these errors.
+        """Eliminate the K errors v from the least-squares problem ``A x + B v ≈ d``.
 
-        Each stated error has a row like a reading: the error is zero, within its standard uncertainty.
+        The QR factor of the rows [B A d] of readings and priors has K upper rows [R_B R_A r] and lower rows
+        [0 S s]: ``S x ≈ s`` is the problem without errors, and ``v = R_B⁻¹ (r − R_A x)`` the best errors.
+
+        Returns:
+            The lower rows [S s] (P + 1, P + 1), and ``R_B⁻¹ [R_A r]`` (K, P + 1).
         """
         P, K = self.compliances, self.stated_errors
-        errors, others = slice(P, P + K), [*range(P), P + K]
-        rows = np.vstack([self.triangle, self.stated])
-        factor = compute_triangular_factor(np.hstack([rows[:, errors], rows[:, others]]))
-        return factor[K:, K:], np.asarray(np.linalg.solve(factor[:K, :K], factor[:K, K:]), dtype=np.float64)
+        rows = np.vstack([self.triangle, self.stated])  # [A B d] of readings, then of priors
+        columns_of_errors, readings = np.arange(P, P + K), P + K
+        factor = compute_triangular_factor(rows[:, [*columns_of_errors, *range(P), readings]])
+        upper_left, upper_right = factor[:K, :K], factor[:K, K:]
+        map_to_errors = np.linalg.solve(upper_left, upper_right)
+        return factor[K:, K:], np.asarray(map_to_errors, dtype=np.float64)
 
     @property
     def with_errors_fitted(self) -> FloatArray:
-        """Triangle (P + 1, P + 1) of the rows [A d]: a fit to it equals a fit with the stated errors free.
+        """Upper triangular rows [S s] (P + 1, P + 1) of the problem ``S x ≈ s`` in the compliances x alone.
 
-        The errors are free within their standard uncertainties.
+        Its solution equals the compliances of a fit together with the K systematic errors, which have priors.
         """
-        return self._with_errors_fitted[0] if len(self.stated) else self.triangle
+        if not len(self.stated):
+            return self.triangle
+        rows_of_compliances, _ = self._with_errors_fitted
+        return rows_of_compliances
 
     @property
     def count(self) -> int:
@@ -111,47 +122,59 @@ class Part:
         return self.size.readings + len(self.stated) - self.stated_errors
 
     def append_fitted_errors(self, compliances: FloatArray) -> FloatArray:
-        """Return compliances (..., P), followed by the stated errors (..., K) that fit best in squares."""
+        """Append to compliances x (..., P) the systematic errors v (..., K) that fit best in least squares.
+
+        The best errors for given compliances are ``v = v_0 − V x``.
+        """
         if not self.stated_errors:
             return compliances
-        to_errors = self._with_errors_fitted[1]
-        errors = to_errors[:, -1] - compliances @ to_errors[:, :-1].T
+        _, map_to_errors = self._with_errors_fitted
+        V, v_0 = map_to_errors[:, :-1], map_to_errors[:, -1]
+        errors = v_0 - compliances @ V.T
         return np.concatenate([compliances, errors], axis=-1)
 
     def compute_residual_norms(self, unknowns: FloatArray) -> FloatArray:
-        """Return the norms (T,) [m] of each target's whitened residual at unknowns (P + K,)."""
-        residuals = self.targets[..., :-1] @ unknowns - self.targets[..., -1]
+        """Return the norm (T,) [m] of each target's whitened residual.
+
+        `unknowns` (P + K,) are the compliances, then the systematic errors.
+        """
+        regressor, readings = self.targets[..., :-1], self.targets[..., -1]  # (T, 3, P + K), (T, 3)
+        residuals = regressor @ unknowns - readings
         return np.asarray(np.linalg.norm(residuals, axis=1))
 
     def weigh_targets(self, weight: FloatArray) -> Part:
-        """Return the part with a triangle in which the squares of the T targets have weights (T,).
+        """Return the part for weighted least squares: the squared residual of target t has the weight[t].
 
-        The rows `targets` stay unweighted.
+        Only the compressed rows, `triangle`, are weighted: the rows `targets` remain as they are.
         """
-        rows = np.sqrt(weight)[:, None, None] * self.targets
-        return replace(self, triangle=compute_triangular_factor(rows.reshape(-1, rows.shape[-1])))
+        weighted_rows = np.sqrt(weight)[:, None, None] * self.targets  # (T, 3, P + K + 1)
+        flat = weighted_rows.reshape(-1, weighted_rows.shape[-1])
+        return replace(self, triangle=compute_triangular_factor(flat))
 
 
 def compress_parts(
     rows: Rows, columns: Columns, parts: Sequence[IndexArray], statements: Statements | None = None
 ) -> tuple[Part, ...]:
-    """Compress the rows of each of several parts of a measurement set, in one pass with little memory.
+    """Compress the least-squares rows of each of several parts of a measurement set by QR decomposition.
+
+    One pass over the set, some hundred observations at a time, needs little memory.
 
     Args:
         rows: N observations.
-        columns: columns of the richest model.
-        parts: ascending indices of the observations of each part.
-        statements: stated errors that are fitted together with the compliances; None without any.
+        columns: columns of the richest elastic model.
+        parts: ascending indices of the observations of each part, such as a fold of a cross-validation.
+        statements: systematic errors with a prior, which are fitted together with the compliances; None
+            without any.
 
     Raises:
         MeasurementError: a covariance is not positive definite.
     """
     statements = statements or Statements.none(rows.robot.n)
     builders = [_PartBuilder(rows, part) for part in parts]
-    start = 0  # index of the first observation of the block
-    for of_block in generate_elastic_rows(rows, columns, statements):
-        whitened = of_block.whiten()
-        stop = start + len(of_block.targets)
+    start = 0  # index of the block's first observation in the set
+    for block_rows in generate_elastic_rows(rows, columns, statements):
+        stop = start + len(block_rows.targets)
+        whitened = block_rows.whiten()
         for builder in builders:
             builder.add(whitened, start, stop)
         start = stop
@@ -162,54 +185,62 @@ class _PartBuilder:
     """Collector of the rows of one part, block by block."""
 
     def __init__(self, rows: Rows, part: IndexArray) -> None:
-        """Start without rows; `part` are the ascending indices of the part's observations."""
-        self._measurements, self._part = rows.measurements[part], part
-        self._factors = list[FloatArray]()
-        self._targets = list[FloatArray]()
-        self._lever, self._readings = np.zeros(rows.robot.n + 1), 0
+        """Start without rows; `part` are the ascending indices of the part's observations among the rows."""
+        self._part = part
+        self._measurements = rows.measurements[part]
+        self._factors = list[FloatArray]()  # QR factor of the rows of each block
+        self._targets = list[FloatArray]()  # rows of the targets of each block
+        self._squared_lever = np.zeros(rows.robot.n + 1)  # sums for each joint frame and the base [m²]
+        self._reading_count = 0
         self._keeps_targets = int(self._measurements.present.sum()) <= MOST_TARGETS
 
     def add(self, whitened: BlockRows, start: int, stop: int) -> None:
-        """Add the whitened rows of those observations from `start` to `stop` that belong to the part."""
-        in_part = select_rows_of_part(self._part, start, stop)
-        targets, block = whitened.targets[in_part], whitened.block
-        all_rows = whitened.flat[in_part].reshape(-1, targets.shape[-1])
-        self._factors.append(compute_triangular_factor(all_rows))
-        self._readings += int(whitened.read[in_part].sum())
+        """Add the rows of those observations of a block that belong to the part.
+
+        Args:
+            whitened: whitened rows of the B observations from index `start` to `stop` of the set.
+            start: index of the block's first observation in the set.
+            stop: index after its last observation.
+        """
+        in_part = select_rows_of_part(self._part, start, stop)  # indices in the block
+        rows = whitened.flat[in_part]  # (observations, rows of each, columns)
+        self._factors.append(compute_triangular_factor(rows.reshape(-1, rows.shape[-1])))
+        self._reading_count += int(whitened.read[in_part].sum())
         if self._keeps_targets:
-            self._targets.append(targets[block.measurements.present[in_part]])
-        _, _, to_load_point = block.frames  # (B, n + 1, 3) from the origin of each frame [m]
-        self._lever += np.square(to_load_point[in_part]).sum(axis=(0, 2))
+            was_read = whitened.block.measurements.present[in_part]
+            self._targets.append(whitened.targets[in_part][was_read])
+        # Levers of the load: (B, n + 1, 3) vectors from the origin of each frame to the load point [m].
+        _, _, to_load_point = whitened.block.frames
+        self._squared_lever += np.square(to_load_point[in_part]).sum(axis=(0, 2))
 
     def build(self, statements: Statements, columns: Columns) -> Part:
-        """Return the part."""
-        measurements, factors = self._measurements, np.concatenate(self._factors)
+        """Return the part of all rows that were added, with their statements, for a model with `columns`."""
+        measurements = self._measurements
+        factors = np.concatenate(self._factors)
         width = factors.shape[1]
         triangle = Triangle(unknowns=width - 1)
         triangle.add(factors)
         size = Size(
             configurations=len(measurements),
-            readings=self._readings,
+            readings=self._reading_count,
             targets=int(measurements.present.sum()),
             force=float(np.square(measurements.force).sum()),
             moment=float(np.square(measurements.moment).sum()),
-            lever=self._lever,
+            lever=self._squared_lever,
             deflection=float(np.square(measurements.deflection).sum()),
         )
-        targets = np.concatenate([np.zeros((0, 3, width)), *self._targets])
+        no_targets = np.zeros((0, 3, width))
+        targets = np.concatenate([no_targets, *self._targets])
         return Part(triangle.R, size, targets, statements, columns.width)
 
 
 def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:
-    """Return the rows of a block of observations that belong to a part of the measurement set.
+    """Return those of ascending indices `part` that are in [start, stop), counted from `start`.
 
     Args:
-        part: ascending indices of the observations of the part.
-        start: index of the first observation of the block.
+        part: ascending indices of the observations of a part of a measurement set.
+        start: index of the first observation of a block of the set.
         stop: index after the last observation of the block.
-
-    Returns:
-        Indices of the rows, counted from the start of the block.
     """
     first, last = np.searchsorted(part, [start, stop])
     return np.asarray(part[first:last] - start)
@@ -218,11 +249,14 @@ def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:
 def generate_elastic_rows(
     rows: Rows, columns: Columns, statements: Statements | None = None
 ) -> Iterator[BlockRows]:
-    """Yield the rows of blocks of observations, not whitened.
+    """Yield the least-squares rows [A B d] of all elastic elements, some hundred observations at a time.
 
-    P columns of compliances come first, then K columns of stated errors, then the readings.
+    A are the P columns of compliances, B the K columns of systematic errors with a prior, d the readings. The
+    rows are in metres and radians, not whitened.
     """
     statements = statements or Statements.none(rows.robot.n)
     for start in range(0, len(rows), _BLOCK):
-        part = rows[start : start + _BLOCK] if len(rows) > _BLOCK else rows
-        yield from statements.generate(part, columns.terms, whitened=False)
+        is_one_block = len(rows) <= _BLOCK
+        # A set of one block is not sliced, as a slice would lose the kinematics that are already computed.
+        block = rows if is_one_block else rows[start : start + _BLOCK]
+        yield from statements.generate(block, columns.terms, whitened=False)

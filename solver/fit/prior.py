@@ -22,11 +22,9 @@ class Prior:
     standard_uncertainty: FloatArray  #: (n,) s₀ [rad/(N·m)], positive; inf for joints without a prior
 
     def __post_init__(self) -> None:
-        known = self.known
-        if (
-            not (self.standard_uncertainty[known] > 0).all()
-            or not np.isfinite(self.standard_uncertainty[known]).all()
-        ):
+        uncertainty = self.standard_uncertainty[self.known]
+        is_valid = (uncertainty > 0) & np.isfinite(uncertainty)
+        if not is_valid.all():
             raise RequestError(
                 "a prior's standard uncertainty is not positive",
                 where="priors",
@@ -47,9 +45,14 @@ class Prior:
 
         c₀ and s₀ are the mean and the standard uncertainty of the prior of joint j.
 
+        Args:
+            joints: (p,) joint of each compliance c_j; a joint without a prior has no row.
+
         Returns:
             The matrix (k, p) for the k joints with a prior, and the right-hand side (k,).
         """
-        with_prior = np.flatnonzero(self.known[joints])
-        rows = np.eye(len(joints))[with_prior] / self.standard_uncertainty[joints[with_prior], None]
-        return rows, rows[:, with_prior] @ self.mean[joints[with_prior]]
+        with_prior = np.flatnonzero(self.known[joints])  # places in `joints`
+        mean = self.mean[joints[with_prior]]
+        uncertainty = self.standard_uncertainty[joints[with_prior]]
+        matrix = np.eye(len(joints))[with_prior] / uncertainty[:, None]
+        return matrix, matrix[:, with_prior] @ mean

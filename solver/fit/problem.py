@@ -63,11 +63,13 @@ class Bounds:
 
     def active_bounds_at(self, x: FloatArray) -> ActiveBounds:
         """Return for each entry of x: -1 if it is at its lower bound, 1 if at its upper bound, else 0."""
-        return np.where(x == self.lower, LOWER, np.where(x == self.upper, UPPER, FREE)).astype(np.int8)
+        upper_or_free = np.where(x == self.upper, UPPER, FREE)
+        return np.where(x == self.lower, LOWER, upper_or_free).astype(np.int8)
 
     def values_at_bounds(self, active: ActiveBounds) -> FloatArray:
         """Return the value of each parameter that is at a bound, and zero for each free parameter."""
-        return np.where(active == LOWER, self.lower, np.where(active == UPPER, self.upper, 0.0))
+        upper_or_zero = np.where(active == UPPER, self.upper, 0.0)
+        return np.where(active == LOWER, self.lower, upper_or_zero)
 
     def snap(self, x: FloatArray) -> FloatArray:
         """Return x clipped to the bounds; a value within rounding of a bound becomes the bound."""
@@ -78,10 +80,11 @@ class Bounds:
         """Return compliances that satisfy the bounds exactly, after the rounding of a change of units.
 
         Args:
-            c: (n,) or (K, n) compliances [rad/(N·m)]; NaN stays NaN.
+            c: (n,) or (K, n) compliances [rad/(N·m)]; NaN remains NaN.
             active: (n,) or (K, n): -1 at the lower bound, 1 at the upper bound, else 0.
         """
-        return np.clip(np.where(active == FREE, c, self.values_at_bounds(active)), self.lower, self.upper)
+        exact = np.where(active == FREE, c, self.values_at_bounds(active))
+        return np.clip(exact, self.lower, self.upper)
 
     def pivot(self, active: ActiveBounds, x: FloatArray, gradient: FloatArray) -> ActiveBounds:
         """Return the active bounds after one round of block principal pivoting.
@@ -95,18 +98,23 @@ class Bounds:
             x: parameters that are optimal with these active bounds.
             gradient: gradient of the objective at x.
         """
-        # The multiplier of a free parameter is set to 1, so that the parameter stays free.
-        multiplier = np.where(active == LOWER, gradient, np.where(active == UPPER, -gradient, 1.0))
-        after_freeing = np.where(multiplier < 0, FREE, active)
-        return np.where(x < self.lower, LOWER, np.where(x > self.upper, UPPER, after_freeing)).astype(np.int8)
+        # The multiplier of an active bound is negative if the objective decreases from the bound inwards.
+        wrong_at_lower = (active == LOWER) & (gradient < 0)
+        wrong_at_upper = (active == UPPER) & (gradient > 0)
+        pivoted = np.where(wrong_at_lower | wrong_at_upper, FREE, active)
+        pivoted = np.where(x > self.upper, UPPER, pivoted)
+        pivoted = np.where(x < self.lower, LOWER, pivoted)
+        return pivoted.astype(np.int8)
 
     def gradient_violation(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
         """Return by how much each entry of the gradient violates optimality at x; negative for no violation.
 
-        Off the bounds the gradient should vanish; at a bound only the wrong sign is a violation.
+        Off the bounds the gradient should vanish. At a lower bound only a negative gradient is a violation,
+        at an upper bound only a positive one.
         """
-        at_upper_or_free = np.where(x >= self.upper, gradient, np.abs(gradient))
-        return np.asarray(np.where(x <= self.lower, -gradient, at_upper_or_free), dtype=np.float64)
+        violation = np.where(x >= self.upper, gradient, np.abs(gradient))
+        violation = np.where(x <= self.lower, -gradient, violation)
+        return np.asarray(violation, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,14 +142,15 @@ class Constraints:
     def __post_init__(self) -> None:
         if not self.order:
             return
-        below = self._implied_order()  # (n, n) table: true where c_i ≤ c_j
-        if below.diagonal().any():
+        is_below = self._implied_order()  # (n, n): whether c_i ≤ c_j follows from the order
+        if is_below.diagonal().any():  # c_i ≤ c_i by way of other joints
             raise RequestError(
                 "`stiffness_order` contradicts itself: the chains of joints form a cycle",
                 where="stiffness_order",
                 remedy="name each joint only once in a chain, and remove chains that contradict each other",
             )
-        below_or_same = below | np.eye(len(below), dtype=np.bool_)
+        below_or_same = is_below | np.eye(len(is_below), dtype=np.bool_)
+        # c_j ≥ c_i ≥ lower_i for all i below j, and c_i ≤ c_j ≤ upper_j for all j above i.
         lower = np.where(below_or_same, self.bounds.lower[:, None], -np.inf).max(axis=0)
         upper = np.where(below_or_same, self.bounds.upper, np.inf).min(axis=1)
         if not (lower < upper).all():
@@ -157,15 +166,20 @@ class Constraints:
         """The order as inequalities ``c_j − c_i ≥ 0``; None if no order was given."""
         if not self.order:
             return None
-        pairs = np.array(self.order)
-        identity = np.eye(len(self.bounds.lower))
-        return Inequalities(identity[pairs[:, 1]] - identity[pairs[:, 0]], np.zeros(len(pairs)))
+        matrix = np.zeros((len(self.order), len(self.bounds.lower)))
+        for row, (i, j) in zip(matrix, self.order, strict=True):
+            row[i], row[j] = -1.0, 1.0
+        return Inequalities(matrix, least=np.zeros(len(matrix)))
 
     def select(self, columns: IndexArray) -> Constraints:
-        """Return the constraints on the joints with indices `columns` (p,), which are ascending."""
+        """Return the constraints on the joints with indices `columns` (p,), which are ascending.
+
+        The order keeps what it implies for these joints by way of the joints left out.
+        """
         is_below = self._implied_order()[np.ix_(columns, columns)]
-        is_below &= ~(is_below @ is_below)  # drop pairs that follow from two other pairs (i, k) and (k, j)
-        order = tuple((int(lower), int(upper)) for lower, upper in np.argwhere(is_below))
+        follows_from_others = is_below @ is_below  # c_i ≤ c_j follows from c_i ≤ c_k and c_k ≤ c_j
+        pairs = np.argwhere(is_below & ~follows_from_others)
+        order = tuple((int(i), int(j)) for i, j in pairs)
         return Constraints(self.bounds.select(columns), order)
 
     def fix_joints(self, joints: IndexArray, compliance: FloatArray, others: IndexArray) -> Constraints:
@@ -181,11 +195,13 @@ class Constraints:
         Raises:
             RequestError: if no compliance of another joint satisfies all constraints.
         """
-        is_below = self._implied_order()
+        is_below = self._implied_order()  # (n, n): whether c_i ≤ c_j follows from the order
         lower, upper = self.bounds.lower.copy(), self.bounds.upper.copy()
         for joint, value in zip(joints.tolist(), compliance.tolist(), strict=True):
-            lower[is_below[joint]] = np.maximum(lower[is_below[joint]], value)
-            upper[is_below[:, joint]] = np.minimum(upper[is_below[:, joint]], value)
+            at_least_value = is_below[joint]
+            at_most_value = is_below[:, joint]
+            lower[at_least_value] = np.maximum(lower[at_least_value], value)
+            upper[at_most_value] = np.minimum(upper[at_most_value], value)
         if not (lower[others] < upper[others]).all():
             raise RequestError(
                 "the decoupled method fits the arm joints first; with their compliances, no compliance of a "
@@ -197,34 +213,40 @@ class Constraints:
 
     def are_satisfied_by(self, compliance: FloatArray) -> BoolArray:
         """Return a mask (...) of compliances (..., n) that satisfy all constraints."""
-        inside = ((self.bounds.lower <= compliance) & (compliance <= self.bounds.upper)).all(axis=-1)
+        is_within_bounds = (self.bounds.lower <= compliance) & (compliance <= self.bounds.upper)
+        satisfied = is_within_bounds.all(axis=-1)
         for i, j in self.order:
-            inside &= compliance[..., i] <= compliance[..., j]
-        return np.asarray(inside)
+            satisfied &= compliance[..., i] <= compliance[..., j]
+        return np.asarray(satisfied)
 
     def equalise_tied(self, compliance: FloatArray, tied: BoolArray) -> FloatArray:
-        """Return the compliances (n,) with tied pairs made exactly equal.
+        """Return the compliances (n,) with tied pairs made exactly equal: both get the smaller value.
 
         Args:
             compliance: (n,) compliances; those of tied pairs are equal up to rounding [rad/(N·m)].
-            tied: (k,) whether the joints of each pair of the order are tied to equality.
+            tied: (k,) whether each pair of the order holds with equality, c_i = c_j.
         """
-        value = compliance.copy()
-        pairs = [pair for pair, equal in zip(self.order, tied.tolist(), strict=True) if equal]
-        for _ in pairs:  # each round carries the least value of a chain of ties at least one tie further
-            for i, j in pairs:
-                value[i] = value[j] = min(value[i], value[j])
-        return np.clip(value, self.bounds.lower, self.bounds.upper)
+        equalised = compliance.copy()
+        tied_pairs = [pair for pair, is_tied in zip(self.order, tied.tolist(), strict=True) if is_tied]
+        for _ in tied_pairs:  # each round carries the least value of a chain of ties at least one tie further
+            for i, j in tied_pairs:
+                equalised[i] = equalised[j] = min(equalised[i], equalised[j])
+        return np.clip(equalised, self.bounds.lower, self.bounds.upper)
 
     def _implied_order(self) -> BoolArray:
-        """Return a table (n, n): whether c_i ≤ c_j follows from the order (its transitive closure)."""
+        """Return a table (n, n): whether c_i ≤ c_j follows from the order.
+
+        The table is the transitive closure of the stated pairs, by Warshall's algorithm.
+        """
         n = len(self.bounds.lower)
-        below = np.zeros((n, n), dtype=np.bool_)
+        is_below = np.zeros((n, n), dtype=np.bool_)
         for i, j in self.order:
-            below[i, j] = True
-        for k in range(n if self.order else 0):
-            below |= below[:, k, None] & below[k]
-        return below
+            is_below[i, j] = True
+        if not self.order:
+            return is_below
+        for k in range(n):
+            is_below |= is_below[:, k, None] & is_below[k]  # c_i ≤ c_k and c_k ≤ c_j
+        return is_below
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,15 +299,16 @@ class Scaled:
         B, d = np.zeros((0, len(units))), np.zeros(0)
         if problem.inequalities is not None:
             B = problem.inequalities.matrix * units
-            norms = np.linalg.norm(B, axis=1)
-            B, d = B / norms[:, None], problem.inequalities.least / norms
+            row_norms = np.linalg.norm(B, axis=1)
+            B = B / row_norms[:, None]
+            d = problem.inequalities.least / row_norms
         return cls(
-            problem.R / problem.column_norms,
-            problem.z / rhs_norm,
-            problem.bounds.in_units(units),
-            B,
-            d,
-            units,
+            A=problem.R / problem.column_norms,
+            b=problem.z / rhs_norm,
+            bounds=problem.bounds.in_units(units),
+            B=B,
+            d=d,
+            unit=units,
         )
 
     @cached_property
@@ -294,10 +317,9 @@ class Scaled:
         lower, upper = self.bounds.lower, self.bounds.upper
         has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
         identity = np.eye(len(lower))
-        return (
-            np.vstack([identity[has_lower], -identity[has_upper], self.B]),
-            np.concatenate([lower[has_lower], -upper[has_upper], self.d]),
-        )
+        G = np.vstack([identity[has_lower], -identity[has_upper], self.B])
+        h = np.concatenate([lower[has_lower], -upper[has_upper], self.d])
+        return G, h
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Return ``Aᵀ(A x − b)`` (n,), half the gradient of ‖A x − b‖²."""
@@ -311,23 +333,26 @@ class Scaled:
             slack: largest ``G x − h`` that counts as equality, relative to max(1, ‖x‖∞).
         """
         G, h = self.constraints
-        return np.asarray(G @ x - h <= slack * max(1.0, float(np.abs(x).max())))
+        largest_slack = slack * max(1.0, float(np.abs(x).max()))
+        return np.asarray(G @ x - h <= largest_slack)
 
     def multipliers_at(self, x: FloatArray, slack: float = TOLERANCE) -> FloatArray:
-        """Return the multipliers (k,) ≥ 0 of the constraints that best balance the gradient at x.
+        """Return multipliers μ (k,) ≥ 0 of the constraints ``G x ≥ h`` that best balance the gradient at x.
+
+        They minimise ‖Gᵀ μ − gradient‖ by non-negative least squares.
 
         Args:
             x: (n,) a point.
-            slack: rows with more slack than this, relative to the variables, have multiplier zero.
+            slack: constraints with more slack, relative to max(1, ‖x‖∞), have the multiplier zero.
         """
         from scipy.optimize import nnls
 
         G, h = self.constraints
         multipliers = np.zeros(len(h))
-        tight = self.find_tight_constraints(x, slack)
-        if tight.any():
+        is_tight = self.find_tight_constraints(x, slack)
+        if is_tight.any():
             try:
-                multipliers[tight] = nnls(G[tight].T, self.gradient(x))[0]
+                multipliers[is_tight], _ = nnls(G[is_tight].T, self.gradient(x))
             except RuntimeError:  # no convergence: zero multipliers make the certificate fail, as it should
                 return multipliers
         return multipliers
@@ -338,13 +363,15 @@ class Scaled:
         If several points minimise ‖A x − b‖², the minimum nearest to `near` is returned, or the minimum of
         least norm if `near` is None.
         """
-        free = active == FREE
+        is_free = active == FREE
         x = self.bounds.values_at_bounds(active)
         if near is not None:
-            x[free] = near[free]
-        if free.any():
-            rhs = self.b - self.A @ x
-            x[free] += np.linalg.lstsq(self.A[:, free], rhs, rcond=_NO_DIRECTION)[0]
+            x[is_free] = near[is_free]
+        if is_free.any():
+            # lstsq returns the shortest step, so that the point is the nearest to the start.
+            residual = self.b - self.A @ x
+            step, *_ = np.linalg.lstsq(self.A[:, is_free], residual, rcond=_NO_DIRECTION)
+            x[is_free] += step
         return x
 
     def solve_by_pivoting(self, active: ActiveBounds) -> FloatArray:
@@ -364,24 +391,32 @@ class Scaled:
         return x
 
     def solve_on_rows(self, active: BoolArray, near: FloatArray) -> FloatArray:
-        """Return the least-squares point (n,) at which the active rows of the constraints hold with equality.
+        """Minimise ‖A x − b‖² with equality ``G_a x = h_a`` in the active rows of the constraints.
 
         Args:
-            active: (k,) whether each row holds with equality.
+            active: (k,) whether each row of the constraints holds with equality.
             near: (n,) point; where the optimum is not unique, the optimum nearest to this point is returned.
+
+        Returns:
+            The point x (n,).
         """
         G, h = self.constraints
-        rows, values = G[active], h[active]
         x = near
-        free_directions = np.eye(len(x))  # directions in which the active rows do not change
-        if len(rows):
-            U, singular_values, Vt = np.linalg.svd(rows, full_matrices=True)
+        null_space = np.eye(len(x))  # columns: directions in which G_a x does not change
+        if active.any():
+            # The shortest step to G_a x = h_a, by the pseudo-inverse of G_a.
+            missing = h[active] - G[active] @ x
+            U, singular_values, Vt = np.linalg.svd(G[active], full_matrices=True)
             rank = int((singular_values > _NO_DIRECTION * singular_values[0]).sum())
-            x = x + Vt[:rank].T @ ((U[:, :rank].T @ (values - rows @ x)) / singular_values[:rank])
-            free_directions = Vt[rank:].T
-        # Two steps: nearly parallel rows may have moved x far away; the second step removes the rounding
-        # error of the first step.
-        for _ in range(2 if free_directions.shape[1] else 0):
-            step = np.linalg.lstsq(self.A @ free_directions, self.b - self.A @ x, rcond=_NO_DIRECTION)[0]
-            x = x + free_directions @ step
+            coefficients = (U[:, :rank].T @ missing) / singular_values[:rank]
+            x = x + Vt[:rank].T @ coefficients
+            null_space = Vt[rank:].T
+        if null_space.shape[1] == 0:
+            return np.asarray(x, dtype=np.float64)
+        # Nearly parallel rows may have moved x far away: a second step removes the rounding error of the
+        # first step.
+        for _ in range(2):
+            residual = self.b - self.A @ x
+            step, *_ = np.linalg.lstsq(self.A @ null_space, residual, rcond=_NO_DIRECTION)
+            x = x + null_space @ step
         return np.asarray(x, dtype=np.float64)

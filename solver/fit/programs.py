@@ -29,7 +29,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import clarabel
 import cvxpy as cp
@@ -84,19 +84,25 @@ class Program:
             parameter.value = np.zeros(parameter.shape)
         data, _, _ = problem.get_problem_data(cp.CLARABEL)
         compiled = data[cp.settings.PARAM_PROB]
-        self._P, self._q, self._A, self._b = (data.get(name) for name in ("P", "c", "A", "b"))
-        self._P = csc_array((len(self._q),) * 2) if self._P is None else triu(self._P, format="csc")
-        self._dims = data["dims"]  # cones are built from it in `solve`, as Clarabel's cannot be pickled
-        # Second-order cones come after the equations and the inequalities.
-        first = int(data["dims"].zero) + int(data["dims"].nonneg)
-        self._norms = slice(first, first + int(sum(data["dims"].soc)))
+        self._q, self._A, self._b = data["c"], data["A"], data["b"]
+        is_quadratic = data.get("P") is not None
+        variables = len(self._q)
+        self._P = triu(data["P"], format="csc") if is_quadratic else csc_array((variables, variables))
+
+        # Rows of A: equations, inequalities, second-order cones, then other cones. Clarabel's own objects of
+        # cones cannot be pickled, so that `solve` builds them from these numbers.
+        self._dims = data["dims"]
+        first_norm = int(self._dims.zero) + int(self._dims.nonneg)
+        self._norms = slice(first_norm, first_norm + int(sum(self._dims.soc)))
+
+        # q, A and b are a matrix times the vector of all parameters, in which each has its first column.
         self._columns = {each.name(): compiled.param_id_to_col[each.id] for each in problem.parameters()}
         self._maps: tuple[csr_array, csr_array, tuple[Any, ...]] | None = None
         if self._columns:
             reduced = compiled.reduced_A
             self._maps = compiled.q.tocsr(), reduced.reduced_mat, reduced.problem_data_index
-        start = compiled.var_id_to_col[x.id]
-        self._x = slice(start, start + x.size)
+        first_of_x = compiled.var_id_to_col[x.id]
+        self._x = slice(first_of_x, first_of_x + x.size)
 
     def solve(self, data: Mapping[str, FloatArray], *tolerances: float) -> FloatArray | None:
         """Return Clarabel's optimum of x, for the first tolerance that is reached; None if none is reached.
@@ -140,18 +146,25 @@ class Program:
         """
         if self._maps is None:
             return self._q, self._A, self._b
-        to_q, to_Ab, (indices, indptr, (row_count, columns)) = self._maps
-        values = np.zeros(to_Ab.shape[1])
-        values[-1] = 1.0  # the constant part
-        for name, column in self._columns.items():
-            values[column : column + data[name].size] = data[name].ravel(order="F")
-        entries, first_of_b = to_Ab @ values, indptr[-2]  # entries of A, column by column, then those of b
+        to_q, to_entries, sparsity = self._maps
+        values = np.zeros(to_entries.shape[1])  # of all parameters, flattened column by column
+        values[-1] = 1.0  # multiplies the part of q, A and b that is constant
+        for name, first in self._columns.items():
+            value = data[name]
+            values[first : first + value.size] = value.ravel(order="F")
+        q = (to_q @ values)[:-1]  # without cvxpy's last entry, a constant of the objective
+
+        # cvxpy gives the nonzero entries of the sparse matrix [−A b], column by column.
+        entries = to_entries @ values
+        row_of_entry, first_of_column, (row_count, column_count) = sparsity
+        first_of_b = first_of_column[-2]
         A = csc_array(
-            (-entries[:first_of_b], indices[:first_of_b], indptr[:-1]), shape=(row_count, columns - 1)
+            (-entries[:first_of_b], row_of_entry[:first_of_b], first_of_column[:-1]),
+            shape=(row_count, column_count - 1),
         )
         b = np.zeros(row_count)
-        b[indices[first_of_b:]] = entries[first_of_b:]
-        return (to_q @ values)[:-1], A, b
+        b[row_of_entry[first_of_b:]] = entries[first_of_b:]
+        return q, A, b
 
 
 def solve_least_squares(scaled: Scaled) -> FloatArray | None:
@@ -159,29 +172,23 @@ def solve_least_squares(scaled: Scaled) -> FloatArray | None:
 
     Returns a point x (n,) near the optimum; None if Clarabel fails.
     """
-    return _state_least_squares(*_find_shape(scaled)).solve(_collect_data(scaled), TOLERANCE)
+    shape = _find_shape(scaled)
+    program = _state_least_squares(shape)  # compiled once for each shape
+    return program.solve(_collect_data(scaled), TOLERANCE)
 
 
 @lru_cache(maxsize=128)
-def _state_least_squares(
-    rows: int, columns: int, below: _Places, above: _Places, inequalities: int
-) -> Program:
+def _state_least_squares(shape: _Shape) -> Program:
     """Compile ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d`` for a problem's shape.
-
-    Args:
-        rows: number of rows of A.
-        columns: number of variables x.
-        below: indices of the variables that have a lower bound.
-        above: indices of the variables that have an upper bound.
-        inequalities: number of rows of B.
 
     Returns:
         The program; its parameters are A, b, lower, upper, B and d.
     """
     with COMPILING:
-        x, r = cp.Variable(columns), cp.Variable(rows)
-        A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
-        constraints = [r == A @ x - b, *_state_constraints(x, below, above, inequalities)]
+        x, r = cp.Variable(shape.columns), cp.Variable(shape.rows)
+        A = cp.Parameter((shape.rows, shape.columns), name="A")
+        b = cp.Parameter(shape.rows, name="b")
+        constraints = [r == A @ x - b, *_state_constraints(x, shape)]
         return Program(cp.Minimize(cp.sum_squares(r)), constraints, x)
 
 
@@ -195,7 +202,7 @@ def solve_huber(
     Args:
         A: (K, 3, n) regressor of K targets, in units of the threshold.
         d: (K, 3) deflections of the targets, in units of the threshold.
-        S: (q, n) regressor of the rows whose loss stays squared.
+        S: (q, n) regressor of the rows whose loss remains squared.
         t: (q,) readings of these rows.
         squared: least-squares problem with the same rows: gives the constraints and the scaling of columns.
 
@@ -205,22 +212,25 @@ def solve_huber(
     scaled = Scaled.from_problem(squared)
     n = len(scaled.unit)
     with COMPILING:
-        x = cp.Variable(n)
+        x = cp.Variable(n)  # c divided by its units
         residuals = d.ravel() - (A * scaled.unit).reshape(-1, n) @ x
         norms = cp.norm(cp.reshape(residuals, d.shape, order="C"), axis=1)
-        loss = 0.5 * cp.sum(cp.huber(norms, 1.0)) + 0.5 * cp.sum_squares((S * scaled.unit) @ x - t)
-        _, _, below, above, inequalities = _find_shape(scaled)
-        program = Program(cp.Minimize(loss), _state_constraints(x, below, above, inequalities), x)
+        robust = 0.5 * cp.sum(cp.huber(norms, 1.0))  # cvxpy's huber is u² up to 1, twice ρ
+        squares = 0.5 * cp.sum_squares((S * scaled.unit) @ x - t)
+        constraints = _state_constraints(x, _find_shape(scaled))
+        program = Program(cp.Minimize(robust + squares), constraints, x)
     point = program.solve(_collect_data(scaled), TOLERANCE)
-    return None if point is None else scaled.bounds.snap(point) * scaled.unit
+    if point is None:
+        return None
+    return scaled.bounds.snap(point) * scaled.unit
 
 
 @lru_cache(maxsize=8)  # a program of 264 parameters takes 15 MB
 def state_semidefinite(rows: int, cone: Cone) -> Program:
-    """State ``minimise ‖T y − z‖² + pᵀy subject to near_j + y_j ≥ 0, Mat(near_b + y_b) ⪰ 0``.
+    """Compile ``minimise ‖T y − z‖² + pᵀy subject to near_j + y_j ≥ 0, Mat(near_b + y_b) ⪰ 0``.
 
-    With the residual as a variable of its own the Gram matrix, whose condition is the square of the
-    regressor's, is never formed.
+    Mat(x_b) is the symmetric matrix with the entries x_b. The residual r = T y − z is a variable of its own,
+    so that TᵀT, whose condition number is the square of that of T, is never formed.
 
     Args:
         rows: number of rows of T.
@@ -239,37 +249,41 @@ def state_semidefinite(rows: int, cone: Cone) -> Program:
 
 
 def state_sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone, B: FloatArray) -> Program:
-    """State ``minimise Σ_i ρ(‖A_i x + B_i v − d_i‖) + ‖v‖²/(2h) + pᵀx, x_j ≥ 0, Mat(x_b) ⪰ 0``.
+    """Compile ``minimise Σ_i ρ(‖A_i x + B_i v − d_i‖) + ‖v‖²/(2h) + pᵀx, x_j ≥ 0, Mat(x_b) ⪰ 0``.
 
-    ρ(u) is u²/(2h) up to h and u − h/2 beyond (Huber's), as ``min_s ‖s‖²/(2h) + ‖A_i x − d_i − s‖``: one
-    second-order cone a target.
+    ρ is Huber's loss: u²/(2h) up to h and u − h/2 beyond. For a residual r_i it is
+    ``min ‖s_i‖²/2 + t_i`` over s_i and t_i with ``‖r_i − √h s_i‖ ≤ t_i``: one second-order cone for each
+    target. Mat(x_b) is the symmetric matrix with the entries x_b.
 
     Args:
         A: (K, 3, m) regressor of K targets.
         d: (K, 3) deflections of the targets.
-        cone: cone in which x lies.
-        B: (K, 3, q) columns of the errors v, which are stated as zero within one unit.
+        cone: cone in which x lies: its first entries x_j are not negative, its matrices semidefinite.
+        B: (K, 3, q) columns of the errors v, which have the prior 0 ± 1.
 
     Returns:
-        The compiled program of (x, v/√h); its parameters are p (m,) and root (1,), the square root of h.
+        The compiled program of (x, w) with w = v/√h; its parameters are p (m,) and root (1,), √h.
     """
     with COMPILING:
         K, _, m = A.shape
-        unknowns, t, s = cp.Variable(m + B.shape[-1]), cp.Variable(K), cp.Variable(3 * K)
+        q = B.shape[-1]
+        unknowns, t, s = cp.Variable(m + q), cp.Variable(K), cp.Variable(3 * K)
+        x, w = unknowns[:m], unknowns[m:]
         p, root = cp.Parameter(m, name="p"), cp.Parameter(1, name="root")
-        x, errors = unknowns[:m], unknowns[m:]
-        explained, beyond_threshold = A.reshape(-1, m) @ x, root[0] * s
         loss = cp.sum(t) + 0.5 * cp.sum_squares(s)
-        if B.shape[-1]:
-            beyond_threshold -= root[0] * (B.reshape(3 * K, -1) @ errors)
-            loss += 0.5 * cp.sum_squares(errors)
-        residual = explained - d.ravel() - beyond_threshold
-        norms = cp.SOC(t, cp.reshape(residual, (K, 3), order="C"), axis=1)
+        shift = root[0] * s
+        if q:
+            shift -= root[0] * (B.reshape(3 * K, -1) @ w)
+            loss += 0.5 * cp.sum_squares(w)
+        shifted_residuals = A.reshape(-1, m) @ x - d.ravel() - shift
+        norms = cp.SOC(t, cp.reshape(shifted_residuals, (K, 3), order="C"), axis=1)
         return Program(cp.Minimize(loss + p @ x), [norms, *_state_cone(x, cone)], unknowns)
 
 
 def state_penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: float, cone: Cone) -> Program:
-    """State ``minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J, x_j ≥ 0, Mat(x_b) ⪰ 0``.
+    """Compile ``minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J, x_j ≥ 0, Mat(x_b) ⪰ 0``.
+
+    Mat(x_b) is the symmetric matrix with the entries x_b.
 
     Args:
         T: (k, m) compressed regressor.
@@ -283,16 +297,19 @@ def state_penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: floa
     """
     with COMPILING:
         x, a = cp.Variable(T.shape[1]), cp.Parameter(T.shape[1], name="a")
-        # ‖u‖² ≤ v is equivalent to ‖(2u, 1 − v)‖ ≤ 1 + v; here u = (T x − z)/√J, and v = 1 − pᵀx/J.
+        # The limit divided by J is ‖u‖² ≤ v, as a second-order cone: ‖(2u, 1 − v)‖ ≤ 1 + v.
+        twice_u = (2.0 / np.sqrt(limit)) * (T @ x - z)
         v = 1.0 - (p / limit) @ x
-        norm = cp.hstack([(2.0 / np.sqrt(limit)) * (T @ x - z), cp.reshape(1.0 - v, (1,), order="C")])
-        ball = cp.SOC(1.0 + v, norm)
+        ball = cp.SOC(1.0 + v, cp.hstack([twice_u, cp.reshape(1.0 - v, (1,), order="C")]))
         return Program(cp.Minimize(a @ x), [ball, *_state_cone(x, cone)], x)
 
 
 @lru_cache(maxsize=32)
 def state_mass_cones(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, c ≤ cap`` (see `conic.MassCones`).
+    """Compile ``minimise ‖A x − b‖² subject to x in the cones of the blocks, c ≤ cap``.
+
+    A joint's block of x has its compliance c, and c times unknown masses and moments, which c bounds; see
+    `conic.MassCones`.
 
     Args:
         rows: number of rows of A.
@@ -310,10 +327,11 @@ def state_mass_cones(rows: int, blocks: tuple[Block, ...]) -> Program:
 
 @lru_cache(maxsize=32)
 def state_mass_cone_end(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """State ``minimise aᵀy subject to ‖A y − b‖ ≤ 1, near + y in the cones of the blocks, c ≤ cap``.
+    """Compile ``minimise aᵀy subject to ‖A y − b‖ ≤ 1, near + y in the cones of the blocks, c ≤ cap``.
 
-    `near` is the optimum and the unit is the radius of the ball ‖A y − b‖ ≤ 1, because Clarabel needs a
-    well-scaled program. The ball is the first of the program's second-order cones.
+    `near` is the optimum of `state_mass_cones` and y the deviation from it, in units in which the ball has
+    radius 1, because Clarabel needs a well-scaled program. The ball is the first of the program's
+    second-order cones.
 
     Args:
         rows: number of rows of A.
@@ -334,70 +352,86 @@ def state_mass_cone_end(rows: int, blocks: tuple[Block, ...]) -> Program:
 def _state_block_cones(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constraint]:
     """Return the constraints of all blocks: ``0 ≤ c ≤ cap, |ζ_k| ≤ c, ‖ν‖ ≤ c + ratio ζ_k``.
 
-    x has (c, ζ, ν) of one block after the other: the compliance c of a joint, then ζ and ν, c times unknown
-    masses and moments. `Block.balls` has k and ratio for the limit of each ν (3,); ``k = −1`` means the limit
-    c. `cap`, with one entry for each block, is a parameter.
+    A block is a joint's part of x, in this order:
+        c: the compliance of the joint.
+        ζ: c times unknown masses, each between −c and c; `block.boxes` numbers.
+        ν: vectors (3,), c times unknown moments of mass. `block.balls` has (k, ratio) for the limit of each
+            ν; ``k = −1`` means the limit c.
+
+    `cap`, with one entry for each block, is a parameter.
     """
     cap = cp.Parameter(len(blocks), name="cap")
-    constraints, start = [], 0
+    constraints = list[cp.Constraint]()
+    first = 0  # index of the block's first entry of x
     for number, block in enumerate(blocks):
-        c, zeta = x[start], x[start + 1 : start + 1 + block.boxes]
+        c = x[first]
+        zeta = x[first + 1 : first + 1 + block.boxes]
         constraints += [c >= 0, c <= cap[number]]
         if block.boxes:
             constraints += [zeta <= c, -zeta <= c]
-        first_nu = start + 1 + block.boxes
-        for ball, (k, ratio) in enumerate(block.balls):
+        first_of_nu = first + 1 + block.boxes
+        for k, ratio in block.balls:
+            nu = x[first_of_nu : first_of_nu + 3]
             radius = c + ratio * zeta[k] if k >= 0 else c
-            constraints.append(cp.SOC(radius, x[first_nu + 3 * ball : first_nu + 3 * ball + 3]))
-        start += block.size
+            constraints.append(cp.SOC(radius, nu))
+            first_of_nu += 3
+        first += block.size
     return constraints
 
 
 def _state_cone(x: cp.Expression, cone: Cone) -> list[cp.Constraint]:
-    """Return the constraints of a cone: x_j ≥ 0 for the scalars, and Mat(x_b) ⪰ 0 for the blocks.
+    """Return the constraints of a cone: x_j ≥ 0 for the scalars, and Mat(x_b) ⪰ 0 for each block x_b.
 
-    Mat(x_b) is the symmetric matrix that the entries of block b represent, see `cones.to_matrix`.
+    Mat(x_b) is the symmetric matrix whose upper triangle has the entries x_b.
     """
-    constraints = [x[: cone.nonnegative] >= 0] if cone.nonnegative else []
+    constraints = list[cp.Constraint]()
+    if cone.nonnegative:
+        constraints.append(x[: cone.nonnegative] >= 0)
     for size, place in cone.blocks():
-        entries = place.stop - place.start
-        basis = to_matrix(np.eye(entries), size).reshape(entries, -1).T
-        block = cp.reshape(basis @ x[place], (size, size), order="C")
-        constraints.append(x[place] >= 0 if size == 1 else block >> 0)
+        entries = x[place]
+        if size == 1:
+            constraints.append(entries >= 0)
+            continue
+        # Mat is linear: column k of its matrix is Mat of the k-th unit vector, flattened.
+        matrices = to_matrix(np.eye(entries.size), size)  # (entries, size, size)
+        linear_map = matrices.reshape(entries.size, -1).T
+        constraints.append(cp.reshape(linear_map @ entries, (size, size), order="C") >> 0)
     return constraints
 
 
-_Places = tuple[int, ...]
-"""Indices of the parameters that have a bound."""
+class _Shape(NamedTuple):
+    """Shape of a least-squares problem: problems of the same shape share a compiled program."""
+
+    rows: int  #: number of rows of A
+    columns: int  #: number of variables x
+    with_lower: tuple[int, ...]  #: indices of the variables that have a lower bound
+    with_upper: tuple[int, ...]  #: indices of the variables that have an upper bound
+    inequalities: int  #: number of rows of B
 
 
-def _find_shape(scaled: Scaled) -> tuple[int, int, _Places, _Places, int]:
-    """Return the shape of a problem; problems of the same shape share a compiled program.
-
-    The shape is (rows, variables, indices of the variables with a lower bound, indices of those with an upper
-    bound, number of inequalities).
-    """
-    bounds = scaled.bounds
-    with_lower = np.flatnonzero(np.isfinite(bounds.lower)).tolist()
-    with_upper = np.flatnonzero(np.isfinite(bounds.upper)).tolist()
-    return *scaled.A.shape, tuple(with_lower), tuple(with_upper), len(scaled.d)
+def _find_shape(scaled: Scaled) -> _Shape:
+    """Return the shape of a problem; problems of the same shape share a compiled program."""
+    rows, columns = scaled.A.shape
+    with_lower = np.flatnonzero(np.isfinite(scaled.bounds.lower))
+    with_upper = np.flatnonzero(np.isfinite(scaled.bounds.upper))
+    return _Shape(rows, columns, tuple(with_lower.tolist()), tuple(with_upper.tolist()), len(scaled.d))
 
 
-def _state_constraints(
-    x: cp.Variable, below: _Places, above: _Places, inequalities: int
-) -> list[cp.Constraint]:
+def _state_constraints(x: cp.Variable, shape: _Shape) -> list[cp.Constraint]:
     """Return the constraints lower ≤ x ≤ upper and B x ≥ d, with parameters lower, upper, B and d.
 
-    Only variables with indices in `below` have a lower bound, and only those in `above` an upper bound.
+    `lower` and `upper` have entries only for the variables with such a bound.
     """
-    constraints = []
-    if below:
-        constraints.append(x[list(below)] >= cp.Parameter(len(below), name="lower"))
-    if above:
-        constraints.append(x[list(above)] <= cp.Parameter(len(above), name="upper"))
-    if inequalities:
-        B = cp.Parameter((inequalities, x.size), name="B")
-        d = cp.Parameter(inequalities, name="d")
+    constraints = list[cp.Constraint]()
+    if shape.with_lower:
+        lower = cp.Parameter(len(shape.with_lower), name="lower")
+        constraints.append(x[list(shape.with_lower)] >= lower)
+    if shape.with_upper:
+        upper = cp.Parameter(len(shape.with_upper), name="upper")
+        constraints.append(x[list(shape.with_upper)] <= upper)
+    if shape.inequalities:
+        B = cp.Parameter((shape.inequalities, x.size), name="B")
+        d = cp.Parameter(shape.inequalities, name="d")
         constraints.append(B @ x >= d)
     return constraints
 
@@ -432,11 +466,12 @@ def solve_e_optimal_design(
         SolverError: Clarabel does not solve the program.
     """
     s, p = len(metric), len(base)
-    E = np.zeros(base.shape)
+    E = np.zeros(base.shape)  # diag(V⁻², 0)
     E[:s, :s] = np.diag(metric**-2.0)
     with COMPILING:
         w, t = cp.Variable(len(K)), cp.Variable()
-        M = cp.reshape(K.reshape(len(K), -1).T @ w + base.ravel(), (p, p), order="C")
+        flat_M = K.reshape(len(K), -1).T @ w + base.ravel()
+        M = cp.reshape(flat_M, (p, p), order="C")
         inequality = 0.5 * (M + M.T) - t * E >> 0
         problem = cp.Problem(cp.Maximize(t), [inequality, cp.sum(w) == 1, w >= 0])
         for tolerance in _DESIGN_TOLERANCES:
@@ -450,8 +485,8 @@ def solve_e_optimal_design(
             raise SolverError(f"Clarabel did not solve the E-optimal design: its status is {problem.status}")
     weights = np.clip(np.asarray(w.value, dtype=np.float64), 0.0, 1.0)
     weights[weights < 1e-7] = 0.0  # rounding
-    dual = np.asarray(inequality.dual_value)[:s, :s] / np.outer(metric, metric)
-    return np.asarray(weights / weights.sum()), dual
+    Z = np.asarray(inequality.dual_value)[:s, :s] / np.outer(metric, metric)
+    return np.asarray(weights / weights.sum()), Z
 
 
 @dataclass(frozen=True, eq=False)
@@ -474,20 +509,22 @@ class TurnProgram:
 def solve_turns(program: TurnProgram, *, greatest: bool) -> FloatArray | None:
     """Minimise ``Σ w (s + g d + ½ h d²) + ‖D x‖²`` subject to ``A x ≤ b, E x = f``, with ``d = B x − φ0``.
 
-    With `greatest`, the greatest of the parabolas takes the place of their sum.
+    The parabola s + g d + ½ h d² approximates the squared deflection at one place by the turn B x there. With
+    `greatest`, the greatest of the parabolas takes the place of their weighted sum.
 
     Returns:
         (p,) unknowns x; None if Clarabel finds no point.
     """
     with COMPILING:
         x = cp.Variable(program.basis.shape[1])
-        gap = program.basis @ x - program.turn
-        bent = cp.multiply(0.5 * program.curvature, cp.square(gap))
-        size = program.size + cp.multiply(program.slope, gap) + bent
-        loss = cp.max(size) if greatest else program.weight @ size
-        limits = [program.rows @ x <= program.bounds]
+        d = program.basis @ x - program.turn
+        linear = cp.multiply(program.slope, d)
+        quadratic = cp.multiply(0.5 * program.curvature, cp.square(d))
+        parabolas = program.size + linear + quadratic
+        loss = cp.max(parabolas) if greatest else program.weight @ parabolas
+        constraints = [program.rows @ x <= program.bounds]
         if len(program.values):
-            limits.append(program.equal @ x == program.values)
+            constraints.append(program.equal @ x == program.values)
         objective = cp.Minimize(loss + cp.sum_squares(program.roughness @ x))
-        stated = Program(objective, limits, x)
-    return stated.solve({}, *_TURN_TOLERANCES)
+        compiled = Program(objective, constraints, x)
+    return compiled.solve({}, *_TURN_TOLERANCES)

@@ -117,11 +117,12 @@ class Reduced:
 
     @cached_property
     def norms(self) -> NormSum:
-        """Sum ``Σ ρ(‖A_i x + B_i v − d_i‖)`` over the targets i, which fits with any penalty share.
+        """Robust objective ``Σ ρ(‖A_i x + B_i v − d_i‖)`` over the targets i, without the penalty.
 
-        x are the parameters, v the stated errors; all lengths are in units of `total`.
+        x are the parameters, v systematic errors with a prior, d_i the deflection of target i; all lengths
+        are in units of `total`.
         """
-        rows = self.part.targets / self.total
+        rows = self.part.targets / self.total  # [A B d] of each target, with columns A of all compliances
         return NormSum(
             A=rows[..., self.columns] * self.unit,
             d=rows[..., -1],
@@ -131,8 +132,12 @@ class Reduced:
         )
 
     def state(self, weight: float) -> SemidefiniteProgram:
-        """Return the program of squared residuals for a weight λ of the penalty."""
+        """Return the semidefinite program that minimises squared residuals plus λ times the penalty."""
         return SemidefiniteProgram(self.squares, self.cone, weight)
+
+    def to_parameters(self, compliances: FloatArray) -> FloatArray:
+        """Return the parameters (p,) of compliances (P,)."""
+        return np.asarray(compliances[self.columns] / self.unit)
 
     def to_compliances(self, x: FloatArray) -> FloatArray:
         """Return the compliances (P,) of parameters x (p,); zero in columns without a parameter."""
@@ -141,27 +146,42 @@ class Reduced:
         return compliances
 
     def to_unknowns(self, solution: ConeSolution) -> FloatArray:
-        """Return the unknowns (P + K,) of a solution: the compliances, then the stated errors."""
+        """Return the unknowns (P + K,) of a solution: compliances, then systematic errors with a prior."""
         compliances = self.to_compliances(solution.x)
         if isinstance(solution, RobustSolution):
             return np.concatenate([compliances, solution.errors])
         return self.part.append_fitted_errors(compliances)
 
     def estimate_residual_scale(self, unknowns: FloatArray) -> float:
-        """Return the standard deviation [m] of the residuals at unknowns (P + K,), from their median norm."""
+        """Estimate the standard deviation [m] of a residual's coordinate, robustly by the median norm.
+
+        Args:
+            unknowns: (P + K,) fitted compliances, then fitted systematic errors.
+        """
         norms = self.part.compute_residual_norms(unknowns)
-        least = _LEAST_SCALE * self.total / max(1, len(norms))
-        return max(float(np.median(norms)) / MEDIAN_NORM, least)
+        mean_deflection = self.total / max(1, len(norms))
+        scale = float(np.median(norms)) / MEDIAN_NORM  # `MEDIAN_NORM` is the median norm of normal noise
+        return max(scale, _LEAST_SCALE * mean_deflection)
 
     def fit_joints_only(self) -> FloatArray:
-        """Return the exact least-squares unknowns (P + K,) if joints alone bend: there is no penalty."""
+        """Fit the compliances of joints that alone bend by non-negative least squares, without a penalty.
+
+        Returns:
+            (P + K,) compliances of all elements, zero except for joints, then systematic errors.
+        """
         R, z = self.squares.R, self.squares.z
         problem = IdentificationProblem(R, z, Bounds.positive(R.shape[1]))
-        return self.part.append_fitted_errors(self.to_compliances(solve_step(problem).compliance))
+        x = solve_step(problem).compliance
+        compliances = self.to_compliances(x)
+        return self.part.append_fitted_errors(compliances)
 
 
 def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: float | None = None) -> Reduced:
-    """Reduce the rows of a part to the parameters of a model.
+    """Select and scale the columns of least-squares rows for the parameters x of a model.
+
+    Compliances are ``unit · x``. For joints the unit makes the columns of x unit vectors. For elements with a
+    penalty it makes the penalty the sum of x or, if the compliance is a full matrix, the trace of the matrix
+    of x.
 
     Args:
         part: compressed rows of the observations.
@@ -173,31 +193,38 @@ def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: flo
         UnsupportedMethodError: no target moved, or no load acts, so that the size of the penalty is
             undefined.
     """
-    regressor, z = part.with_errors_fitted[:, :-1], part.with_errors_fitted[:, -1]
+    rows = part.with_errors_fitted  # [A d] of compliances and readings
+    regressor, z = rows[:, :-1], rows[:, -1]
     reading_norm = float(np.linalg.norm(part.triangle[:, -1]))
-    norms = np.linalg.norm(regressor[:, candidate.columns.joints], axis=0)
-    is_determined = visible & (norms > _NO_COLUMN * norms.max())
+    joint_norms = np.linalg.norm(regressor[:, candidate.columns.joints], axis=0)
+    is_determined = visible & (joint_norms > _NO_COLUMN * joint_norms.max())
     joints = np.flatnonzero(is_determined)
     penalty_unit, lever_arms = _scale_penalty(part.size, reading_norm)
-    # Columns and units of the parameters: first scalar compliances, then the entries of full matrices.
-    scalars, matrices, orders = [(joints, reading_norm / norms[joints])], [], []
-    for element in _list_penalised_elements(candidate, is_determined, lever_arms):
-        root = element.root
-        if element.is_full:
-            i, j = triangle_indices(len(root))
-            matrices.append((element.columns, penalty_unit / (root[i] * root[j])))
-            orders.append(len(root))
-        else:
-            scalars.append((element.columns, penalty_unit / root**2))
-    columns = np.concatenate([columns for columns, _ in scalars + matrices])
-    units = np.concatenate([units for _, units in scalars + matrices])
-    scalar_count = sum(len(columns) for columns, _ in scalars)
+    elements = list(_list_penalised_elements(candidate, is_determined, lever_arms))
+    diagonal = [element for element in elements if not element.is_full]
+    full = [element for element in elements if element.is_full]
+
+    # The cone has the scalars first: the joints, then the entries of diagonal matrices.
+    columns = [joints]
+    units = [reading_norm / joint_norms[joints]]
+    for element in diagonal:
+        columns.append(element.columns)
+        units.append(penalty_unit / element.root**2)
+    scalar_count = sum(len(each) for each in columns)
+    # Then the upper triangles of full matrices: X_ij = K_i C_ij K_j / u.
+    for element in full:
+        i, j = triangle_indices(len(element.root))
+        columns.append(element.columns)
+        units.append(penalty_unit / (element.root[i] * element.root[j]))
+
+    column, unit = np.concatenate(columns), np.concatenate(units)
+    matrix_sizes = tuple(len(element.root) for element in full)
     return Reduced(
         part=part,
-        squares=LeastSquares((regressor / reading_norm)[:, columns] * units, z / reading_norm),
-        cone=Cone(scalar_count, tuple(orders), penalised=scalar_count - len(joints)),
-        columns=columns,
-        unit=units,
+        squares=LeastSquares((regressor / reading_norm)[:, column] * unit, z / reading_norm),
+        cone=Cone(scalar_count, matrix_sizes, penalised=scalar_count - len(joints)),
+        columns=column,
+        unit=unit,
         size=reading_norm,
         sigma=sigma,
     )
@@ -206,31 +233,40 @@ def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: flo
 def _list_penalised_elements(
     candidate: Candidate, determined: BoolArray, lever: FloatArray
 ) -> Iterator[_Element]:
-    """Yield the penalised elements of a model.
+    """Yield the elastic elements of a model whose compliance C is penalised by the trace of K C K.
+
+    For a link K is ``diag(1, 1, 1, r, r, r)`` with ``r = √(2/3) ρ`` for rotations; for coupled joints it is
+    the diagonal matrix of their r.
 
     Args:
         candidate: elastic elements that bend.
         determined: (n,) mask of the joints whose compliance is determined.
-        lever: (n + 1,) lever ρ of the load about each joint's frame and the base [m].
+        lever: (n + 1,) lever ρ of the load about each joint's frame and, last, about the base [m].
     """
     model, columns = candidate.model, candidate.columns
-    rotation_root = np.sqrt(2.0 / 3.0) * lever  # entries of K for rotations, see the module's docstring
+    rotation_root = np.sqrt(2.0 / 3.0) * lever
     if model.couples_joints:
-        i, j = triangle_indices(columns.n)
-        of_determined = columns.coupling[determined[i] & determined[j]]
-        yield _Element(of_determined, rotation_root[:BASE][determined], is_full=True)
+        i, j = triangle_indices(columns.n)  # joints of each column of the coupling
+        both_determined = determined[i] & determined[j]
+        joints_root = rotation_root[:-1][determined]
+        yield _Element(columns.coupling[both_determined], joints_root, is_full=True)
     for frame in candidate.frames:
-        of_frame, is_base = columns.link_columns(frame), frame == BASE
-        root = np.repeat([1.0, rotation_root[frame]], 3) * (_BASE_ROOT if is_base else 1.0)
-        is_full = is_base or model.links == "full"
-        yield _Element(of_frame if is_full else of_frame[find_diagonal_entries(6)], root, is_full)
+        root = np.repeat([1.0, rotation_root[frame]], 3)  # translations, rotations
+        is_full = model.links == "full"
+        if frame == BASE:
+            root, is_full = _BASE_ROOT * root, True
+        link_columns = columns.link_columns(frame)
+        if not is_full:
+            link_columns = link_columns[find_diagonal_entries(6)]
+        yield _Element(link_columns, root, is_full)
 
 
 def _scale_penalty(size: Size, reading_norm: float) -> tuple[float, FloatArray]:
-    """Return the unit of compliance u [m/N] and the levers ρ (n + 1,) [m] that scale the penalty.
+    """Return a typical compliance u [m/N] and the levers ρ (n + 1,) [m] by which the penalty is scaled.
 
-    u is the root mean square deflection divided by the root mean square force. A moment is converted to the
-    force that causes this moment on the levers of the joints.
+    u is the root mean square deflection divided by the root mean square force. A moment counts as the force
+    that causes this moment on the levers of the joints. The lever ρ of a joint's frame, or of the base, is
+    the root mean square distance from its origin to the load point.
 
     Args:
         size: sums over the observations.
@@ -239,21 +275,24 @@ def _scale_penalty(size: Size, reading_norm: float) -> tuple[float, FloatArray]:
     Raises:
         UnsupportedMethodError: no target moved, or no load has a lever arm.
     """
-    lever_arms = np.sqrt(size.lever / size.configurations)
-    lever_arms = np.maximum(lever_arms, _SHORTEST_LEVER * lever_arms[:BASE].max())
-    # Sum of the squared forces; 1.5 / lever² converts a squared moment to the squared force on a lever with
-    # a direction at random. If the load point lies in the origin of every joint's frame, all levers are zero,
-    # and no force is computed.
-    squared_force = 0.0
-    if lever_arms.all():
-        squared_force = size.force + size.moment * float(np.mean(1.5 / lever_arms[:BASE] ** 2))
-    if reading_norm == 0.0 or squared_force == 0.0:
+    levers = np.sqrt(size.lever / size.configurations)  # of the joints' frames, the base's last
+    longest_of_joints = levers[:-1].max()
+    levers = np.maximum(levers, _SHORTEST_LEVER * longest_of_joints)
+    # If the load point is the origin of every joint's frame, all levers are zero, and no force is computed.
+    sum_of_squared_forces = 0.0
+    if levers.all():
+        # A force F on a lever ρ of random direction causes a squared moment of 2/3 ρ² F² on average.
+        squared_force_per_moment = float(np.mean(1.5 / levers[:-1] ** 2))
+        sum_of_squared_forces = size.force + size.moment * squared_force_per_moment
+    if reading_norm == 0.0 or sum_of_squared_forces == 0.0:
         raise UnsupportedMethodError(
             "no target moved, or no load has a lever arm, so the penalty on link compliance has no scale",
             where="elasticity",
             remedy="use elasticity joints",
         )
-    return float(np.sqrt(size.deflection / size.targets / (squared_force / size.configurations))), lever_arms
+    squared_deflection = size.deflection / size.targets
+    squared_force = sum_of_squared_forces / size.configurations
+    return float(np.sqrt(squared_deflection / squared_force)), levers
 
 
 class Loss(ABC):
@@ -263,7 +302,7 @@ class Loss(ABC):
 
     @abstractmethod
     def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> ConeSolution:
-        """Find and certify the optimum.
+        """Minimise the loss plus λ times the penalty, and certify the optimum.
 
         Args:
             weight: λ > 0 of the penalty.
@@ -280,7 +319,7 @@ class Loss(ABC):
 
     @abstractmethod
     def weigh_targets(self, unknowns: FloatArray) -> FloatArray | None:
-        """Return weights (T,) of the targets' squares with the same optimum; None for squares."""
+        """Return weights (T,) with which weighted squares have the same optimum; None for weights of 1."""
 
     @abstractmethod
     def build_weighted_squares(
@@ -290,7 +329,7 @@ class Loss(ABC):
 
         Args:
             candidate: elastic elements that bend.
-            unknowns: (P + K,) fitted compliances and stated errors.
+            unknowns: (P + K,) fitted compliances, then fitted systematic errors.
             weight: weight λ of the penalty in the fit.
         """
 
@@ -302,12 +341,12 @@ class SquaredLoss(Loss):
     reduced: Reduced
 
     def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> ConeSolution:
-        """Find and certify the optimum; arguments and errors as of `Loss.solve`."""
+        """Minimise the squares plus λ times the penalty; arguments and errors are those of `Loss.solve`."""
         return solve_cone(self.reduced.state(weight), wanted_gap=gap, accepted_gap=accepted)
 
     def certify_gap(self, compliances: FloatArray, weight: float, solution: ConeSolution) -> float:  # noqa: ARG002
         """Return the duality gap at compliances (P,); the solution is not needed."""
-        x = compliances[self.reduced.columns] / self.reduced.unit
+        x = self.reduced.to_parameters(compliances)
         return certify_cone(self.reduced.state(weight), x).gap
 
     def weigh_targets(self, unknowns: FloatArray) -> None:  # noqa: ARG002
@@ -320,7 +359,7 @@ class SquaredLoss(Loss):
         unknowns: FloatArray,  # noqa: ARG002
         weight: float,
     ) -> tuple[Reduced, float]:
-        """Return the problem itself."""
+        """Return the problem and its penalty weight as they are: they are least squares already."""
         return self.reduced, weight
 
 
@@ -335,19 +374,20 @@ class HuberLoss(Loss):
         return RobustProgram(self.reduced.norms, weight, self.threshold / self.reduced.total)
 
     def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> RobustSolution:
-        """Find and certify the optimum; arguments and errors as of `Loss.solve`."""
+        """Minimise Huber's loss plus λ times the penalty; arguments and errors are those of `Loss.solve`."""
         return solve_robust(self._state(weight), wanted_gap=gap, accepted_gap=accepted)
 
     def certify_gap(self, compliances: FloatArray, weight: float, solution: ConeSolution) -> float:
         """Return the duality gap at compliances (P,), with the dual multipliers of the solution."""
-        x = compliances[self.reduced.columns] / self.reduced.unit
+        x = self.reduced.to_parameters(compliances)
         errors = solution.errors if isinstance(solution, RobustSolution) else np.zeros(0)
-        return certify_robust(self._state(weight), x, errors, solution.certificate.multipliers).gap
+        multipliers = solution.certificate.multipliers
+        return certify_robust(self._state(weight), x, errors, multipliers).gap
 
     def weigh_targets(self, unknowns: FloatArray) -> FloatArray:
-        """Return weights (T,): a target whose residual r exceeds the threshold h has weight h/‖r‖.
+        """Return weights (T,): 1 up to the threshold h, and h/‖r‖ for a target whose residual r is longer.
 
-        The sum of the weighted squares is stationary where Huber's loss is stationary.
+        With these weights, the gradient of the weighted squares is a multiple of that of Huber's loss.
         """
         norms = self.reduced.part.compute_residual_norms(unknowns)
         return np.asarray(self.threshold / np.maximum(norms, self.threshold))
@@ -355,24 +395,29 @@ class HuberLoss(Loss):
     def build_weighted_squares(
         self, candidate: Candidate, unknowns: FloatArray, weight: float
     ) -> tuple[Reduced, float]:
-        """Return a weighted least-squares problem with the optimum of the fit, and its penalty weight."""
+        """Return a weighted least-squares problem with the optimum of the fit, and its penalty weight.
+
+        The weighted squares are 2h times Huber's loss in the gradient, where h is the threshold. Each loss is
+        divided by its own norm of the readings, and the penalty's weight makes up for these factors.
+        """
         reduced = self.reduced
-        determined = np.isin(np.arange(candidate.columns.n), reduced.columns)
-        weighted = reduced.part.weigh_targets(self.weigh_targets(unknowns))
-        squares = reduce_part(weighted, candidate, determined, reduced.sigma)
-        return squares, 2.0 * reduced.total * self.threshold * weight / squares.size**2
+        was_determined = np.isin(np.arange(candidate.columns.n), reduced.columns)
+        weighted_part = reduced.part.weigh_targets(self.weigh_targets(unknowns))
+        squares = reduce_part(weighted_part, candidate, was_determined, reduced.sigma)
+        ratio_of_gradients = 2.0 * reduced.total * self.threshold
+        return squares, ratio_of_gradients * weight / squares.size**2
 
 
 def compute_gap_unit(reduced: Reduced, candidate: Candidate) -> float:
-    """Return the factor [m] that converts the gap of a certificate to a length.
+    """Return the factor [m] that converts the duality gap of a fit to a length.
 
-    With the squared loss, the length is ‖R (x − x̂)‖, the distance between the fitted readings and the fitted
-    readings at the exact optimum. With a robust loss, the length is the amount by which the mean norm of the
-    targets' residuals exceeds that at the exact optimum.
+    With the squared loss, the length is how far the fitted readings are from those at the exact optimum. With
+    a robust loss, the length is by how much the mean norm of the targets' residuals exceeds that at the exact
+    optimum.
     """
     if candidate.loss == "squared":
-        return reduced.size
-    return reduced.total / reduced.part.size.targets
+        return reduced.size  # the norm of the readings, by which squared losses are divided
+    return reduced.total / reduced.part.size.targets  # the mean length of the deflections
 
 
 class Fitted(NamedTuple):
@@ -385,14 +430,14 @@ class Fitted(NamedTuple):
 def fit_loss(
     reduced: Reduced, candidate: Candidate, weight: float, *, gap: float, accepted: float | None = None
 ) -> Fitted:
-    """Fit the parameters with a candidate's loss, and certify the optimum.
+    """Fit the parameters with squared loss or Huber's loss, and certify the optimum.
 
-    The threshold of Huber's loss is in units of sigma; if sigma is unknown, in units of the robust scale of
-    the residuals, first of a fit with squares, then of the fit itself.
+    The threshold of Huber's loss is in units of sigma, the stated noise of a reading. If sigma is unknown, it
+    is in units of the residuals' robust scale, first of a fit with squares, then of the fit itself.
 
     Args:
         reduced: rows of some observations.
-        candidate: the loss.
+        candidate: model with its loss and the threshold of the loss.
         weight: λ > 0 of the penalty.
         gap: duality gap at which the search ends.
         accepted: greatest gap that is accepted if rounding prevents `gap`; None for `gap` itself.
@@ -400,13 +445,15 @@ def fit_loss(
     Raises:
         SolverError: no optimum is certified within the accepted gap.
     """
+    is_huber = candidate.loss == "huber"
     loss: Loss = SquaredLoss(reduced)
-    if candidate.loss == "huber" and reduced.sigma is not None:
+    if is_huber and reduced.sigma is not None:
         loss = HuberLoss(reduced, candidate.threshold * reduced.sigma)
     solution = loss.solve(weight, gap=gap, accepted=accepted)
-    if candidate.loss == "huber" and reduced.sigma is None:
+    if is_huber and reduced.sigma is None:
         for _ in range(_SCALE_ROUNDS):
-            scale = reduced.estimate_residual_scale(reduced.to_unknowns(solution))
+            unknowns = reduced.to_unknowns(solution)
+            scale = reduced.estimate_residual_scale(unknowns)
             loss = HuberLoss(reduced, candidate.threshold * scale)
             solution = loss.solve(weight, gap=gap, accepted=accepted)
     return Fitted(loss, solution)
@@ -415,47 +462,53 @@ def fit_loss(
 def convert_weight_to_squares(
     reduced: Reduced, candidate: Candidate, unknowns: FloatArray, weight: float
 ) -> float:
-    """Return the penalty's weight for squares that is as strong as λ is in a fit of the candidate.
+    """Return the weight of the penalty in least squares that is as strong as λ is in a fit of the candidate.
 
     Args:
         reduced: rows of the fit.
         candidate: model and loss of the fit.
-        unknowns: (P + K,) fitted compliances and stated errors.
+        unknowns: (P + K,) fitted compliances, then fitted systematic errors.
         weight: weight λ of the penalty in the fit.
     """
     if candidate.loss == "squared":
         return weight
-    return max(weight * _compare_penalties(reduced, candidate, unknowns), _LEAST_WEIGHT)
+    ratio_of_gradients = _compare_gradients(reduced, candidate, unknowns)
+    return max(weight * ratio_of_gradients, _LEAST_WEIGHT)
 
 
 def convert_weight_to_huber(
     reduced: Reduced, candidate: Candidate, unknowns: FloatArray, weight: float
 ) -> float:
-    """Return the penalty's weight for Huber's loss that is as strong as λ is in a fit by squares.
+    """Return the weight of the penalty with Huber's loss that is as strong as λ is in a fit by squares.
 
     Args:
         reduced: rows of the fit.
         candidate: model, and threshold of the loss.
-        unknowns: (P + K,) compliances and stated errors, fitted by squares.
+        unknowns: (P + K,) compliances, then systematic errors, fitted by squares.
         weight: weight λ of the penalty in the fit by squares.
     """
-    return weight / _compare_penalties(reduced, candidate, unknowns)
+    ratio_of_gradients = _compare_gradients(reduced, candidate, unknowns)
+    return weight / ratio_of_gradients
 
 
-def _compare_penalties(reduced: Reduced, candidate: Candidate, unknowns: FloatArray) -> float:
-    """Return how much weaker a penalty of the same weight is with squares than with Huber's loss.
+def _compare_gradients(reduced: Reduced, candidate: Candidate, unknowns: FloatArray) -> float:
+    """Return the ratio of the gradient of squares to that of Huber's loss, at the fitted unknowns.
 
-    In the gradient of Huber's loss a residual up to the threshold h counts with its length over h, and a
-    longer residual with 1; in the gradient of squares each residual counts with its own length.
+    A penalty of the same weight is weaker by this ratio in a fit by squares. A residual r contributes ‖r‖/h
+    to the gradient of Huber's loss up to the threshold h, and 1 beyond; to that of squares it contributes
+    2‖r‖. The ratio is therefore 2 max(‖r‖, h), here averaged over the targets.
     """
     scale = reduced.sigma or reduced.estimate_residual_scale(unknowns)
+    threshold = candidate.threshold * scale
     norms = reduced.part.compute_residual_norms(unknowns)
-    lengths = np.maximum(norms, candidate.threshold * scale)
-    return 2.0 * reduced.total * float(lengths.mean()) / reduced.size**2
+    mean_ratio = 2.0 * float(np.maximum(norms, threshold).mean())
+    # Squares are divided by ‖d‖² of the readings d, Huber's loss by the sum of their lengths.
+    squared_norm_of_readings, sum_of_lengths = reduced.size**2, reduced.total
+    return mean_ratio * sum_of_lengths / squared_norm_of_readings
 
 
 def list_losses_to_compare(measurements: Measurements, losses: tuple[LossName, ...]) -> tuple[LossName, ...]:
-    """Return those of `losses` that a set supports.
+    """Return those of `losses` that a set of measurements supports.
 
     Only `squared` is supported for more than `MOST_TARGETS` targets, for encoders, and for readings along a
     direction, whose residuals have no length.
@@ -464,12 +517,12 @@ def list_losses_to_compare(measurements: Measurements, losses: tuple[LossName, .
         UnsupportedMethodError: the set does not support the loss, and `losses` does not contain `squared`.
     """
     targets = int(measurements.present.sum())
-    of_lengths = measurements.encoders is None and measurements.direction is None
-    if targets <= MOST_TARGETS and of_lengths:
+    residuals_have_lengths = measurements.encoders is None and measurements.direction is None
+    if targets <= MOST_TARGETS and residuals_have_lengths:
         return losses
     if "squared" in losses:
         return ("squared",)
-    if not of_lengths:
+    if not residuals_have_lengths:
         raise UnsupportedMethodError(
             f"the loss {losses[0]} needs the length of each residual; encoder readings and readings along a "
             "direction have none",

@@ -12,42 +12,44 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
 
 _DEPTH: Final = 3
-"""Number of earlier steps that are mixed: one suffices for a slow direction, and three directions move a
-load point."""
+"""Number of earlier steps that are mixed: one for each direction of slow convergence; a load point moves in
+three directions."""
 
 
 def find_rest(
     step: Callable[[FloatArray], FloatArray], start: FloatArray, *, unit: FloatArray, most_steps: int
 ) -> FloatArray:
-    """Return the point that a step leaves where it is, by Anderson's mixing of the last steps.
+    """Find a fixed point of a function, ``step(x) = x``, by Anderson's mixing of the last steps.
 
-    D. G. Anderson, *Iterative procedures for nonlinear integral equations*, J. ACM 12(4), 1965. Where each
-    step shrinks the distance to rest by a factor, mixing shrinks the distance far faster. The last call of
-    `step` is that at the returned point.
+    D. G. Anderson, *Iterative procedures for nonlinear integral equations*, J. ACM 12(4), 1965. Mixing needs
+    far fewer calls of `step` than calling it again and again. The last call of `step` is that at the returned
+    point.
 
     Args:
         step: function that maps a point (n,) to the next point (n,).
         start: (n,) first point.
-        unit: (n,) greatest change of each coordinate by a step that counts as rest, positive.
+        unit: (n,) tolerance of each coordinate, positive: the search ends when a step changes no coordinate
+            by more.
         most_steps: greatest number of steps.
 
     Raises:
         SolverError: the point still changes by more than `unit` after so many steps.
     """
 
-    def compute_change(point: FloatArray) -> FloatArray:
-        """Return the change (n,) of a point by a step; points and changes are in units."""
-        return (step(point * unit) - point * unit) / unit
+    def compute_change(scaled_point: FloatArray) -> FloatArray:
+        """Return the change (n,) of a point by a step; points and changes are divided by `unit`."""
+        point = scaled_point * unit
+        return (step(point) - point) / unit
 
     answer = root(
         compute_change,
         start / unit,
         method="anderson",
         options={
-            "fatol": 1.0,
+            "fatol": 1.0,  # changes are divided by their tolerance
+            "tol_norm": _largest,
             "maxiter": most_steps,
             "line_search": None,
-            "tol_norm": _largest,
             "jac_options": {"alpha": 1.0, "M": _DEPTH},
         },
     )

@@ -53,11 +53,13 @@ class Rows:
         return Rows(self.robot, measurements, self.balanced)
 
     def with_scatter(self, scatter: Scatter) -> Rows:
-        """Return the rows with errors that the targets of a posture share; kinematics stay as they are."""
+        """Return the rows of the same readings, with other sizes of the errors that a posture shares.
+
+        The kinematics are the same, so that they are not computed again if the set fits into one block.
+        """
         measurements = replace(self.measurements, scatter=scatter)
-        if len(self) > BLOCK_LENGTH:
-            return self.of(measurements)
-        prepared = replace(self.block, measurements=measurements)
+        fits_into_one_block = len(self) <= BLOCK_LENGTH
+        prepared = replace(self.block, measurements=measurements) if fits_into_one_block else None
         return Rows(self.robot, measurements, self.balanced, prepared)
 
     def select_evenly(self, most: int) -> Rows:
@@ -71,27 +73,30 @@ class Rows:
         Raises:
             SolverError: a load has no balance.
         """
-        return self.prepared or get_whole_block(self.robot, self.measurements, self.balanced)
+        if self.prepared is not None:
+            return self.prepared
+        return get_whole_block(self.robot, self.measurements, self.balanced)
 
     def generate_blocks(self) -> Iterator[RegressorBlock]:
-        """Yield the observations block by block.
+        """Yield the kinematics and regressors of the observations, some thousand observations at a time.
 
         Raises:
             SolverError: a load has no balance.
         """
         if self.prepared is not None:
-            return iter((self.prepared,))
+            return iter([self.prepared])
         return regressor_blocks(self.robot, self.measurements, self.balanced)
 
     def generate(
         self, terms: Sequence[Term], compliance: FloatArray, *, whitened: bool = True
     ) -> Iterator[BlockRows]:
-        """Yield the rows of each block: columns of all terms, then the readings.
+        """Yield the rows [A d] of least-squares problems ``A x ≈ d``, some thousand observations at a time.
 
         Args:
-            terms: effects that may have moved the targets; each has a column for each unknown.
+            terms: effects that may have moved the targets; each has a column of A for each unknown.
             compliance: (n,) joint compliances at which the columns of errors are computed [rad/(N·m)].
-            whitened: whether the noise of each row has variance sigma²; rows in metres and radians otherwise.
+            whitened: True to scale the rows, so that the noise of each row has variance sigma²; False for
+                rows in metres and radians.
 
         Raises:
             SolverError: a load has no balance.
@@ -101,17 +106,20 @@ class Rows:
             yield rows.whiten() if whitened else rows
 
     def stack(self, terms: Sequence[Term], compliance: FloatArray, *, whitened: bool = True) -> Stack:
-        """Stack the rows of the targets and encoders of all observations.
+        """Stack the rows [A d] of the targets and encoders of all observations.
 
         Arguments and errors are those of `generate`. Rows of encoders that are not whitened are multiplied by
-        the lever at which a target determines the angle as precisely, so that all rows are in metres.
+        a lever [m], so that all rows are in metres: at this distance from the axis, a target determines the
+        joint's angle as precisely as the encoder does.
         """
-        rows, read, widths = list[FloatArray](), list[IndexArray](), dict[str, int]()
-        for of_block in self.generate(terms, compliance, whitened=whitened):
-            if of_block.encoders is not None and not whitened:
-                lever = of_block.block.measurements.encoder_lever
-                of_block = of_block._replace(encoders=lever * of_block.encoders)
-            rows.append(of_block.flat)
-            read.append(of_block.read)
-            widths = of_block.widths
-        return Stack(np.concatenate(rows), np.concatenate(read), widths)
+        rows = list[FloatArray]()
+        counts_of_readings = list[IndexArray]()
+        widths = dict[str, int]()  # number of columns of each term, the same in all blocks
+        for block_rows in self.generate(terms, compliance, whitened=whitened):
+            if block_rows.encoders is not None and not whitened:
+                lever = block_rows.block.measurements.encoder_lever
+                block_rows = block_rows._replace(encoders=lever * block_rows.encoders)
+            rows.append(block_rows.flat)
+            counts_of_readings.append(block_rows.read)
+            widths = block_rows.widths
+        return Stack(np.concatenate(rows), np.concatenate(counts_of_readings), widths)

@@ -98,54 +98,71 @@ def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
 
 
 def find_solver_distance(stages: Sequence[Certificate]) -> float | None:
-    """Return the greatest distance of Clarabel's own answers; None if not asked, or without an answer."""
+    """Return the greatest distance of Clarabel's own answers from the certified optima.
+
+    None if Clarabel was not called, or gave no answer.
+    """
     distances = [stage.witness.distance for stage in stages if stage.witness is not None]
-    return max(distances) if distances and np.isfinite(distances).all() else None
+    if not distances or not np.isfinite(distances).all():
+        return None
+    return max(distances)
 
 
 def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
     """Return the certificate of a point: by how much it violates the conditions of an optimum.
+
+    The conditions are those of Karush, Kuhn and Tucker; violations up to rounding count as zero.
 
     Args:
         scaled: the equilibrated problem.
         x: (n,) the point, in equilibrated variables.
         solved_by: algorithm that found the point; recorded in the certificate.
     """
-    gradient, greatest_value = scaled.gradient(x), max(1.0, float(np.abs(x).max()))
     if len(scaled.d):
-        # Non-negative multipliers are computed for the tight rows alone, so complementarity holds by
-        # construction, and the rows may be linearly dependent.
-        G, h = scaled.constraints
-        multipliers = scaled.multipliers_at(x)
-        unbalanced = np.abs(gradient - G.T @ multipliers)
-        # The rounding error of the difference is that of its largest terms: nearly parallel rows, such as
-        # those of a joint that the readings hardly show, have multipliers far larger than the gradient.
-        largest = max(greatest_value, float((np.abs(G.T) @ multipliers).max(initial=0.0)))
-        bound_count = len(h) - len(scaled.d)  # the rows of the bounds come first
-        return Certificate(
-            primal=max(0.0, float((h - G @ x).max(initial=0.0)) - _ROUNDING * greatest_value),
-            dual=max(0.0, float(unbalanced.max()) - _ROUNDING * largest),
-            gap=0.0,
-            multipliers=np.concatenate(
-                [G[:bound_count].T @ multipliers[:bound_count], multipliers[bound_count:]]
-            ),
-            solved_by=solved_by,
-        )
+        return _certify_under_inequalities(scaled, x, solved_by)
     lower, upper = scaled.bounds.lower, scaled.bounds.upper
     lower_slack, upper_slack = x - lower, upper - x
-    # The multiplier of a lower bound is the positive part of the gradient, that of an upper bound minus the
-    # negative part. Either the multiplier or the slack must be zero.
-    complementarity = np.maximum(
-        np.minimum(np.maximum(gradient, 0.0), lower_slack),
-        np.minimum(np.maximum(-gradient, 0.0), upper_slack),
-    )
+    gradient = scaled.gradient(x)
+    # Complementarity: either the multiplier of a bound or its slack must be zero.
+    lower_multiplier, upper_multiplier = np.maximum(gradient, 0.0), np.maximum(-gradient, 0.0)
+    lower_gap = np.minimum(lower_multiplier, lower_slack)
+    upper_gap = np.minimum(upper_multiplier, upper_slack)
+    greatest_gap = float(np.maximum(lower_gap, upper_gap).max())
+    greatest_violation = float(-np.minimum(lower_slack, upper_slack).min())
+    unbalanced_gradient = float(scaled.bounds.gradient_violation(x, gradient).max())
     # The rounding error of a gradient is that of the terms that cancel in it.
-    violation = scaled.bounds.gradient_violation(x, gradient)
+    rounding = _ROUNDING * max(1.0, float(np.abs(x).max()))
     return Certificate(
-        primal=max(0.0, float(-np.minimum(lower_slack, upper_slack).min())),
-        dual=max(0.0, float(violation.max()) - _ROUNDING * greatest_value),
-        gap=max(0.0, float(complementarity.max()) - _ROUNDING * greatest_value),
+        primal=max(0.0, greatest_violation),
+        dual=max(0.0, unbalanced_gradient - rounding),
+        gap=max(0.0, greatest_gap - rounding),
         multipliers=np.where((x <= lower) | (x >= upper), gradient, 0.0),
+        solved_by=solved_by,
+    )
+
+
+def _certify_under_inequalities(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
+    """Return the certificate of a point of a problem with constraints ``G x ≥ h``, the bounds among them.
+
+    The arguments are those of `certify`. Non-negative multipliers are computed only for the constraints that
+    hold with equality at the point. So complementarity holds by construction, and rows of G may be linearly
+    dependent.
+    """
+    G, h = scaled.constraints
+    multipliers = scaled.multipliers_at(x)
+    greatest_violation = float((h - G @ x).max(initial=0.0))
+    unbalanced_gradient = float(np.abs(scaled.gradient(x) - G.T @ multipliers).max())
+    # The rounding error of the difference is that of its largest terms: nearly parallel rows, such as those
+    # of a joint that the readings hardly show, have multipliers far larger than the gradient.
+    greatest_value = max(1.0, float(np.abs(x).max()))
+    greatest_term = max(greatest_value, float((np.abs(G.T) @ multipliers).max(initial=0.0)))
+    bound_count = len(h) - len(scaled.d)  # the rows of the bounds come first
+    of_bounds = G[:bound_count].T @ multipliers[:bound_count]  # one for each variable
+    return Certificate(
+        primal=max(0.0, greatest_violation - _ROUNDING * greatest_value),
+        dual=max(0.0, unbalanced_gradient - _ROUNDING * greatest_term),
+        gap=0.0,
+        multipliers=np.concatenate([of_bounds, multipliers[bound_count:]]),
         solved_by=solved_by,
     )
 
@@ -178,18 +195,20 @@ def solve(problem: IdentificationProblem) -> Solution:
     from jointstiff.solver.fit import programs  # takes a second to import
 
     scaled = Scaled.from_problem(problem)
-    near = programs.solve_least_squares(scaled)
-    of_clarabel = () if near is None else _propose_near(scaled, near)
-    fallback = _propose_by_least_distance(scaled) if len(scaled.d) else _propose_by_active_set(scaled)
-    solution = _select_first_certified(problem, scaled, chain(of_clarabel, fallback))
-    witness = compare_answers(scaled.A, near, solution.compliance / scaled.unit, scaled.b)
+    has_inequalities = len(scaled.d) > 0
+    clarabel_point = programs.solve_least_squares(scaled)
+    # Generators: the fallback runs only if no point near Clarabel's answer is certified.
+    refined = () if clarabel_point is None else _propose_near(scaled, clarabel_point)
+    fallback = _propose_by_least_distance(scaled) if has_inequalities else _propose_by_active_set(scaled)
+    solution = _select_first_certified(problem, scaled, chain(refined, fallback))
+    witness = compare_answers(scaled.A, clarabel_point, solution.compliance / scaled.unit, scaled.b)
     return replace(solution, certificate=replace(solution.certificate, witness=witness))
 
 
 def compare_answers(
     rows: FloatArray, own: FloatArray | None, optimum: FloatArray, readings: FloatArray
 ) -> Witness:
-    """Return the distance of Clarabel's own answer from the certified optimum.
+    """Compare Clarabel's own answer with the certified optimum: how far their fitted readings differ.
 
     Args:
         rows: (m, p) regressor.
@@ -199,8 +218,9 @@ def compare_answers(
     """
     if own is None:
         return Witness(float("inf"))
-    size = float(np.linalg.norm(readings)) or 1.0
-    return Witness(float(np.linalg.norm(rows @ (own - optimum))) / size)
+    size_of_readings = float(np.linalg.norm(readings)) or 1.0
+    difference = float(np.linalg.norm(rows @ (own - optimum)))
+    return Witness(difference / size_of_readings)
 
 
 def solve_step(problem: IdentificationProblem) -> Solution:
@@ -213,16 +233,19 @@ def solve_step(problem: IdentificationProblem) -> Solution:
         SolverError: if no candidate satisfies the optimality conditions.
     """
     scaled = Scaled.from_problem(problem)
-    if len(scaled.d):
+    # All these proposals are generators: one runs only if no earlier one was certified.
+    by_clarabel = _propose_by_clarabel(scaled)
+    has_inequalities = len(scaled.d) > 0
+    if has_inequalities:
         return _select_first_certified(
-            problem, scaled, chain(_propose_by_least_distance(scaled), _propose_by_clarabel(scaled))
+            problem, scaled, chain(_propose_by_least_distance(scaled), by_clarabel)
         )
-    x = scaled.solve_by_pivoting(np.zeros(len(scaled.unit), dtype=np.int8))
-    no_bound_is_active = bool(((x > scaled.bounds.lower) & (x < scaled.bounds.upper)).all())
-    pivoted: _Proposal = x, "least_squares" if no_bound_is_active else "pivoting"
-    return _select_first_certified(
-        problem, scaled, chain([pivoted], _propose_by_clarabel(scaled), _propose_by_active_set(scaled))
-    )
+    all_free = np.full(len(scaled.unit), FREE, dtype=np.int8)
+    x = scaled.solve_by_pivoting(all_free)
+    is_inside_bounds = (x > scaled.bounds.lower) & (x < scaled.bounds.upper)
+    pivoted: _Proposal = x, "least_squares" if is_inside_bounds.all() else "pivoting"
+    fallback = _propose_by_active_set(scaled)
+    return _select_first_certified(problem, scaled, chain([pivoted], by_clarabel, fallback))
 
 
 def _select_first_certified(
@@ -230,18 +253,27 @@ def _select_first_certified(
 ) -> Solution:
     """Return the first proposed point that is certified as the optimum.
 
+    Args:
+        problem: the problem in its own units.
+        scaled: the same problem in equilibrated variables.
+        proposals: points that are tried in turn, in equilibrated variables.
+
     Raises:
         SolverError: if no proposal satisfies the optimality conditions.
     """
-    certificate = Certificate(np.inf, np.inf, 0.0, np.zeros(0), "clarabel")
+    certificate = Certificate(np.inf, np.inf, 0.0, np.zeros(0), "clarabel")  # in case of no proposal
     for point, solved_by in proposals:
         x = scaled.bounds.snap(point)
         certificate = certify(scaled, x, solved_by)
-        if certificate.is_optimal():
-            active = scaled.bounds.active_bounds_at(x)
-            compliance = problem.bounds.hold_exactly(x * scaled.unit, active)
-            tight = scaled.find_tight_constraints(x)[-len(scaled.d) :] if len(scaled.d) else None
-            return Solution(compliance, active, certificate, tight)
+        if not certificate.is_optimal():
+            continue
+        active = scaled.bounds.active_bounds_at(x)
+        compliance = problem.bounds.hold_exactly(x * scaled.unit, active)
+        tight_inequalities: BoolArray | None = None
+        if len(scaled.d):
+            # The constraints of the scaled problem are the bounds, then the inequalities.
+            tight_inequalities = scaled.find_tight_constraints(x)[-len(scaled.d) :]
+        return Solution(compliance, active, certificate, tight_inequalities)
     raise SolverError(
         f"no solution satisfies the optimality conditions to {TOLERANCE:g} (primal "
         f"{certificate.primal:.1e}, dual {certificate.dual:.1e})"
@@ -258,15 +290,22 @@ def _propose_by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
 
 
 def _propose_near(scaled: Scaled, near: FloatArray) -> Iterator[_Proposal]:
-    """Yield exact least-squares points on the constraints that are active in Clarabel's answer (n,)."""
-    if len(scaled.d):  # active rows have a positive multiplier, and the answer nearly touches them
-        rows = scaled.multipliers_at(near, _ACTIVE_SLACK) > 0
-        if rows[-len(scaled.d) :].any():
-            yield from _propose_on_rows(scaled, rows, near, "clarabel")
+    """Yield exact least-squares points on the constraints that are active in Clarabel's answer (n,).
+
+    Clarabel's answer is an interior point: it only nearly touches the constraints that are active at the
+    optimum.
+    """
+    inequality_count = len(scaled.d)
+    if inequality_count:
+        # A constraint is active if it is nearly tight and has a positive multiplier.
+        is_active = scaled.multipliers_at(near, _ACTIVE_SLACK) > 0
+        if is_active[-inequality_count:].any():
+            yield from _propose_on_rows(scaled, is_active, near, "clarabel")
             return
         # All inequalities have slack, so only bounds can be active.
+    # A bound is active if its multiplier exceeds its slack.
     gradient = scaled.gradient(near)
-    active = np.zeros(len(near), dtype=np.int8)  # at a bound where the multiplier exceeds the slack
+    active = np.full(len(near), FREE, dtype=np.int8)
     active[gradient > near - scaled.bounds.lower] = LOWER
     active[-gradient > scaled.bounds.upper - near] = UPPER
     yield scaled.solve_by_pivoting(active), "clarabel"
@@ -281,30 +320,28 @@ def _propose_by_active_set(scaled: Scaled) -> Iterator[_Proposal]:
 
     bounds = scaled.bounds.lower, scaled.bounds.upper
     outcome = lsq_linear(scaled.A, scaled.b, bounds=bounds, method="bvls", tol=1e-15)
-    yield scaled.solve_with_active_bounds(np.asarray(outcome.active_mask, dtype=np.int8)), "active_set"
+    active = np.asarray(outcome.active_mask, dtype=np.int8)
+    yield scaled.solve_with_active_bounds(active), "active_set"
 
 
 def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     """Yield the optimum under inequalities by least-distance programming; nothing if A lacks full rank.
 
-    The problem is turned into one of least distance, whose dual is a non-negative least-squares problem that
-    ends after finitely many steps (Lawson & Hanson 1974, chapter 23). With A = Q R and w = R x − Qᵀb, the
-    rows
-    ``G x ≥ h`` of the constraints are ``G R⁻¹ w ≥ h − G R⁻¹ Qᵀ b =: g``, and the w of least length is sought.
-    The
-    solution of non-negative least squares on ``E = [(G R⁻¹)ᵀ; gᵀ]`` with right-hand side (0, …, 0, 1) gives
-    the
-    multipliers.
+    The problem is turned into one of least distance (Lawson & Hanson 1974, chapter 23). With A = Q R and
+    w = R x − Qᵀb, the constraints ``G x ≥ h`` are ``G R⁻¹ w ≥ h − G R⁻¹ Qᵀ b =: g``, and the w of least
+    length is sought. Its dual is non-negative least squares on ``E = [(G R⁻¹)ᵀ; gᵀ]`` with right-hand side
+    (0, …, 0, 1): the solution is positive for the active constraints.
     """
     from scipy.optimize import nnls
 
     Q, R = np.linalg.qr(scaled.A)
-    if len(R) < R.shape[1] or np.abs(np.diagonal(R)).min() <= 1e-9:
+    has_full_rank = len(R) == R.shape[1] and np.abs(np.diagonal(R)).min() > 1e-9
+    if not has_full_rank:
         return
     G, h = scaled.constraints
-    transformed_rows = np.linalg.solve(R.T, G.T).T
-    transformed_limits = h - transformed_rows @ (Q.T @ scaled.b)
-    E = np.vstack([transformed_rows.T, transformed_limits])
+    transformed_G = np.linalg.solve(R.T, G.T).T  # G R⁻¹
+    g = h - transformed_G @ (Q.T @ scaled.b)
+    E = np.vstack([transformed_G.T, g])
     column_norms = np.linalg.norm(E, axis=0)
     right_side = np.zeros(len(E))
     right_side[-1] = 1.0
@@ -312,25 +349,30 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
         multipliers, _ = nnls(E / column_norms, right_side)
     except RuntimeError:  # no convergence
         return
-    yield from _propose_on_rows(scaled, multipliers > 0, np.zeros(len(scaled.unit)), "least_distance")
+    is_active = multipliers > 0
+    yield from _propose_on_rows(scaled, is_active, np.zeros(len(scaled.unit)), "least_distance")
 
 
 def _propose_on_rows(
     scaled: Scaled, active: BoolArray, near: FloatArray, solved_by: SupportFinder
 ) -> Iterator[_Proposal]:
-    """Yield two least-squares points at which some rows of the constraints hold with equality.
+    """Yield two candidates for the optimum: least-squares points on some constraints, held with equality.
+
+    The second candidate holds the constraints `active`. The first candidate holds those whose multipliers are
+    positive at the second: these include active constraints that rounding hid from the caller, but may be too
+    many where variables differ very much in size.
 
     Args:
         scaled: the equilibrated problem.
-        active: (k,) mask of the rows that hold with equality at the second point. At the first point the rows
-            with a positive multiplier at the second point do: rounding may have hidden some active rows, but
-            where variables differ very much in size, the first point may have too many rows.
+        active: (k,) mask of the constraints that seem to be active.
         near: (n,) point; where a least-squares point is not unique, the nearest to this point is taken.
-        solved_by: algorithm that found the active rows.
+        solved_by: algorithm that found the active constraints; recorded with the candidates.
     """
-    x = scaled.solve_on_rows(active, near)
-    yield scaled.solve_on_rows(scaled.multipliers_at(x) > 0, x), solved_by
-    yield x, solved_by
+    second = scaled.solve_on_rows(active, near)
+    has_positive_multiplier = scaled.multipliers_at(second) > 0
+    first = scaled.solve_on_rows(has_positive_multiplier, second)
+    yield first, solved_by
+    yield second, solved_by
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,10 +390,8 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
     """Solve K problems ``minimise cᵀ G c − 2 hᵀ c subject to lower ≤ c ≤ upper``, with G = AᵀA and h = Aᵀd.
 
     A Gram matrix squares the condition number, so only problems that keep about nine digits are solved; the
-    caller solves the others from their rows. Every answer is certified; problems whose optimum pivoting does
-    not find are solved one at a time by `solve_step`.
-
-    The numbers of a problem do not depend, to the last bit, on the other problems in the batch.
+    caller solves the others from their rows. Every answer is certified. The numbers of a problem do not
+    depend, to the last bit, on the other problems in the batch.
 
     Args:
         gram: (K, n, n) G, symmetric, in any unit.
@@ -369,21 +409,26 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
             "the numbers of the readings are too large to be squared",
             remedy="check the units and magnitudes of the readings",
         )
-    # Equilibrated variables x with c = unit · x (K, n); columns of zeros keep the unit 1.
-    diagonal = np.diagonal(gram, axis1=1, axis2=2)
-    norms = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    # Equilibrated variables x, with c = units · x, in which columns of A have norm 1 and the greatest |h| is
+    # 1. A column of zeros is divided by 1.
+    squared_norms = np.diagonal(gram, axis1=1, axis2=2)
+    norms = np.sqrt(np.where(squared_norms > 0, squared_norms, 1.0))
+    scaled_gram = gram / (norms[:, :, None] * norms[:, None, :])
     scaled_moment = moment / norms
     greatest_moment = np.abs(scaled_moment).max(axis=1, keepdims=True, initial=0.0)
     problem_size = np.where(greatest_moment > 0, greatest_moment, 1.0)
     units = problem_size / norms
-    A = gram / (norms[:, :, None] * norms[:, None, :])
-    problems = GramProblems(A, scaled_moment / problem_size, bounds.in_units(units))
-    is_certified = problems.well_conditioned()
-    solvable = problems.select(np.flatnonzero(is_certified))
-    solutions, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
-    solutions[is_certified] = optima = solvable.find_optima()
-    active[is_certified] = solvable.bounds.active_bounds_at(optima)
-    return BatchSolution(bounds.hold_exactly(solutions * units, active), active, is_certified)
+    problems = GramProblems(scaled_gram, scaled_moment / problem_size, bounds.in_units(units))
+
+    is_solvable = problems.well_conditioned()
+    solvable = problems.select(np.flatnonzero(is_solvable))
+    optima = solvable.find_optima()
+    x = np.full(moment.shape, np.nan)
+    x[is_solvable] = optima
+    active = np.full(moment.shape, FREE, dtype=np.int8)
+    active[is_solvable] = solvable.bounds.active_bounds_at(optima)
+    compliance = bounds.hold_exactly(x * units, active)
+    return BatchSolution(compliance, active, certified=is_solvable)
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,50 +449,54 @@ class GramProblems:
     def well_conditioned(self) -> BoolArray:
         """Return a mask (K,) of Gram matrices whose eigenvalues are all at least `LEAST_EIGENVALUE`.
 
-        The diagonal entries are one at most, so the mean of all eigenvalues but the least, λ, is at most
-        n/(n − 1), and ``det A ≤ λ (n/(n − 1))ⁿ⁻¹``: for most matrices the cheap determinant decides.
+        For most matrices the cheap determinant decides. The diagonal entries are one at most, so the mean of
+        all eigenvalues but the least, λ, is at most n/(n − 1), and ``det A ≤ λ (n/(n − 1))ⁿ⁻¹``.
         """
-        variable_count = self.A.shape[1]
-        is_well_conditioned = np.asarray(
-            np.linalg.det(self.A) * (1.0 - 1.0 / variable_count) ** (variable_count - 1) >= LEAST_EIGENVALUE
-        )
-        is_well_conditioned[~is_well_conditioned] = (
-            np.linalg.eigvalsh(self.A[~is_well_conditioned])[:, 0] >= LEAST_EIGENVALUE
-        )
+        n = self.A.shape[1]
+        proven_least = np.linalg.det(self.A) * (1.0 - 1.0 / n) ** (n - 1)  # λ is at least this
+        is_well_conditioned = np.asarray(proven_least >= LEAST_EIGENVALUE)
+        undecided = ~is_well_conditioned
+        least_eigenvalue = np.linalg.eigvalsh(self.A[undecided])[:, 0]
+        is_well_conditioned[undecided] = least_eigenvalue >= LEAST_EIGENVALUE
         return is_well_conditioned
 
     def find_optima(self) -> FloatArray:
         """Return the optima (K, n) of well-conditioned problems, by pivoting or else by `solve_step`."""
         x = self.bounds.snap(self.solve_by_pivoting())
-        # x is within its bounds; the other conditions of Karush, Kuhn and Tucker are that the gradient is
-        # zero off the bounds, positive at a lower bound and negative at an upper bound. The gradient has the
-        # rounding error of the terms that cancel in it.
+        # x is within its bounds. The other conditions of Karush, Kuhn and Tucker are that the gradient is
+        # zero off the bounds, not negative at a lower bound and not positive at an upper bound. The gradient
+        # has the rounding error of the terms that cancel in it.
         violation = self.bounds.gradient_violation(x, self.gradient(x))
         rounding = _ROUNDING * np.maximum(1.0, np.abs(x).max(axis=1))
         is_optimal: BoolArray = violation.max(axis=1) <= TOLERANCE + rounding
         for k in np.flatnonzero(~is_optimal):
-            # The same problem as rows: a triangle R with RᵀR = A, and z with Rᵀz = b.
-            factor = np.linalg.cholesky(self.A[k])
-            z = np.linalg.solve(factor, self.b[k])
+            # The same problem as rows ``R x ≈ z``: A = L Lᵀ gives R = Lᵀ, and b = Rᵀ z gives z.
+            L = np.linalg.cholesky(self.A[k])
+            z = np.linalg.solve(L, self.b[k])
             bounds = Bounds(self.bounds.lower[k], self.bounds.upper[k])
-            x[k] = solve_step(IdentificationProblem(factor.T, z, bounds)).compliance
+            problem = IdentificationProblem(L.T, z, bounds)
+            x[k] = solve_step(problem).compliance
         return x
 
     def solve_by_pivoting(self) -> FloatArray:
         """Return the least-squares points (K, n) at which pivoting ends; they are not certified.
 
+        A pivot fixes variables beyond a bound at the bound, and frees those whose gradient points inside.
         Pivoting ends when no variable changes between free and bound, or after `MOST_PIVOTS` rounds.
         """
-        points, active = np.empty(self.b.shape), np.zeros(self.b.shape, dtype=np.int8)
+        points = np.empty(self.b.shape)
+        active = np.full(self.b.shape, FREE, dtype=np.int8)
         # Only the problems whose active bounds still change are solved again.
-        unsettled, problems = np.arange(len(active)), self
+        unsettled = np.arange(len(active))
+        problems = self  # those with the indices `unsettled`
         for _ in range(MOST_PIVOTS):
             before = active[unsettled]
-            points[unsettled] = x = problems.solve_with_active_bounds(before)
+            x = problems.solve_with_active_bounds(before)
+            points[unsettled] = x
             pivoted = problems.bounds.pivot(before, x, problems.gradient(x))
-            changed = (pivoted != before).any(axis=1)
-            unsettled = unsettled[changed]
-            active[unsettled] = pivoted[changed]
+            has_changed = (pivoted != before).any(axis=1)
+            unsettled = unsettled[has_changed]
+            active[unsettled] = pivoted[has_changed]
             if not len(unsettled):
                 return points
             problems = self.select(unsettled)
@@ -457,15 +506,16 @@ class GramProblems:
     def solve_with_active_bounds(self, active: ActiveBounds) -> FloatArray:
         """Return the least-squares points (K, n) with the variables of active bounds fixed at their bounds.
 
-        `active` (K, n) states the bound at which each variable is fixed, or that it is free. Rows and columns
-        of fixed variables become those of the unit matrix. The eigenvalues of the other rows and columns lie
-        between those of A, so no system is singular.
+        `active` (K, n) states the bound at which each variable is fixed, or that it is free. In each system
+        ``A x = b`` the rows and columns of fixed variables become those of the unit matrix. The eigenvalues
+        of the other rows and columns are between those of A, so no system is singular.
         """
         is_free = active == FREE
-        at_bounds = self.bounds.values_at_bounds(active)
-        system = np.where(is_free[:, :, None] & is_free[:, None, :], self.A, np.eye(is_free.shape[1]))
-        right_side = np.where(is_free, -self.gradient(at_bounds), at_bounds)
-        x = np.linalg.solve(system, right_side[:, :, None])[:, :, 0]
+        at_bounds = self.bounds.values_at_bounds(active)  # (K, n), zero for free variables
+        both_free = is_free[:, :, None] & is_free[:, None, :]  # (K, n, n)
+        systems = np.where(both_free, self.A, np.eye(is_free.shape[1]))
+        right_sides = np.where(is_free, -self.gradient(at_bounds), at_bounds)
+        x = np.linalg.solve(systems, right_sides[:, :, None])[:, :, 0]
         return np.where(is_free, x, at_bounds)
 
     def gradient(self, x: FloatArray) -> FloatArray:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -45,8 +44,12 @@ class Stack:
     @property
     def span(self) -> dict[str, IndexArray]:
         """Indices of the columns of each term, by the name of the term."""
-        bounds = accumulate(self.widths.values(), initial=0)
-        return {name: np.arange(*part) for name, part in zip(self.widths, pairwise(bounds), strict=True)}
+        columns = dict[str, IndexArray]()
+        first = 0
+        for name, width in self.widths.items():
+            columns[name] = np.arange(first, first + width)
+            first += width
+        return columns
 
     @cached_property
     def grams(self) -> FloatArray:
@@ -59,35 +62,43 @@ class Stack:
         return np.asarray(np.cumsum(self.grams[::-1], axis=0)[::-1])
 
     def triangle(self) -> Triangle:
-        """Return the compressed rows: the triangular factor of all rows."""
+        """Compress all rows [A d] to the triangular factor R of their QR decomposition.
+
+        A fit to R has the same solution as a fit to the rows.
+        """
         triangle = Triangle(**self.widths)
         triangle.add(self.rows, count=int(self.read.sum()))
         return triangle
 
     def scale_to_unit_columns(self) -> tuple[Stack, FloatArray]:
         """Return the stack with every column scaled to unit length, and the original lengths (K + 1,)."""
-        unit, length = unit_columns(self.flat)
-        return replace(self, rows=unit.reshape(self.rows.shape)), length
+        scaled_rows, lengths = unit_columns(self.flat)
+        return replace(self, rows=scaled_rows.reshape(self.rows.shape)), lengths
 
     def in_units(self, units: Mapping[str, float]) -> Stack:
-        """Return the stack with other units of the unknowns of some terms; the units multiply their columns.
+        """Return the stack with other units of the unknowns of some terms.
+
+        A column is the effect of one unit of an unknown, so that it is multiplied by the new unit.
 
         Args:
             units: name of a term → new unit of its unknowns, measured in the present unit.
         """
-        unit = np.ones(self.rows.shape[-1])
-        for name, unit_of_term in units.items():
-            unit[self.span[name]] = unit_of_term
-        return replace(self, rows=self.rows * unit)
+        factors = np.ones(self.rows.shape[-1])  # of all columns, the readings last
+        for name, new_unit in units.items():
+            factors[self.span[name]] = new_unit
+        return replace(self, rows=self.rows * factors)
 
     def project_out(self, names: Sequence[str]) -> Stack:
-        """Return the stack without the named terms, which are projected out of all other columns.
+        """Return the stack without the columns of the named terms, after projecting them out of all others.
 
-        A fit to the result equals a fit in which the named terms are free.
+        The others lose their component in the span of the named columns. A fit to the result equals a fit to
+        all columns in which the unknowns of the named terms are free.
         """
-        projected_columns = np.concatenate([self.span[name] for name in names])
-        basis = orthonormal_basis(unit_columns(self.flat[:, projected_columns])[0])
-        remaining = np.delete(self.flat, projected_columns, axis=1)
-        remaining = remaining - basis @ (basis.T @ remaining)
+        named_columns = np.concatenate([self.span[name] for name in names])
+        scaled_columns, _ = unit_columns(self.flat[:, named_columns])
+        basis = orthonormal_basis(scaled_columns)  # Q of the span of the named columns
+        others = np.delete(self.flat, named_columns, axis=1)
+        others = others - basis @ (basis.T @ others)  # (I − Q Qᵀ) of the other columns
         widths = {name: width for name, width in self.widths.items() if name not in names}
-        return replace(self, rows=remaining.reshape(*self.rows.shape[:2], -1), widths=widths)
+        observations, rows_each, _ = self.rows.shape
+        return replace(self, rows=others.reshape(observations, rows_each, -1), widths=widths)

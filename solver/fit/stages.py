@@ -17,7 +17,7 @@ targets are kept until then: 24 (n + 1) bytes for each reading.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal
@@ -92,7 +92,7 @@ class Likelihood:
     def add_common_errors(self, responses: FloatArray) -> Likelihood:
         """Return the likelihood with the covariance S Sᵀ of errors common to all observations added.
 
-        The information ``RᵀR`` then becomes ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``, with R the rows of the likelihood.
+        The rows R become ``(I + (R S)(R S)ᵀ)^(−1/2) R``, computed from the singular values of R S.
 
         Args:
             responses: S (p, k), change of the estimate by one standard uncertainty of each of k errors, in
@@ -101,20 +101,23 @@ class Likelihood:
         rows = self.given_rows
         if rows is not None:
             U, singular_values, _ = np.linalg.svd(rows @ responses, full_matrices=False)
-            rows = rows + U @ ((1.0 / np.hypot(1.0, singular_values) - 1.0)[:, None] * (U.T @ rows))
-        return Likelihood(self.joints, self.centre, self.covariance + responses @ responses.T, rows)
+            shrinkage = 1.0 / np.hypot(1.0, singular_values)  # of the rows along the columns of U
+            rows = rows + U @ ((shrinkage - 1.0)[:, None] * (U.T @ rows))
+        covariance = self.covariance + responses @ responses.T
+        return Likelihood(self.joints, self.centre, covariance, rows)
 
     def leave_out(self, joints: IndexArray) -> Likelihood:
         """Return the likelihood of the other joints, where nothing is known of some joints (q,).
 
         Args:
-            joints: (q,) indices among the n joints.
+            joints: (q,) joints that are left out, as indices among the n joints of the robot.
         """
         kept = ~np.isin(self.joints, joints)
         if kept.all():
             return self
         rows = self.given_rows
         if rows is not None:
+            # Remove from the rows what the unknown compliances can explain.
             basis = orthonormal_basis(unit_columns(rows[:, ~kept])[0], INDEPENDENT)
             rows = (rows - basis @ (basis.T @ rows))[:, kept]
         return Likelihood(self.joints[kept], self.centre[kept], self.covariance[np.ix_(kept, kept)], rows)
@@ -127,10 +130,12 @@ def invert_to_root(covariance: FloatArray) -> FloatArray:
     understated, never overstated.
     """
     deviation = np.sqrt(np.diagonal(covariance))
-    values, vectors = np.linalg.eigh(covariance / np.outer(deviation, deviation))
-    least_eigenvalue = len(values) * np.finfo(float).eps * values[-1]
-    rows: FloatArray = (vectors / np.sqrt(np.maximum(values, least_eigenvalue))).T / deviation
-    return rows
+    correlation = covariance / np.outer(deviation, deviation)
+    eigenvalues, vectors = np.linalg.eigh(correlation)  # ascending
+    rounding = len(eigenvalues) * np.finfo(float).eps * eigenvalues[-1]
+    eigenvalues = np.maximum(eigenvalues, rounding)
+    root: FloatArray = (vectors / np.sqrt(eigenvalues)).T / deviation
+    return root
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,13 +165,14 @@ class Fit:
         """Return the fit with the uncertainty of errors that all observations share added to its covariance.
 
         Args:
-            responses: (n, k) change of the estimate by one standard uncertainty of each of k errors, in units
-                of sigma.
+            responses: (n, k) change of the n compliances by one standard uncertainty of each of k errors, in
+                units of sigma.
         """
+        seen_joints = self.likelihood.joints
         return replace(
             self,
             covariance=self.covariance + responses @ responses.T,
-            likelihood=self.likelihood.add_common_errors(responses[self.likelihood.joints]),
+            likelihood=self.likelihood.add_common_errors(responses[seen_joints]),
         )
 
 
@@ -197,7 +203,7 @@ class StageFit:
         prior: Prior | None = None,
         solve_problem: Find = solve,
     ) -> StageFit:
-        """Solve one stage: minimise ``‖R c − z‖²`` over p compliances under constraints.
+        """Solve one stage of a method: minimise ``‖R c − z‖²`` over p compliances c under constraints.
 
         Args:
             R: (m, p) compressed rows of the stage's readings.
@@ -208,8 +214,8 @@ class StageFit:
             solve_problem: function that solves a problem.
         """
         spectrum = Spectrum(R)
-        observability = analyse_spectrum(spectrum, joints)
-        undetermined = observability.combinations
+        identifiability = analyse_spectrum(spectrum, joints)
+        undetermined = identifiability.combinations
         parameter_count = float(spectrum.rank)
         prior_values = np.zeros(0)
         if prior is not None:
@@ -217,22 +223,28 @@ class StageFit:
             spectrum = Spectrum(np.vstack([R, prior_rows]))
             undetermined = analyse_spectrum(spectrum, joints).combinations
             # Trace of the influence of the readings: parameters that the prior determines do not count.
-            parameter_count = float(np.sum(spectrum.inverse[:, : len(R)].T * R))
+            inverse_of_readings = spectrum.inverse[:, : len(R)]
+            parameter_count = float(np.sum(inverse_of_readings.T * R))
+        rhs = np.concatenate([z, prior_values])
         solution = solve_problem(
-            IdentificationProblem(
-                spectrum.determined,
-                np.concatenate([z, prior_values]),
-                constraints.bounds,
-                constraints.inequalities,
-            )
+            IdentificationProblem(spectrum.determined, rhs, constraints.bounds, constraints.inequalities)
         )
         is_tied = np.zeros(len(joints), dtype=np.bool_)
         if solution.tight is not None:
+            # Pairs of joints in the order whose compliances are equal up to rounding become equal.
             equalised = constraints.equalise_tied(solution.compliance, solution.tight)
             solution = replace(solution, compliance=equalised)
-            is_tied[np.array(constraints.order)[solution.tight].ravel()] = True
+            tied_pairs = np.array(constraints.order)[solution.tight]
+            is_tied[tied_pairs.ravel()] = True
         return cls(
-            joints, spectrum, observability, undetermined, parameter_count, prior_values, solution, is_tied
+            joints=joints,
+            spectrum=spectrum,
+            analysis=identifiability,
+            undetermined=undetermined,
+            parameters=parameter_count,
+            prior=prior_values,
+            solution=solution,
+            tied=is_tied,
         )
 
     def estimate_without_constraints(self, z: FloatArray) -> FloatArray:
@@ -254,8 +266,9 @@ def fit_method(
 ) -> Fit:
     """Solve the stages of a method in turn, without the joints that have no effect on the readings.
 
-    A later stage takes the compliances of an earlier stage as known. The stage of the arm comes first, so a
-    stiffness order between an arm joint and a wrist joint only bounds the wrist joint.
+    A stage is a least-squares problem for some joints; a later stage takes the compliances of an earlier
+    stage as known. The stage of the arm comes first, so a stiffness order between an arm joint and a wrist
+    joint only bounds the wrist joint.
 
     Args:
         compressed: compressed rows of all observations.
@@ -273,55 +286,63 @@ def fit_method(
             centre determines arm joints only in combination, so that the arm's share of the targets'
             deflection is unknown.
     """
-    n, method = len(has_no_effect), compressed.method
-    compliance, unconstrained = np.zeros(n), np.zeros(n)
+    stages, n = compressed.method.stages, len(has_no_effect)
+    compliance, unconstrained = np.zeros(n), np.zeros(n)  # estimates with and without constraints
     fits: dict[int, StageFit] = {}
-    if len(method.stages) > 1:
+    if len(stages) > 1:
         _refuse_joints_without_effect_on_centre(compressed, has_no_effect)
-    for number, (stage, triangle) in enumerate(zip(method.stages, compressed.stages, strict=True)):
+    for number, (stage, triangle) in enumerate(zip(stages, compressed.stages, strict=True)):
         joints = stage.joints[~has_no_effect[stage.joints]]
-        known_joints = stage.known[~has_no_effect[stage.known]]
+        known = stage.known[~has_no_effect[stage.known]]  # estimated by an earlier stage
         if not len(joints):
             continue
-        R = triangle.matrix[:, joints]
-        z = triangle.rhs
-        columns_of_known = triangle.matrix[:, known_joints]
-        remaining_constraints = constraints.fix_joints(known_joints, compliance[known_joints], joints)
-        fitted = StageFit.from_rows(
-            R,
-            z - columns_of_known @ compliance[known_joints],
-            joints,
-            remaining_constraints,
-            prior,
-            solve_problem,
-        )
-        if fitted.undetermined and stage is not method.stages[-1]:
-            combined = sorted(j for group in fitted.undetermined for j in group.joints)
-            raise UnsupportedMethodError(
-                "the displacement of the wrist centre determines only a combination of "
-                f"{', '.join(method.joint_names[j] for j in combined)}, so the arm's part of the "
-                "deflection is unknown",
-                where="method",
-                remedy="use method partial_pose, or add postures and load directions",
-            )
-        compliance[joints] = unconstrained[joints] = fitted.solution.compliance
-        # The estimate without constraints differs if a constraint acts in this stage or in an earlier stage.
-        is_constrained = fitted.solution.active.any() or fitted.tied.any()
-        if is_constrained or (unconstrained[known_joints] != compliance[known_joints]).any():
-            remainder = z - columns_of_known @ unconstrained[known_joints]
-            unconstrained[joints] = fitted.estimate_without_constraints(remainder)
-        fits[number] = fitted
+        R, R_known, z = triangle.matrix[:, joints], triangle.matrix[:, known], triangle.rhs
+        remaining_constraints = constraints.fix_joints(known, compliance[known], joints)
+        remaining_z = z - R_known @ compliance[known]
+        fit = StageFit.from_rows(R, remaining_z, joints, remaining_constraints, prior, solve_problem)
+        if fit.undetermined and stage is not stages[-1]:
+            _refuse_combined_arm_joints(fit, compressed.method.joint_names)
+        compliance[joints] = unconstrained[joints] = fit.solution.compliance
+        # The estimates differ if a constraint acts in this stage or in an earlier stage.
+        is_constrained = fit.solution.active.any() or fit.tied.any()
+        was_constrained = (unconstrained[known] != compliance[known]).any()
+        if is_constrained or was_constrained:
+            remaining_z = z - R_known @ unconstrained[known]
+            unconstrained[joints] = fit.estimate_without_constraints(remaining_z)
+        fits[number] = fit
     return _combine_stages(compressed, fits, compliance, unconstrained)
 
 
+def _refuse_combined_arm_joints(arm: StageFit, joint_names: Sequence[str]) -> None:
+    """Refuse a fit of the arm in which the readings determine some joints only in combination.
+
+    Raises:
+        UnsupportedMethodError: names these joints.
+    """
+    combined_joints = sorted(j for group in arm.undetermined for j in group.joints)
+    names = ", ".join(joint_names[j] for j in combined_joints)
+    raise UnsupportedMethodError(
+        f"the displacement of the wrist centre determines only a combination of {names}, so the arm's part "
+        "of the deflection is unknown",
+        where="method",
+        remedy="use method partial_pose, or add postures and load directions",
+    )
+
+
 def _refuse_joints_without_effect_on_centre(compressed: MethodRows, has_no_effect: BoolArray) -> None:
-    """Raise UnsupportedMethodError if an arm joint moves the targets but not the wrist centre."""
-    arm, names = compressed.method.stages[0].joints, compressed.method.joint_names
-    hidden = arm[compressed.seen_from_centre.observability().null[arm]]
-    not_shown = [j for j in hidden if not has_no_effect[j]]
-    if not_shown:
+    """Raise UnsupportedMethodError if an arm joint moves the targets but not the wrist centre.
+
+    Args:
+        compressed: compressed rows of a method with two stages, the arm and the wrist.
+        has_no_effect: (n,) mask of joints that have no effect on the readings of the targets.
+    """
+    arm = compressed.method.stages[0].joints
+    does_not_move_centre = compressed.seen_from_centre.observability().null
+    hidden_joints = [j for j in arm if does_not_move_centre[j] and not has_no_effect[j]]
+    if hidden_joints:
+        names = ", ".join(compressed.method.joint_names[j] for j in hidden_joints)
         raise UnsupportedMethodError(
-            f"the wrist centre does not move when {', '.join(names[j] for j in not_shown)} turns, so "
+            f"the wrist centre does not move when {names} turns, so "
             "the displacement of the wrist centre does not show the compliance of that joint",
             where="method",
             remedy="use method partial_pose",
@@ -340,66 +361,83 @@ def _combine_stages(
         unconstrained: (n,) estimate without constraints [rad/(N·m)].
     """
     stages = list(fits.values())
-    active = np.zeros(len(unconstrained), dtype=np.int8)
-    tied = np.zeros(len(unconstrained), dtype=np.bool_)
+    n = len(compliance)
+    active, tied = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.bool_)
     for stage in stages:
-        tied[stage.joints], active[stage.joints] = stage.tied, stage.solution.active
+        active[stage.joints] = stage.solution.active
+        tied[stage.joints] = stage.tied
     joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
     covariance = _compute_covariance(compressed, fits)
-    covariance_of_fitted = covariance[np.ix_(joints, joints)]
+    covariance_of_joints = covariance[np.ix_(joints, joints)]
     undetermined = tuple(group for stage in stages for group in stage.undetermined)
-    # R of the likelihood: the compressed rows where these have the covariance of the estimate, else computed
-    # from the covariance of the determined sums; None leaves the computation to `Likelihood`.
+    # Rows R of the likelihood, RᵀR the inverse covariance; None leaves the computation to `Likelihood`.
     rows = None
     if len(compressed.stages) == 1 and compressed.spreads is None and stages:
-        rows = stages[0].spectrum.determined
+        rows = stages[0].spectrum.determined  # weighted by covariance, so RᵀR is the inverse already
     elif undetermined:
-        determined = block_diag(*(stage.spectrum.seen for stage in stages))
-        rows = invert_to_root(determined @ covariance_of_fitted @ determined.T) @ determined
+        # Only some sums of the compliances are determined: invert the covariance of these sums.
+        sums = block_diag(*(stage.spectrum.seen for stage in stages))
+        rows = invert_to_root(sums @ covariance_of_joints @ sums.T) @ sums
     return Fit(
-        compliance,
-        active,
-        tied,
-        covariance,
-        Likelihood(joints, unconstrained[joints], covariance_of_fitted, rows),
-        sum(stage.parameters for stage in stages),
-        undetermined,
-        tuple(stage.analysis for stage in stages),
-        tuple(stage.solution.certificate for stage in stages),
+        compliance=compliance,
+        active=active,
+        tied=tied,
+        covariance=covariance,
+        likelihood=Likelihood(joints, unconstrained[joints], covariance_of_joints, rows),
+        parameters=sum(stage.parameters for stage in stages),
+        undetermined=undetermined,
+        identifiability=tuple(stage.analysis for stage in stages),
+        certificates=tuple(stage.solution.certificate for stage in stages),
     )
 
 
 def _compute_covariance(compressed: MethodRows, fits: dict[int, StageFit]) -> FloatArray:
     """Return the exact covariance (n, n) of the unconstrained estimate, in units of sigma² (method.md §4).
 
-    An estimate ĉ = H d from deflections d has the covariance H Σ Hᵀ. The decoupled method has two estimates:
-    ĉ_a of the arm, and ĉ_w = L (d − A_a ĉ_a) of the wrist. The covariance of ĉ_w is L Σ Lᵀ, less the
-    correlation of the two stages, plus L A_a cov(ĉ_a) (L A_a)ᵀ.
+    An estimate ĉ = H d from deflections d of covariance sigma² Σ has the covariance H Σ Hᵀ. With a stage's
+    linear map N of whitened deflections, rows N A and pseudo-inverse P of the rows, H is P where N Nᵀ = I,
+    and P Pᵀ (NᵀN A)ᵀ for other weightings.
+
+    Args:
+        compressed: compressed rows of all observations.
+        fits: solved stages by their number: one stage, or those of the arm and of the wrist.
     """
     n = len(compressed.cross)
     covariance = np.zeros((n, n))
     for number, stage in fits.items():
-        root = stage.spectrum.inverse  # (p, m), root @ root.T is the covariance
+        P = H = stage.spectrum.inverse
         if compressed.spreads is not None:  # the rows were not weighted with the covariance of the readings
-            root = root @ root.T @ compressed.spreads[number].matrix[:, stage.joints].T
-        covariance[np.ix_(stage.joints, stage.joints)] = root @ root.T
+            spread = compressed.spreads[number].matrix[:, stage.joints]  # compressed NᵀN A
+            H = P @ P.T @ spread.T
+        covariance[np.ix_(stage.joints, stage.joints)] = H @ H.T
     if len(fits) > 1:
-        arm, wrist = fits.values()
-        wrist_inverse = wrist.spectrum.inverse
-        rows = compressed.stages[1].matrix[:, arm.joints]
-        # L A_a; rows of a prior of the wrist do not depend on the arm
-        L_A = wrist_inverse[:, : len(rows)] @ rows
-        cross_covariance = (wrist_inverse @ wrist_inverse.T) @ compressed.cross[
-            np.ix_(wrist.joints, arm.joints)
-        ]
-        cross_covariance = cross_covariance @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)  # cov(L d, ĉ_a)
-        arm_covariance = covariance[np.ix_(arm.joints, arm.joints)]
-        correlation = cross_covariance @ L_A.T
-        wrist_block = np.ix_(wrist.joints, wrist.joints)
-        covariance[wrist_block] += L_A @ arm_covariance @ L_A.T - correlation - correlation.T
-        covariance[np.ix_(wrist.joints, arm.joints)] = cross_covariance - L_A @ arm_covariance
-        covariance[np.ix_(arm.joints, wrist.joints)] = covariance[np.ix_(wrist.joints, arm.joints)].T
+        _add_covariance_of_arm(covariance, compressed, *fits.values())
     return covariance
+
+
+def _add_covariance_of_arm(
+    covariance: FloatArray, compressed: MethodRows, arm: StageFit, wrist: StageFit
+) -> None:
+    """Add to the covariance (n, n) of two stages, in place, what the wrist's estimate owes to the arm's.
+
+    From the estimate ĉ_a of the arm that of the wrist is ĉ_w = L (d − A_a ĉ_a). With M = L A_a and the
+    correlation K = cov(L d, ĉ_a) of the stages:
+
+        cov(ĉ_w) = L Σ Lᵀ + M cov(ĉ_a) Mᵀ − K Mᵀ − M Kᵀ,    cov(ĉ_w, ĉ_a) = K − M cov(ĉ_a)
+    """
+    arm_block = np.ix_(arm.joints, arm.joints)
+    wrist_block = np.ix_(wrist.joints, wrist.joints)
+    wrist_and_arm = np.ix_(wrist.joints, arm.joints)
+    L = wrist.spectrum.inverse
+    A_a = compressed.stages[1].matrix[:, arm.joints]
+    M = L[:, : len(A_a)] @ A_a  # further columns of L belong to a prior, which does not depend on the arm
+    # A stage's estimate is A⁺ z with (AᵀA)⁻¹ = A⁺ A⁺ᵀ, and `cross` the covariance of A_wᵀ z_w and A_aᵀ z_a.
+    K = (L @ L.T) @ compressed.cross[wrist_and_arm]
+    K = K @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)
+    K_M = K @ M.T
+    covariance[wrist_block] += M @ covariance[arm_block] @ M.T - K_M - K_M.T
+    covariance[wrist_and_arm] = K - M @ covariance[arm_block]
+    covariance[np.ix_(arm.joints, wrist.joints)] = covariance[wrist_and_arm].T
 
 
 def student_quantile(probability: float, degrees_of_freedom: float | None) -> float:
@@ -428,12 +466,11 @@ class Scale:
         return student_quantile(probability, None if self.given else self.degrees_of_freedom)
 
     def list_quantiles(self, confidence: float) -> FloatArray:
-        """Return the quantiles (2,) of two-sided intervals and of one-sided bounds.
-
-        Two-sided intervals leave half of the tail on each side, one-sided bounds the whole tail.
-        """
+        """Return the quantiles (2,) of two-sided intervals and of one-sided bounds, at a confidence level."""
         tail = 1.0 - confidence
-        return np.array([self.quantile(1.0 - fraction * tail) for fraction in (0.5, 1.0)])
+        two_sided = self.quantile(1.0 - 0.5 * tail)  # half of the tail on each side
+        one_sided = self.quantile(1.0 - tail)
+        return np.array([two_sided, one_sided])
 
 
 def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
@@ -448,20 +485,21 @@ def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
         readings: compressed rows of all readings, whitened in units of sigma.
         sigma: stated standard uncertainty of a coordinate [m]; None to estimate sigma from the residuals.
     """
-    R = readings.matrix
+    R = readings.matrix  # RᵀR = AᵀΣ⁻¹A
     residual_squares = float(np.sum((R @ fit.compliance - readings.rhs) ** 2))
-    information = float(np.sum((R @ fit.covariance) * R))
-    degrees_of_freedom = readings.rows - 2 * fit.parameters + information
-    degrees_of_freedom = 0.0 if degrees_of_freedom < _LEAST_FREEDOM else degrees_of_freedom
+    trace = float(np.sum((R @ fit.covariance) * R))
+    freedom = readings.rows - 2 * fit.parameters + trace
+    has_freedom = freedom >= _LEAST_FREEDOM
+    freedom = freedom if has_freedom else 0.0
     if sigma is not None:
         with np.errstate(all="ignore"):  # `_build_estimate` refuses numbers that overflow, with a remedy
             chi_square = float(np.float64(residual_squares) / np.float64(sigma) ** 2)
-        return Scale(sigma, True, chi_square, degrees_of_freedom)
-    if degrees_of_freedom < _LEAST_FREEDOM:
-        return Scale(None, False, 0.0, degrees_of_freedom)
-    return Scale(
-        float(np.sqrt(residual_squares / degrees_of_freedom)), False, degrees_of_freedom, degrees_of_freedom
-    )
+        return Scale(sigma, True, chi_square, freedom)
+    if not has_freedom:
+        return Scale(None, False, 0.0, freedom)
+    # With this sigma chi-square equals its expectation.
+    estimated_sigma = float(np.sqrt(residual_squares / freedom))
+    return Scale(estimated_sigma, False, chi_square=freedom, degrees_of_freedom=freedom)
 
 
 @dataclass(frozen=True)
@@ -486,12 +524,14 @@ def sigma_test(
     if degrees_of_freedom < _LEAST_FREEDOM:
         return None
     least_expected = max(degrees_of_freedom - from_stated_errors, _LEAST_FREEDOM)
-    tails = special.chdtr(least_expected, chi_square), special.chdtrc(degrees_of_freedom, chi_square)
-    p_value = min(1.0, 2.0 * float(min(tails)))
+    probability_below = float(special.chdtr(least_expected, chi_square))
+    probability_above = float(special.chdtrc(degrees_of_freedom, chi_square))
+    p_value = min(1.0, 2.0 * min(probability_below, probability_above))
     if p_value >= SIGMA_TEST_LEVEL:
         return SigmaTest(p_value, "consistent")
-    too_large = tails[1] < tails[0]
-    return SigmaTest(p_value, "residuals_too_large" if too_large else "residuals_too_small")
+    if probability_above < probability_below:
+        return SigmaTest(p_value, "residuals_too_large")
+    return SigmaTest(p_value, "residuals_too_small")
 
 
 SUSPICIOUS_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.999)))
@@ -524,14 +564,18 @@ class TargetRows:
 
     @classmethod
     def of(cls, rows: Rows) -> TargetRows:
-        """Keep the rows of all observations."""
-        targets, present, squared = [], [], Triangle(joints=rows.robot.n)
-        for of_block in rows.generate([JOINTS], np.zeros(rows.robot.n)):
-            is_read = of_block.block.measurements.present
-            targets.append(of_block.targets[is_read])
+        """Collect the whitened rows of all readings, with the joints' columns and the deflections.
+
+        The rows are computed for one block of observations after the other.
+        """
+        n = rows.robot.n
+        targets, present, squared = [], [], Triangle(joints=n)
+        for block_rows in rows.generate([JOINTS], compliance=np.zeros(n)):
+            is_read = block_rows.block.measurements.present  # (B, T)
+            targets.append(block_rows.targets[is_read])  # (B, T, 3, n + 1) → (readings, 3, n + 1)
             present.append(is_read)
-            if of_block.encoders is not None:
-                squared.add(of_block.encoders)
+            if block_rows.encoders is not None:
+                squared.add(block_rows.encoders)
         return cls(np.concatenate(targets), np.concatenate(present), squared)
 
     def chi_square(self, compliance: FloatArray, *, sigma: float, threshold: float) -> float:
@@ -546,15 +590,14 @@ class TargetRows:
             sigma: standard uncertainty of one coordinate of one reading [m].
             threshold: k, in units of sigma.
         """
-        norm = np.linalg.norm(self.rows[..., -1] - self.rows[..., :-1] @ compliance, axis=1) / sigma
+        A, d = self.rows[..., :-1], self.rows[..., -1]  # (K, 3, n), (K, 3)
+        norms = np.linalg.norm(d - A @ compliance, axis=1) / sigma
+        # 3 b is the sum of E[t²; t < k] and k² P(t > k), where t² has a χ² distribution.
         half_square = 0.5 * threshold**2
-        normaliser = special.gammainc(2.5, half_square) + threshold**2 / 3.0 * special.gammaincc(
-            1.5, half_square
-        )
-        squared_residuals = (self.squared.matrix @ compliance - self.squared.rhs) / sigma
-        return float(
-            np.sum(np.minimum(norm, threshold) ** 2) / normaliser + squared_residuals @ squared_residuals
-        )
+        b = special.gammainc(2.5, half_square) + threshold**2 / 3.0 * special.gammaincc(1.5, half_square)
+        from_targets = np.sum(np.minimum(norms, threshold) ** 2) / b
+        encoder_residuals = (self.squared.matrix @ compliance - self.squared.rhs) / sigma
+        return float(from_targets + encoder_residuals @ encoder_residuals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -575,30 +618,33 @@ class RobustFit:
 
         A reading is suspicious if its weight is below 1 and its residual exceeds `SUSPICIOUS_NORM`.
         """
-        beyond = np.argwhere((self.weight < 1.0) & (self.residual_norm > SUSPICIOUS_NORM))
-        order = np.argsort(-self.residual_norm[beyond[:, 0], beyond[:, 1]], kind="stable")
-        return beyond[order]
+        is_suspicious = (self.weight < 1.0) & (self.residual_norm > SUSPICIOUS_NORM)
+        indices = np.argwhere(is_suspicious)
+        worst_first = np.argsort(-self.residual_norm[is_suspicious], kind="stable")
+        return indices[worst_first]
 
     @property
     def inflation(self) -> float:
         """Factor ≥ 1 that turns the covariance of weighted least squares into that of the Huber estimate.
 
         The covariance is larger because the weights w are computed from the same readings. The factor is
-        Huber's asymptotic ``a / b²`` over ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6): a is the mean of
-        ``(w ‖r‖)²`` per coordinate, with r the residual; b is the mean derivative of ``w r``. The derivative
-        is 1
-        below the threshold; beyond, it is w across the residual's direction and 0 along the direction.
-        Below the threshold the expected ``‖r‖²`` is used. The factor is 1.0 for good readings.
+        Huber's asymptotic ``a / b²`` over ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6), r the residual:
+
+            a   mean of ``(w ‖r‖)²`` per coordinate: as expected below the threshold t, and t²/3 beyond
+            b   mean derivative of ``w r``: 1 below the threshold; beyond, w across r and 0 along r
+
+        The factor is 1.0 for good readings.
         """
-        half_square = 0.5 * self.threshold**2
-        # E[χ²₃ | χ²₃ ≤ t²] / 3, with t the threshold: expected square per coordinate below the threshold
-        mean_square_below = float(special.gammainc(2.5, half_square) / special.gammainc(1.5, half_square))
         weights = self.weight[self.residual_norm > 0]  # weights of the targets that were read
         if not len(weights):
             return 1.0
-        mean_square = float(np.mean(np.where(weights < 1.0, self.threshold**2 / 3.0, mean_square_below)))
-        mean_derivative = float(np.mean(np.where(weights < 1.0, 2.0 * weights / 3.0, 1.0)))
-        return max(1.0, mean_square * float(np.mean(weights)) / mean_derivative**2)
+        half_square = 0.5 * self.threshold**2
+        # E[χ²₃ | χ²₃ ≤ t²] / 3: χ²₃ is the squared norm of three standard normal coordinates.
+        expected_square_below = float(special.gammainc(2.5, half_square) / special.gammainc(1.5, half_square))
+        is_beyond = weights < 1.0
+        a = float(np.mean(np.where(is_beyond, self.threshold**2 / 3.0, expected_square_below)))
+        b = float(np.mean(np.where(is_beyond, 2.0 * weights / 3.0, 1.0)))
+        return max(1.0, a * float(np.mean(weights)) / b**2)
 
     def reweight(self, measurements: Measurements) -> Measurements:
         """Return the same readings with the weights of the robust fit.
@@ -621,27 +667,30 @@ class _HuberProblem:
         return replace(self, rows=self.rows / length, squared=self.squared / length)
 
     def residuals_at(self, c: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the residuals (K, 3) at compliances c (p,), and their norms (K,)."""
-        residual = self.rows[..., -1] - self.rows[..., :-1] @ c
+        """Return the residuals d − A c (K, 3) of the targets at compliances c (p,), and their norms (K,)."""
+        A, d = self.rows[..., :-1], self.rows[..., -1]
+        residual = d - A @ c
         return residual, np.linalg.norm(residual, axis=1)
 
     def objective(self, c: FloatArray) -> float:
         """Return the Huber loss of the targets plus half the squares of the other rows, at c (p,)."""
-        norm = self.residuals_at(c)[1]
-        squared = self.squared[:, :-1] @ c - self.squared[:, -1]
-        return float(np.where(norm <= 1.0, 0.5 * norm**2, norm - 0.5).sum() + 0.5 * (squared @ squared))
+        _, norm = self.residuals_at(c)
+        huber_loss = np.where(norm <= 1.0, 0.5 * norm**2, norm - 0.5).sum()
+        squared_residuals = self.squared[:, :-1] @ c - self.squared[:, -1]
+        return float(huber_loss + 0.5 * (squared_residuals @ squared_residuals))
 
     def state_problem(self, spectrum: Spectrum, z: FloatArray) -> IdentificationProblem:
-        """Return the least-squares problem of decomposed rows and readings z (m,) under the constraints."""
-        return IdentificationProblem(
-            spectrum.determined, z, self.constraints.bounds, self.constraints.inequalities
-        )
+        """Return the problem to minimise ‖R c − z‖² under the constraints, R by its spectrum and z (m,)."""
+        R = spectrum.determined
+        return IdentificationProblem(R, z, self.constraints.bounds, self.constraints.inequalities)
 
     def build_weighted_problem(self, weight: FloatArray) -> IdentificationProblem:
         """Return the least-squares problem with weights (K,) of the targets, under the constraints."""
-        rows = (np.sqrt(weight)[:, None, None] * self.rows).reshape(-1, self.rows.shape[2])
-        R = compute_triangular_factor(np.vstack([rows, self.squared]))
-        return self.state_problem(Spectrum(R[:, :-1]), R[:, -1])
+        weighted_rows = np.sqrt(weight)[:, None, None] * self.rows  # (K, 3, p + 1)
+        flat_rows = weighted_rows.reshape(-1, self.rows.shape[2])
+        factor = compute_triangular_factor(np.vstack([flat_rows, self.squared]))
+        R, z = factor[:, :-1], factor[:, -1]
+        return self.state_problem(Spectrum(R), z)
 
     def build_unweighted_problem(self) -> IdentificationProblem:
         """Return the problem with squared instead of Huber loss: least squares with all weights 1."""
@@ -657,20 +706,21 @@ class _HuberProblem:
         Returns:
             The minimiser (p,), and the certificate of the model's minimum.
         """
-        regressor, squared_rows = self.rows[..., :-1], self.squared[:, :-1]
+        A, S, t = self.rows[..., :-1], self.squared[:, :-1], self.squared[:, -1]  # A (K, 3, p)
         residual, norm = self.residuals_at(c)
-        weight = _huber_weights(norm)
-        unit_residuals = residual / np.maximum(norm, 1.0)[:, None]
-        flattened = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)  # curvature removed along u
-        scaled_A = regressor - flattened[:, None, None] * unit_residuals[..., None] * (
-            unit_residuals[:, None] @ regressor
-        )
-        weighted = (np.sqrt(weight)[:, None, None] * scaled_A).reshape(-1, len(c))
-        R = compute_triangular_factor(np.vstack([weighted, squared_rows]))
-        gradient = squared_rows.T @ (squared_rows @ c - self.squared[:, -1])
-        gradient -= np.einsum("kij,ki->j", regressor, weight[:, None] * residual)
+        w = _huber_weights(norm)
+        u = residual / np.maximum(norm, 1.0)[:, None]  # unit vectors beyond the threshold
+        # With f = 1 − √damping, (I − f u uᵀ)² = I − (1 − damping) u uᵀ: the rows are √w (I − f u uᵀ) A.
+        f = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)
+        A_along_u = u[..., None] * (u[:, None] @ A)  # (K, 3, p) u uᵀ A
+        model_rows = np.sqrt(w)[:, None, None] * (A - f[:, None, None] * A_along_u)
+        R = compute_triangular_factor(np.vstack([model_rows.reshape(-1, len(c)), S]))
+        gradient = S.T @ (S @ c - t)
+        gradient -= np.einsum("kij,ki->j", A, w[:, None] * residual)
+        # With Rᵀh = gradient, ‖R x − (R c − h)‖² has the gradient and curvature of the model.
         spectrum = Spectrum(R)
-        solution = solve_step(self.state_problem(spectrum, R @ c - spectrum.inverse.T @ gradient))
+        h = spectrum.inverse.T @ gradient
+        solution = solve_step(self.state_problem(spectrum, R @ c - h))
         return solution.compliance, solution.certificate
 
     def certificate(self, c: FloatArray, solved_by: SupportFinder) -> Certificate:
@@ -679,7 +729,9 @@ class _HuberProblem:
         The Huber optimum is also the optimum of weighted least squares with the weights at that optimum, so
         the certificate is computed for the weighted least-squares problem with the weights at c.
         """
-        scaled = Scaled.from_problem(self.build_weighted_problem(_huber_weights(self.residuals_at(c)[1])))
+        _, norm = self.residuals_at(c)
+        problem = self.build_weighted_problem(_huber_weights(norm))
+        scaled = Scaled.from_problem(problem)
         return certify(scaled, c / scaled.unit, solved_by)
 
 
@@ -714,22 +766,23 @@ def fit_huber(
         SolverError: optimality could not be certified.
     """
     joints = np.flatnonzero(~has_no_effect)
-    columns = [*joints, -1]
-    problem = _HuberProblem(
-        targets.rows[..., columns], targets.squared.R[:, columns], constraints.select(joints)
-    )
+    columns = [*joints, -1]  # the last column has the readings
+    target_rows = targets.rows[..., columns]  # (K, 3, p + 1)
+    squared_rows = targets.squared.R[:, columns]  # of encoders: their loss stays squared
+    problem = _HuberProblem(target_rows, squared_rows, constraints.select(joints))
     if sigma is None:
         sigma = _estimate_robust_scale(problem, threshold)
     if prior is not None:
-        rows, values = prior.in_units_of(sigma).rows(joints)
-        problem = replace(problem, squared=np.vstack([problem.squared, np.column_stack([rows, values])]))
+        prior_rows = np.column_stack(prior.in_units_of(sigma).rows(joints))  # matrix and right-hand side
+        problem = replace(problem, squared=np.vstack([squared_rows, prior_rows]))
     problem = problem.in_units_of(threshold * sigma)
     compliance, certificate = _minimise_huber_loss(problem)
-    residual_norm = problem.residuals_at(compliance)[1]
-    present = targets.present
-    weights, norms = np.ones(present.shape), np.zeros(present.shape)
-    weights[present], norms[present] = _huber_weights(residual_norm), threshold * residual_norm
-    return RobustFit(threshold, sigma, weights, norms, certificate)
+    _, norms = problem.residuals_at(compliance)  # (K,) in units of the threshold
+    is_read = targets.present  # (N, T) with K entries true
+    weight, residual_norm = np.ones(is_read.shape), np.zeros(is_read.shape)
+    weight[is_read] = _huber_weights(norms)
+    residual_norm[is_read] = threshold * norms
+    return RobustFit(threshold, sigma, weight, residual_norm, certificate)
 
 
 def _huber_weights(norm: FloatArray) -> FloatArray:
@@ -746,44 +799,28 @@ def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificat
     Raises:
         SolverError: no certified optimum after `MOST_ROUNDS` rounds.
     """
-    clarabel_point = None
-    if len(problem.rows) <= MOST_STATED:
-        from jointstiff.solver.fit import programs  # takes a second to import
-
-        # The last column of rows is the right-hand side.
-        rows, squared = problem.rows, problem.squared
-        clarabel_point = programs.solve_huber(
-            rows[..., :-1],
-            rows[..., -1],
-            squared[..., :-1],
-            squared[..., -1],
-            problem.build_unweighted_problem(),
-        )
-    compliance = (
-        solve_step(problem.build_unweighted_problem()).compliance
-        if clarabel_point is None
-        else clarabel_point
-    )
-    damping = 1.0 if clarabel_point is None else _LEAST_DAMPING
+    clarabel_point = _solve_by_clarabel(problem) if len(problem.rows) <= MOST_STATED else None
+    if clarabel_point is None:
+        compliance = solve_step(problem.build_unweighted_problem()).compliance
+        damping = 1.0
+    else:
+        compliance = clarabel_point
+        damping = _LEAST_DAMPING
     objective = problem.objective(compliance)
     for _ in range(MOST_ROUNDS):
         proposed, model_certificate = problem.minimise_quadratic_model(compliance, damping)
-        value = problem.objective(proposed)
-        if value > objective * (1.0 + _NO_DESCENT) and damping < 1.0:
+        proposed_objective = problem.objective(proposed)
+        if proposed_objective > objective * (1.0 + _NO_DESCENT) and damping < 1.0:
             damping = 1.0  # Newton's step went too far: reweighting from the same point always descends
             continue
-        compliance, objective = proposed, value
+        compliance, objective = proposed, proposed_objective
         damping = max(0.1 * damping, _LEAST_DAMPING)
         # Clarabel found the active bounds if the refined point has zeros at the same joints.
         same_zeros = clarabel_point is not None and np.array_equal(clarabel_point == 0.0, compliance == 0.0)
         solved_by = "clarabel" if same_zeros else model_certificate.solved_by
         certificate = problem.certificate(compliance, solved_by)
         if certificate.is_optimal():
-            if len(problem.rows) > MOST_STATED:
-                return compliance, certificate  # Clarabel was not asked
-            rows = problem.rows.reshape(-1, problem.rows.shape[-1])
-            witness = compare_answers(rows[:, :-1], clarabel_point, compliance, rows[:, -1])
-            return compliance, replace(certificate, witness=witness)
+            return compliance, _add_witness(problem, certificate, clarabel_point, compliance)
     raise SolverError(
         "the fit with the Huber loss did not converge to an optimum (primal "
         f"{certificate.primal:.1e}, dual {certificate.dual:.1e})",
@@ -792,15 +829,45 @@ def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificat
     )
 
 
+def _solve_by_clarabel(problem: _HuberProblem) -> FloatArray | None:
+    """Return Clarabel's optimum (p,) of the Huber problem; None if Clarabel fails."""
+    from jointstiff.solver.fit import programs  # takes a second to import
+
+    A, d = problem.rows[..., :-1], problem.rows[..., -1]
+    S, t = problem.squared[..., :-1], problem.squared[..., -1]
+    return programs.solve_huber(A, d, S, t, problem.build_unweighted_problem())
+
+
+def _add_witness(
+    problem: _HuberProblem, certificate: Certificate, clarabel_point: FloatArray | None, optimum: FloatArray
+) -> Certificate:
+    """Return the certificate of an optimum (p,) with its distance from Clarabel's point, its witness.
+
+    A problem of more than `MOST_STATED` readings has no witness, as Clarabel did not solve the problem.
+    """
+    if len(problem.rows) > MOST_STATED:
+        return certificate
+    rows = problem.rows.reshape(-1, problem.rows.shape[-1])
+    A, d = rows[:, :-1], rows[:, -1]
+    return replace(certificate, witness=compare_answers(A, clarabel_point, optimum, d))
+
+
 def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
-    """Return the robust scale of the residuals [m], iterated with the fit to convergence.
+    """Return the robust scale of the residuals [m]: their median norm, made a standard deviation.
+
+    A fit with the Huber loss needs the scale, and the scale needs the residuals of the fit: both are
+    repeated to convergence.
+
+    Args:
+        problem: rows in metres.
+        threshold: length of a residual from which the loss is linear, in units of the scale.
 
     Raises:
         UnsupportedMethodError: there are no more readings than parameters.
     """
     compliance = solve_step(problem.build_unweighted_problem()).compliance
-    row_count = problem.rows[..., 0].size
-    degrees_of_freedom = row_count - len(compliance)
+    deflections = problem.rows[..., -1]
+    degrees_of_freedom = deflections.size - len(compliance)
     if degrees_of_freedom < 1:
         raise UnsupportedMethodError(
             "the Huber loss needs sigma, but sigma cannot be estimated: there are no more readings than "
@@ -809,13 +876,15 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
             remedy="state `noise`, or add observations",
         )
     # Factor from the median norm to the standard deviation of one coordinate
-    factor = np.sqrt(row_count / degrees_of_freedom) / MEDIAN_NORM
-    least_scale = _LEAST_SCALE * float(np.sqrt(np.mean(problem.rows[..., -1] ** 2)))
+    factor = np.sqrt(deflections.size / degrees_of_freedom) / MEDIAN_NORM
+    least_scale = _LEAST_SCALE * float(np.sqrt(np.mean(deflections**2)))
     scale = np.inf
     for _ in range(_SCALE_ROUNDS):
-        norms = problem.residuals_at(compliance)[1]
-        previous_scale, scale = scale, max(least_scale, factor * float(np.median(norms)))
+        _, norms = problem.residuals_at(compliance)
+        previous_scale = scale
+        scale = max(least_scale, factor * float(np.median(norms)))
         if abs(scale - previous_scale) <= _SCALE_TOLERANCE * scale:
             break
-        compliance, _ = problem.in_units_of(threshold * scale).minimise_quadratic_model(compliance, 1.0)
+        scaled_problem = problem.in_units_of(threshold * scale)
+        compliance, _ = scaled_problem.minimise_quadratic_model(compliance, damping=1.0)
     return scale

@@ -40,40 +40,60 @@ class Statements:
         return cls((), CommonUncertainty(), np.zeros(joints), 1.0)
 
     def build_rows(self, compliances: int, errors: int) -> FloatArray:
-        """Return what is stated as rows (q, compliances + errors + 1) like those of readings.
+        """Return the priors of errors and compliances as q rows [A B d] of a least-squares problem.
+
+        An error v, in units of its standard uncertainty, has the row ``σ v = 0``. A joint with a prior
+        c₀ ± s₀ of its compliance has the row ``σ c / s₀ = σ c₀ / s₀``. The factor σ gives these rows the
+        weight of a reading with standard uncertainty σ.
 
         Args:
-            compliances: number of columns of compliances, those of the n joints first.
-            errors: number of columns of stated errors, in units of their standard uncertainties.
+            compliances: number P of columns A of compliances, those of the n joints first.
+            errors: number K of columns B of errors.
+
+        Returns:
+            (q, P + K + 1) rows: K of the errors, then those of the joints with a prior.
         """
-        rows = np.zeros((errors, compliances + errors + 1))
-        rows[:, compliances:-1] = self.sigma * np.eye(errors)
+        width = compliances + errors + 1
+        error_rows = np.zeros((errors, width))
+        error_rows[:, compliances:-1] = self.sigma * np.eye(errors)
         if self.prior is None:
-            return rows
+            return error_rows
         joints = np.arange(len(self.prior.mean))
-        matrix, stated = self.prior.in_units_of(self.sigma).rows(joints)
-        of_prior = np.zeros((len(matrix), compliances + errors + 1))
-        of_prior[:, joints], of_prior[:, -1] = matrix, stated
-        return np.vstack([rows, of_prior])
+        prior_matrix, prior_values = self.prior.in_units_of(self.sigma).rows(joints)
+        prior_rows = np.zeros((len(prior_matrix), width))
+        prior_rows[:, joints] = prior_matrix
+        prior_rows[:, -1] = prior_values
+        return np.vstack([error_rows, prior_rows])
 
     def generate(
         self, rows: Rows, before: Sequence[Term] = (), *, whitened: bool = True
     ) -> Iterator[BlockRows]:
-        """Yield rows of readings with columns of these terms, in units of the standard uncertainties.
+        """Yield the rows [A B d] of readings d, some thousand observations at a time.
+
+        B are the columns of these terms, whose unknowns are in units of their standard uncertainties.
 
         Args:
             rows: N observations.
-            before: terms whose columns come first, in their own units.
-            whitened: whether the noise of each row has variance sigma².
+            before: terms of the columns A, whose unknowns keep their own units.
+            whitened: whether the rows are scaled, so that the noise of each row has variance sigma².
         """
-        for of_block in rows.generate([*before, *self.terms], self.compliance, whitened=whitened):
-            yield of_block.scale(self._list_units(of_block.widths))
+        terms = [*before, *self.terms]
+        for block_rows in rows.generate(terms, self.compliance, whitened=whitened):
+            units = self._list_units(block_rows.widths)
+            yield block_rows.scale(units)
 
     def _list_units(self, widths: Mapping[str, int]) -> FloatArray:
-        """Return the units (K + 1,) of columns: standard uncertainties of these terms, else 1."""
+        """Return the unit of each unknown: its standard uncertainty if its term is among these, else 1.
+
+        `widths` has the number of unknowns of each term by the term's name, K together. The result (K + 1,)
+        ends with 1 for the column of readings.
+        """
         uncertainties = {term.name: term.prior(self.common) for term in self.terms}
-        units = [np.resize(uncertainties.get(name, (1.0,)), width) for name, width in widths.items()]
-        return np.concatenate([*units, np.ones(1)])  # the last column has the readings
+        units = list[FloatArray]()
+        for name, width in widths.items():
+            uncertainty_of_term = uncertainties.get(name, (1.0,))
+            units.append(np.resize(uncertainty_of_term, width))  # repeated over the term's unknowns
+        return np.concatenate([*units, np.ones(1)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,47 +109,54 @@ class FittedStatements:
         return cls(Statements.none(joints), np.zeros(0))
 
     def subtract(self, of_block: BlockRows) -> BlockRows:
-        """Return rows of a block without the columns of the statements, whose motion the readings lose."""
-        return BlockRows(
-            of_block.block,
-            self._subtract_motion(of_block.targets),
-            None if of_block.encoders is None else self._subtract_motion(of_block.encoders),
-            {name: width for name, width in of_block.widths.items() if name not in self._names},
-        )
+        """Return rows [A d − B v] for rows [A B d]: the motion B v by the fitted errors v is subtracted."""
+        encoders = of_block.encoders
+        if encoders is not None:
+            encoders = self._subtract_motion(encoders)
+        widths = {name: width for name, width in of_block.widths.items() if name not in self._names}
+        return BlockRows(of_block.block, self._subtract_motion(of_block.targets), encoders, widths)
 
     def predict(self, of_block: BlockRows) -> tuple[FloatArray, FloatArray | None]:
-        """Return by how much the fitted errors move the targets and the encoders of a block.
+        """Compute by how much the fitted errors move the targets and the encoders of some observations.
+
+        Args:
+            of_block: rows of B observations, with the columns of the errors last before the readings.
 
         Returns:
-            (B, T, 3) motion of the targets, and (B, n) of the encoders or None, in the unit of the rows.
+            (B, T, 3) motion of the T targets, and (B, n) of the encoders or None, in the unit of the rows.
         """
-        encoders = of_block.encoders
-        return self._move(of_block.targets), None if encoders is None else self._move(encoders)
+        motion_of_targets = self._move(of_block.targets)
+        if of_block.encoders is None:
+            return motion_of_targets, None
+        return motion_of_targets, self._move(of_block.encoders)
 
     @property
     def _names(self) -> frozenset[str]:
         return frozenset(term.name for term in self.statements.terms)
 
     def _move(self, rows: FloatArray) -> FloatArray:
-        """Return the motion by the fitted errors, whose columns come last before the readings."""
-        return np.asarray(rows[..., -1 - len(self.unknowns) : -1] @ self.unknowns)
+        """Return the motion B v by the fitted errors v, for rows [A B d] with the readings d last."""
+        columns_of_errors = rows[..., -1 - len(self.unknowns) : -1]
+        return np.asarray(columns_of_errors @ self.unknowns)
 
     def _subtract_motion(self, rows: FloatArray) -> FloatArray:
-        """Return rows in which the motion by the fitted errors is subtracted from the readings."""
-        remaining = rows[..., -1:] - self._move(rows)[..., None]
-        return np.concatenate([rows[..., : -1 - len(self.unknowns)], remaining], axis=-1)
+        """Return rows [A d − B v] for rows [A B d] and the fitted errors v."""
+        before_errors = rows[..., : -1 - len(self.unknowns)]
+        remaining_readings = rows[..., -1] - self._move(rows)
+        return np.concatenate([before_errors, remaining_readings[..., None]], axis=-1)
 
 
 def list_stated_terms(measurements: Measurements) -> tuple[Term, ...]:
-    """Return the systematic errors (terms) to fit with the compliances: those of stated standard uncertainty.
+    """List the systematic errors that are fitted together with the compliances.
 
-    Left out are a common scale of all loads, which readings cannot distinguish from the compliances, and
-    errors that an earlier fit has already estimated.
+    These are the errors whose standard uncertainty is stated. Left out are errors that an earlier fit has
+    already estimated, and the common scale of all loads: readings cannot distinguish it from the compliances.
     """
-    fitted_names = {term.name for term in fitted_errors(measurements).terms}
-    common_uncertainty = measurements.common_uncertainty
-    return tuple(
-        term
-        for term in TERMS.values()
-        if any(term.prior(common_uncertainty)) and term.name not in fitted_names and term is not FORCE_SCALE
-    )
+    left_out = {FORCE_SCALE.name}
+    left_out.update(term.name for term in fitted_errors(measurements).terms)
+    stated_terms = list[Term]()
+    for term in TERMS.values():
+        uncertainties = term.prior(measurements.common_uncertainty)  # of its unknowns; 0 where not stated
+        if any(uncertainties) and term.name not in left_out:
+            stated_terms.append(term)
+    return tuple(stated_terms)

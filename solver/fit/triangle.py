@@ -9,13 +9,14 @@ equations. This module alone compresses rows.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from itertools import accumulate, pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import optimize, special
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 
 _LEAF = 256
 """Rows of the smallest QR, so small that BLAS starts no threads for up to 32 joints."""
@@ -31,16 +32,18 @@ RESOLUTION: Final = 1e-7
 
 
 def compute_triangular_factor(rows: FloatArray) -> FloatArray:
-    """Return the triangular factor (k, k) of rows (m, k), k columns, computed by a tree of small QRs.
+    """Return the triangular factor R (k, k) of a QR decomposition of rows A (m, k): RᵀR = AᵀA.
 
-    Small QRs start no threads. A stack of s small matrices (s, m, k) gives s factors (s, k, k).
+    Rows are replaced by the factors of groups of rows until few rows are left: small QRs start no threads. A
+    stack of s small matrices (s, m, k) gives s factors (s, k, k).
     """
     width = rows.shape[-1]
-    leaf = max(_LEAF, 4 * width)
-    while rows.ndim == 2 and len(rows) > 4 * leaf:
-        whole = len(rows) // leaf * leaf
-        leaves = np.asarray(np.linalg.qr(rows[:whole].reshape(-1, leaf, width), mode="r"))
-        rows = np.concatenate([leaves.reshape(-1, width), rows[whole:]])
+    group = max(_LEAF, 4 * width)  # number of rows in a group
+    while rows.ndim == 2 and len(rows) > 4 * group:
+        whole = len(rows) // group * group
+        groups = rows[:whole].reshape(-1, group, width)
+        factors = np.asarray(np.linalg.qr(groups, mode="r"))
+        rows = np.concatenate([factors.reshape(-1, width), rows[whole:]])
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
@@ -57,27 +60,33 @@ class Triangle:
         """Start without rows.
 
         Args:
-            widths: number of columns of each term, in the order of the columns.
+            widths: number of columns of each term, in the order of the columns; a term is a group of columns.
         """
+        column_count = sum(widths.values()) + 1  # the last column has the readings
         ends = accumulate(widths.values(), initial=0)
-        self.span = {name: np.arange(*part) for name, part in zip(widths, pairwise(ends), strict=True)}
-        width = sum(widths.values()) + 1
-        self.R: FloatArray = np.zeros((width, width))
+        columns = [np.arange(start, stop) for start, stop in pairwise(ends)]
+        self.span = dict(zip(widths, columns, strict=True))
+        self.R: FloatArray = np.zeros((column_count, column_count))
         self.rows = 0
 
     def add(self, rows: FloatArray, *, count: int | None = None) -> None:
-        """Add rows: update the triangular factor of all rows.
+        """Add rows: update the triangular factor R of all rows.
 
         Args:
             rows: (..., K + 1); leading dimensions are flattened.
             count: number of rows that are readings, if others are padding with zeros; all if None.
         """
-        flat, width = rows.reshape(-1, self.R.shape[1]), self.R.shape[1]
+        width = self.R.shape[1]
+        flat = rows.reshape(-1, width)
         if not self.rows and len(flat) >= width:
             self.R = compute_triangular_factor(flat)
-        else:
+        else:  # the factor of the earlier rows stands for these rows
             self.R = compute_triangular_factor(np.concatenate([self.R, compute_triangular_factor(flat)]))
         self.rows += len(flat) if count is None else count
+
+    def _find_columns(self, names: Sequence[str]) -> IndexArray:
+        """Return the indices of the columns of the named terms."""
+        return np.concatenate([np.zeros(0, np.intp), *(self.span[name] for name in names)])
 
     @property
     def matrix(self) -> FloatArray:
@@ -91,13 +100,18 @@ class Triangle:
 
     def unit_columns(self, names: Sequence[str]) -> FloatArray:
         """Return the columns (K + 1, k) of the named terms, scaled to unit length; zero columns stay zero."""
-        columns = np.concatenate([np.zeros(0, np.intp), *(self.span[name] for name in names)])
-        return unit_columns(self.R[:, columns])[0]
+        columns = self.R[:, self._find_columns(names)]
+        scaled, _ = unit_columns(columns)
+        return scaled
 
     def residual_squares(self, names: Sequence[str]) -> float:
-        """Return the sum of squared residuals when the named terms are fitted to the readings."""
+        """Return the sum of squared residuals of a least-squares fit of the named terms to the readings.
+
+        A term is a group of columns of the triangular factor.
+        """
         basis = orthonormal_basis(self.unit_columns(names))
-        return float(self.rhs @ self.rhs - np.square(basis.T @ self.rhs).sum())
+        explained_squares = np.square(basis.T @ self.rhs).sum()
+        return float(self.rhs @ self.rhs - explained_squares)
 
     def p_values(
         self,
@@ -107,9 +121,10 @@ class Triangle:
         most_directions: int | None = None,
         least_singular_value: float = DISTINCT,
     ) -> FloatArray:
-        """Return the p-values (S,) of F tests of whether adding a term improves the fit of other terms.
+        """Return the p-values (S,) of F tests of whether a further term improves a least-squares fit.
 
-        A p-value is 1 where the readings have too few degrees of freedom for the test.
+        A term is a group of columns of the triangular factor, whose last column has the readings. A p-value
+        is 1 where the readings have too few degrees of freedom for the test.
 
         Args:
             names: the S terms that are tested, each one alone.
@@ -120,36 +135,32 @@ class Triangle:
                 out.
         """
         fitted_basis = orthonormal_basis(self.unit_columns(fitted))
-        tested = self.unit_columns(names)
-        residual = self.rhs - fitted_basis @ (fitted_basis.T @ self.rhs)
-        projected = tested - fitted_basis @ (fitted_basis.T @ tested)
-        columns = stack_padded(
-            np.split(projected, np.cumsum([len(self.span[name]) for name in names])[:-1], axis=1)
-        )
-        U, singular_values, _ = np.linalg.svd(columns, full_matrices=False)
-        is_tested = singular_values > least_singular_value
+        residual = _project_out(fitted_basis, self.rhs)
+        tested_columns = _project_out(fitted_basis, self.unit_columns(names))
+        stops = np.cumsum([len(self.span[name]) for name in names])
+        stacked = stack_padded(np.split(tested_columns, stops[:-1], axis=1))  # (S, K + 1, k)
+        U, singular_values, _ = np.linalg.svd(stacked, full_matrices=False)
+        is_tested = singular_values > least_singular_value  # (S, k)
         if most_directions is not None:
             is_tested[:, most_directions:] = False
         explained = np.where(is_tested, np.square(residual @ U), 0.0).sum(axis=1)
+        unexplained = np.maximum(residual @ residual - explained, 0.0)
         tested_count = is_tested.sum(axis=1)
-        degrees_of_freedom = self.rows - fitted_basis.shape[1] - tested_count
-        is_testable = (tested_count > 0) & (degrees_of_freedom > 0)
-        variance = (
-            np.maximum(residual @ residual - explained, 0.0) / np.maximum(degrees_of_freedom, 1)
-            + RESOLUTION**2
-        )
-        f_ratio = explained / np.maximum(tested_count, 1) / variance
-        p_values = special.fdtrc(np.maximum(tested_count, 1), np.maximum(degrees_of_freedom, 1), f_ratio)
-        return np.where(is_testable, p_values, 1.0)
+        freedom = self.rows - fitted_basis.shape[1] - tested_count
+        is_testable = (tested_count > 0) & (freedom > 0)
+        tested_count, freedom = np.maximum(tested_count, 1), np.maximum(freedom, 1)  # no division by zero
+        variance = unexplained / freedom + RESOLUTION**2  # of a reading, at least that of rounding
+        f_ratio = explained / tested_count / variance
+        return np.where(is_testable, special.fdtrc(tested_count, freedom, f_ratio), 1.0)
 
     def rank(self, names: Sequence[str], least: float) -> int:
         """Return the rank of the named terms' unit columns: the number of singular values above `least`."""
         return int(orthonormal_basis(self.unit_columns(names), least).shape[1])
 
     def project_out(self, names: Sequence[str], least_singular_value: float) -> Triangle:
-        """Return the triangle without the named terms, which are projected out of all other columns.
+        """Return the triangular factor without the named terms, which are projected out of all other columns.
 
-        A fit to the result equals a fit in which the named terms are free.
+        A term is a group of columns. A fit to the result equals a fit in which the named terms are free.
 
         Args:
             names: terms that are projected out.
@@ -157,57 +168,58 @@ class Triangle:
                 out.
         """
         basis = orthonormal_basis(self.unit_columns(names), least_singular_value)
-        remaining_widths = {name: len(columns) for name, columns in self.span.items() if name not in names}
-        remaining_columns = self.R[
-            :, np.concatenate([*(self.span[name] for name in remaining_widths), [self.R.shape[1] - 1]])
-        ]
-        triangle = Triangle(**remaining_widths)
-        triangle.add(remaining_columns - basis @ (basis.T @ remaining_columns), count=self.rows)
+        widths = {name: len(columns) for name, columns in self.span.items() if name not in names}
+        remaining = self.R[:, [*self._find_columns(list(widths)), -1]]  # the last column has the readings
+        triangle = Triangle(**widths)
+        triangle.add(_project_out(basis, remaining), count=self.rows)
         return triangle
 
     def given(self, name: str, uncertainty: FloatArray, sigma: float) -> Triangle:
-        """Return the triangle in which the unknowns of a term are fitted, each stated as zero.
+        """Return the triangular factor in which a term is fitted, with a prior of mean zero on its unknowns.
 
-        A fit to the result equals a fit in which these unknowns are free within their stated uncertainties.
+        A term is a group of columns, one for each unknown. A fit of the other terms to the result equals a
+        fit in which the unknowns of this term are free within their stated uncertainties.
 
         Args:
-            name: term with statements, which is projected out of all other columns.
+            name: term whose unknowns are stated as zero; it is projected out of all other columns.
             uncertainty: (k,) standard uncertainties of the unknowns; 0 keeps an unknown at zero.
             sigma: standard uncertainty of a reading, in the unit of the rows.
         """
-        return self.state(name, uncertainty, sigma).project_out([name], _NULL)
+        with_statements = self.state(name, uncertainty, sigma)
+        return with_statements.project_out([name], _NULL)
 
     def state(self, name: str, uncertainty: FloatArray, sigma: float) -> Triangle:
-        """Return the triangle with a further row for each unknown of a term: the statement that it is zero.
+        """Return the triangular factor with a further row for each unknown of a term: the unknown is zero.
 
-        A statement is a row like a reading: the unknown over its standard uncertainty is zero.
+        Such a row is like that of a reading: the unknown over its standard uncertainty is zero.
 
         Args:
-            name: term with statements; its unknowns are in units of their standard uncertainties afterwards.
+            name: term; its unknowns are in units of their standard uncertainties afterwards.
             uncertainty: (k,) standard uncertainties of the unknowns; 0 keeps an unknown at zero.
             sigma: standard uncertainty of a reading, in the unit of the rows.
         """
         columns = self.span[name]
-        with_statements = Triangle(**{each: len(span) for each, span in self.span.items()})
-        with_statements.R, with_statements.rows = self.R.copy(), self.rows
-        with_statements.R[:, columns] *= uncertainty  # each unknown in units of its standard uncertainty
-        statement_rows = np.zeros((len(columns), self.R.shape[1]))
-        statement_rows[np.arange(len(columns)), columns] = sigma
-        with_statements.add(statement_rows, count=0)
+        scaled_R = self.R.copy()
+        scaled_R[:, columns] *= uncertainty  # each unknown in units of its standard uncertainty
+        further_rows = np.zeros((len(columns), self.R.shape[1]))
+        further_rows[np.arange(len(columns)), columns] = sigma
+        all_rows = np.concatenate([scaled_R, compute_triangular_factor(further_rows)])
+        with_statements = copy(self)
+        with_statements.R = compute_triangular_factor(all_rows)
         return with_statements
 
     def sigma(self, names: Sequence[str]) -> float:
         """Return the standard deviation of a reading, from the residuals of a fit of the named terms."""
-        degrees_of_freedom = self.rows - self.rank(names, INDEPENDENT)
-        return (
-            float(np.sqrt(max(self.residual_squares(names), 0.0) / max(degrees_of_freedom, 1))) + RESOLUTION
-        )
+        freedom = self.rows - self.rank(names, INDEPENDENT)
+        squares = max(self.residual_squares(names), 0.0)
+        return float(np.sqrt(squares / max(freedom, 1))) + RESOLUTION
 
     def statement_p_value(self, name: str, fitted: Sequence[str], uncertainty: FloatArray) -> float:
         """Return the p-value of the test that the unknowns of a term are zero, as stated.
 
-        The estimate ê of the unknowns deviates from zero by its own uncertainty U and by that of the
-        statement S: ``êᵀ (S + U)⁻¹ ê`` is compared with an F distribution.
+        A term is a group of columns, one for each unknown. The estimate ê of the unknowns deviates from zero
+        by its own uncertainty U and by that of the statement S: ``êᵀ (S + U)⁻¹ ê`` is compared with an F
+        distribution.
 
         Args:
             name: term that is tested.
@@ -215,27 +227,30 @@ class Triangle:
             uncertainty: (k,) standard uncertainties of the unknowns as stated.
         """
         fitted_basis = orthonormal_basis(self.unit_columns(fitted))
-        columns = self.R[:, self.span[name]] * uncertainty
-        remaining_columns = columns - fitted_basis @ (fitted_basis.T @ columns)
-        residual = self.rhs - fitted_basis @ (fitted_basis.T @ self.rhs)
-        U, singular_values, _ = np.linalg.svd(remaining_columns, full_matrices=False)
-        is_shown = singular_values > _NULL * max(float(np.linalg.norm(columns)), np.finfo(float).tiny)
-        squared_components = np.square(U[:, is_shown].T @ residual)
-        shown_count = int(is_shown.sum())
-        degrees_of_freedom = self.rows - fitted_basis.shape[1] - shown_count
-        if not shown_count or degrees_of_freedom < 1:
+        columns = self.R[:, self.span[name]] * uncertainty  # unknowns in standard uncertainties: S = I
+        residual = _project_out(fitted_basis, self.rhs)
+        remaining = _project_out(fitted_basis, columns)
+        left_vectors, singular_values, _ = np.linalg.svd(remaining, full_matrices=False)
+        rounding = _NULL * max(float(np.linalg.norm(columns)), np.finfo(float).tiny)
+        is_shown = singular_values > rounding
+        count = int(is_shown.sum())
+        freedom = self.rows - fitted_basis.shape[1] - count
+        if not count or freedom < 1:
             return 1.0
-        variance = (
-            max(float(residual @ residual - squared_components.sum()), 0.0) / degrees_of_freedom
-            + RESOLUTION**2
-        )
-        distance = float((squared_components / (np.square(singular_values[is_shown]) + variance)).sum())
-        return float(special.fdtrc(shown_count, degrees_of_freedom, distance / shown_count))
+        explained = np.square(left_vectors[:, is_shown].T @ residual)  # squares by singular direction
+        unexplained = max(float(residual @ residual - explained.sum()), 0.0)
+        variance = unexplained / freedom + RESOLUTION**2
+        # In a direction of singular value s, ê² = explained / s² and U = variance / s², so that
+        # ê² / (1 + U) = explained / (s² + variance).
+        distance = float((explained / (np.square(singular_values[is_shown]) + variance)).sum())
+        return float(special.fdtrc(count, freedom, distance / count))
 
     def fit(
         self, names: Sequence[str], other_unknowns: FloatArray, least_singular_value: float
     ) -> FloatArray:
         """Fit some terms by least squares, with given values of the unknowns of all other terms.
+
+        A term is a group of columns, one for each of its unknowns.
 
         Args:
             names: terms that are fitted, k unknowns together.
@@ -246,11 +261,13 @@ class Triangle:
         Returns:
             (k,) fitted unknowns.
         """
-        unit_vectors, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
-        U, singular_values, Vt = np.linalg.svd(unit_vectors, full_matrices=False)
-        is_shown = singular_values > least_singular_value
-        coefficients = U[:, is_shown].T @ (self.rhs - self.matrix @ other_unknowns)
-        return np.asarray(Vt[is_shown].T @ (coefficients / singular_values[is_shown]) / length)
+        readings = self.rhs - self.matrix @ other_unknowns
+        columns, lengths = unit_columns(self.R[:, self._find_columns(names)])
+        U, singular_values, Vt = np.linalg.svd(columns, full_matrices=False)
+        is_fitted = singular_values > least_singular_value
+        U, singular_values, Vt = U[:, is_fitted], singular_values[is_fitted], Vt[is_fitted]
+        scaled_unknowns = Vt.T @ ((U.T @ readings) / singular_values)
+        return np.asarray(scaled_unknowns / lengths)
 
     def fit_with_prior(self, deviation: FloatArray, variance: float) -> PriorFit:
         """Fit all terms by least squares with a Gaussian prior of mean zero on every unknown.
@@ -264,36 +281,41 @@ class Triangle:
         Returns:
             The fitted unknowns, a root of their covariance, and the sum of squared residuals of the readings.
         """
-        rows = np.vstack([self.matrix * deviation, np.sqrt(variance) * np.eye(len(deviation))])
-        standardised, *_ = np.linalg.lstsq(
-            rows, np.concatenate([self.rhs, np.zeros(len(deviation))]), rcond=None
-        )
-        inverse = np.linalg.solve(np.linalg.qr(rows, mode="r"), np.eye(len(deviation)))
-        residual_squares = float(np.square(self.matrix @ (deviation * standardised) - self.rhs).sum())
-        return PriorFit(
-            deviation * standardised, np.sqrt(variance) * deviation[:, None] * inverse, residual_squares
-        )
+        sigma, K = np.sqrt(variance), len(deviation)
+        # The unknowns are fitted in units of their prior standard uncertainties.
+        rows = np.vstack([self.matrix * deviation, sigma * np.eye(K)])
+        rhs = np.concatenate([self.rhs, np.zeros(K)])
+        standardised, *_ = np.linalg.lstsq(rows, rhs, rcond=None)
+        unknowns = deviation * standardised
+        inverse_factor = np.linalg.solve(np.linalg.qr(rows, mode="r"), np.eye(K))
+        root = sigma * deviation[:, None] * inverse_factor
+        squares = float(np.square(self.matrix @ unknowns - self.rhs).sum())
+        return PriorFit(unknowns, root, squares)
 
     def fit_with(self, names: Sequence[str], known_term: str = "joints") -> TermsFit:
         """Fit the named terms together with the term `known_term`, by least squares without bounds.
 
-        Directions of the named terms that the term `known_term` explains equally well stay zero.
+        A term is a group of columns, one for each of its unknowns. The columns of `known_term` are projected
+        out of those of the named terms; directions without any length left, which `known_term` explains
+        equally well, stay zero and are the result's `hidden`.
         """
-        columns, readings = self.R[:, self.span[known_term]], self.R[:, -1]
-        unit_vectors, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
-        known_unit_vectors, scale = unit_columns(columns)
-        basis = orthonormal_basis(known_unit_vectors)
-        U, singular_values, Vt = np.linalg.svd(
-            unit_vectors - basis @ (basis.T @ unit_vectors), full_matrices=False
-        )
+        columns, lengths = unit_columns(self.R[:, self._find_columns(names)])
+        known_columns, known_lengths = unit_columns(self.R[:, self.span[known_term]])
+        remaining_columns = _project_out(orthonormal_basis(known_columns), columns)
+        U, singular_values, Vt = np.linalg.svd(remaining_columns, full_matrices=False)
         is_distinct = singular_values > DISTINCT
-        root = Vt[is_distinct].T / singular_values[is_distinct]
-        scaled_unknowns = root @ (U[:, is_distinct].T @ readings)
-        fitted = np.linalg.lstsq(
-            known_unit_vectors, readings - unit_vectors @ scaled_unknowns, rcond=INDEPENDENT
-        )[0]
-        undetermined = Vt[~is_distinct].T / length[:, None]
-        return TermsFit(fitted / scale, scaled_unknowns / length, root / length[:, None], undetermined)
+        root = Vt[is_distinct].T / singular_values[is_distinct]  # of the covariance of the unknowns
+        scaled_unknowns = root @ (U[:, is_distinct].T @ self.rhs)
+        # Then fit `known_term` to what the named terms leave of the readings.
+        remaining_readings = self.rhs - columns @ scaled_unknowns
+        scaled_known = np.linalg.lstsq(known_columns, remaining_readings, rcond=INDEPENDENT)[0]
+        # Divide by the lengths, as the columns were scaled to unit length.
+        return TermsFit(
+            known=scaled_known / known_lengths,
+            unknowns=scaled_unknowns / lengths,
+            root=root / lengths[:, None],
+            hidden=Vt[~is_distinct].T / lengths[:, None],
+        )
 
 
 class PriorFit(NamedTuple):
@@ -315,9 +337,9 @@ class TermsFit(NamedTuple):
 
 def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return columns (m, k) scaled to unit length, and their lengths (k,); a zero column has length 1."""
-    length = np.linalg.norm(columns, axis=0)
-    length = np.where(length > 0.0, length, 1.0)
-    return columns / length, length
+    lengths = np.linalg.norm(columns, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    return columns / lengths, lengths
 
 
 def stack_padded(columns_of_terms: Sequence[FloatArray]) -> FloatArray:
@@ -325,10 +347,11 @@ def stack_padded(columns_of_terms: Sequence[FloatArray]) -> FloatArray:
 
     k is the greatest k_s.
     """
-    width = max(columns.shape[-1] for columns in columns_of_terms)
-    stacked = np.zeros((len(columns_of_terms), len(columns_of_terms[0]), width))
-    for padded, columns in zip(stacked, columns_of_terms, strict=True):
-        padded[:, : columns.shape[-1]] = columns
+    row_count = len(columns_of_terms[0])
+    width = max(columns.shape[1] for columns in columns_of_terms)
+    stacked = np.zeros((len(columns_of_terms), row_count, width))
+    for index, columns in enumerate(columns_of_terms):
+        stacked[index, :, : columns.shape[1]] = columns
     return stacked
 
 
@@ -340,11 +363,12 @@ def solve_nonnegative(columns: FloatArray, rhs: FloatArray) -> tuple[FloatArray,
     Returns:
         The unknowns (k,), and the length of the residual.
     """
-    length = np.linalg.norm(columns, axis=0)
-    is_significant = length > _NULL * length.max(initial=0.0)
-    lengths_or_one = np.where(is_significant, length, 1.0)
-    scaled, residual_length = optimize.nnls(np.where(is_significant, columns / lengths_or_one, 0.0), rhs)
-    return scaled / lengths_or_one, float(residual_length)
+    lengths = np.linalg.norm(columns, axis=0)
+    is_significant = lengths > _NULL * lengths.max(initial=0.0)
+    lengths = np.where(is_significant, lengths, 1.0)
+    scaled_columns = np.where(is_significant, columns / lengths, 0.0)
+    scaled_unknowns, residual_length = optimize.nnls(scaled_columns, rhs)
+    return scaled_unknowns / lengths, float(residual_length)
 
 
 def orthonormal_basis(columns: FloatArray, least: float = INDEPENDENT) -> FloatArray:
@@ -354,3 +378,8 @@ def orthonormal_basis(columns: FloatArray, least: float = INDEPENDENT) -> FloatA
     """
     U, singular_values, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(U[:, singular_values > least])
+
+
+def _project_out(basis: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return columns (m, k), or one (m,), less their projections on an orthonormal basis (m, r)."""
+    return np.asarray(columns - basis @ (basis.T @ columns))

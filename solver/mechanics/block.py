@@ -58,8 +58,10 @@ class OwnWeight:
     gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) in R0 [m/s²]
 
     def __post_init__(self) -> None:
-        finite = all(np.isfinite(array).all() for array in (self.mass, self.centre, self.gravity))
-        if not finite or (self.mass < 0.0).any() or self.centre.shape != (*self.mass.shape, 3):
+        is_finite = all(np.isfinite(array).all() for array in (self.mass, self.centre, self.gravity))
+        has_negative_mass = (self.mass < 0.0).any()
+        shapes_agree = self.centre.shape == (*self.mass.shape, 3)
+        if not is_finite or has_negative_mass or not shapes_agree:
             raise RequestError(
                 "a mass is negative, or a number is not finite",
                 where="own_weight",
@@ -72,20 +74,32 @@ class OwnWeight:
         Returns:
             Torques (B, n) [N·m], and their derivative (B, n, n) with respect to the joint angles [N·m/rad].
         """
+        all_joints_have_the_same_masses = self.mass.ndim == 1
+        if all_joints_have_the_same_masses:
+            return self._compute_torques(robot, postures, self.mass, self.centre)
         posture_count, n = postures.q.shape
         torque, stiffness = np.empty((posture_count, n)), np.empty((posture_count, n, n))
-        # Each entry has joints (rows of the torque), and the masses and centres for these joints' torques.
-        models = [(slice(None), self.mass, self.centre)]
-        if self.mass.ndim > 1:
-            models = [(slice(j, j + 1), self.mass[j], self.centre[j]) for j in range(n)]
-        for rows, mass, centre in models:
-            model = copy_with_weights(robot.model, mass, centre, self.gravity)
-            data = model.createData()
-            for posture, q in enumerate(in_configuration_space(model, postures.q)):
-                derivative = pin.computeGeneralizedGravityDerivatives(model, data, q)
-                # Pinocchio returns the torques that hold the weights: those of the weights are opposite.
-                torque[posture, rows], stiffness[posture, rows] = -data.g[rows], -derivative[rows]
+        for j in range(n):
+            torques, derivatives = self._compute_torques(robot, postures, self.mass[j], self.centre[j])
+            torque[:, j], stiffness[:, j] = torques[:, j], derivatives[:, j]
         return torque, stiffness
+
+    def _compute_torques(
+        self, robot: Robot, postures: Postures, mass: FloatArray, centre: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return torques (B, n) of weights about the joints, and their derivatives (B, n, n), by Pinocchio.
+
+        The links have the masses (n,) [kg], and the centres of mass (n, 3) in their frames [m].
+        """
+        posture_count, n = postures.q.shape
+        torques, derivatives = np.empty((posture_count, n)), np.empty((posture_count, n, n))
+        model = copy_with_weights(robot.model, mass, centre, self.gravity)
+        data = model.createData()
+        for posture, q in enumerate(in_configuration_space(model, postures.q)):
+            # Pinocchio returns the torques that hold the weights: those of the weights are opposite.
+            derivatives[posture] = -pin.computeGeneralizedGravityDerivatives(model, data, q)
+            torques[posture] = -data.g
+        return torques, derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +121,7 @@ class LoadedJoints:
         weight: OwnWeight | None,
         postures: Postures,
     ) -> LoadedJoints:
-        """Compute the torques in postures, with the arguments of `find_balance`.
+        """Compute the torques of load and own weight in B postures, with the arguments of `find_balance`.
 
         Raises:
             CasesError: a load has no equilibrium, as it softens a joint completely.
@@ -116,8 +130,10 @@ class LoadedJoints:
         stiffness = wrench_stiffness(postures.angular_jacobian, jacobian, cases.force, cases.moment)
         if weight is not None:
             weight_torque, weight_stiffness = weight.torque_and_stiffness(robot, postures)
-            torque, stiffness = torque + weight_torque, stiffness + weight_stiffness
-        return cls(postures, torque, stiffness, _invert_softening(compliance[:, None] * stiffness))
+            torque = torque + weight_torque
+            stiffness = stiffness + weight_stiffness
+        softened = _invert_softening(compliance[:, None] * stiffness)
+        return cls(postures, torque, stiffness, softened)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +161,10 @@ def find_balance(
 ) -> Balance:
     """Find the equilibrium of joint springs, loads and own weight using Newton's method.
 
+    The deflection δθ solves ``δθ = c ∘ τ(q + δθ)``, with τ the torques of the load and the change of the own
+    weight's torques. The derivative of τ is the stiffness K of load and weight, so that a step of Newton's
+    method is ``(I − diag(c) K)⁻¹ (c ∘ τ − δθ)``.
+
     Args:
         robot: n joints.
         compliance: (n,) joint compliances [rad/(N·m)].
@@ -161,7 +181,7 @@ def find_balance(
     """
     unloaded_weight: FloatArray | float = 0.0  # g(q), by which the own weight already bends the arm
     if weight is not None and not weight.absolute:
-        unloaded_weight = weight.torque_and_stiffness(robot, unloaded)[0]
+        unloaded_weight, _ = weight.torque_and_stiffness(robot, unloaded)
     compute_joints = partial(LoadedJoints.compute, robot, compliance, cases, weight)
     start = compute_joints(unloaded) if start is None else start
     loaded = start
@@ -171,13 +191,15 @@ def find_balance(
         residual = compliance * torque - deflection
         step = (loaded.softened @ residual[..., None])[..., 0]
         deflection = deflection + step
-        if (np.abs(step) <= _LAST_STEP).all():
-            _refuse_cases_without_balance(np.asarray((np.abs(deflection) > _LARGEST_DEFLECTION).any(axis=1)))
+        sizes = np.abs(deflection)
+        has_converged = (np.abs(step) <= _LAST_STEP).all()
+        if has_converged:
+            is_far = np.asarray((sizes > _LARGEST_DEFLECTION).any(axis=1))
+            _refuse_cases_without_balance(is_far)
             _refuse_cases_without_balance(_is_unstable(compliance[:, None] * loaded.stiffness))
             return Balance(loaded, step, torque, start)
-        _refuse_cases_without_balance(
-            np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1))
-        )
+        may_converge = (sizes <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)  # false for NaN
+        _refuse_cases_without_balance(np.asarray(~may_converge))
         loaded = compute_joints(Postures(robot, unloaded.q + deflection))
     step_sizes = np.abs(step).max(axis=1)
     raise _build_no_balance_error(step_sizes > _LAST_STEP, int(np.argmax(step_sizes)))
@@ -188,7 +210,9 @@ def wrench_stiffness(
 ) -> FloatArray:
     """Return the complementary stiffness ``K_c,jk = ∂τ_j/∂θ_k`` of constant wrenches (method.md §2).
 
-    A wrench turns with no joint, so that its torque τ_j about joint j changes when joint k turns by θ_k.
+    A wrench turns with no joint, so that its torque τ_j about joint j changes when joint k turns by θ_k. A
+    force F contributes ``(F × a_j)ᵀ v_k`` for j ≤ k, symmetric in j and k, with a_j the axis of joint j and
+    v_k the column of J_v. A moment M contributes ``a_jᵀ (M × a_k)`` for k < j.
 
     Args:
         axes: (B, 3, n) axes of the joints in R0.
@@ -199,40 +223,48 @@ def wrench_stiffness(
     Returns:
         The stiffness K_c (B, n, n) [N·m/rad].
     """
-    axes, columns = axes.transpose(1, 2, 0), load_jacobian.transpose(1, 2, 0)
-    force_cross_axes, joint_count = cross(force.T[:, None], axes), axes.shape[1]
-    stiffness = np.empty((joint_count, *axes.shape[1:]))
-    for joint in range(joint_count):
-        stiffness[joint:, joint] = stiffness[joint, joint:] = np.einsum(
-            "in,ikn->kn", force_cross_axes[:, joint], columns[:, joint:]
-        )
+    # With the B loads on the last axis, all operations run along contiguous memory: (B, 3, n) → (3, n, B).
+    axes, motions = axes.transpose(1, 2, 0), load_jacobian.transpose(1, 2, 0)
+    _, n, load_count = axes.shape
+    force_cross_axes = cross(force.T[:, None], axes)
+    stiffness = np.empty((n, n, load_count))
+    for j in range(n):
+        from_j_on = np.einsum("ib,ikb->kb", force_cross_axes[:, j], motions[:, j:])  # (F × a_j)ᵀ v_k, k ≥ j
+        stiffness[j, j:] = from_j_on
+        stiffness[j:, j] = from_j_on
     if moment.any():
-        moment_terms = np.einsum("ijn,ikn->jkn", axes, cross(moment.T[:, None], axes))
-        # Only joints k before j turn the axis a_j
-        stiffness += np.tri(joint_count, k=-1)[..., None] * moment_terms
-    return stiffness.transpose(2, 0, 1)
+        moment_terms = np.einsum("ijb,ikb->jkb", axes, cross(moment.T[:, None], axes))  # a_jᵀ (M × a_k)
+        is_before = np.tri(n, k=-1)[..., None]  # 1 where k < j: only joints before j turn its axis
+        stiffness += is_before * moment_terms
+    return stiffness.transpose(2, 0, 1)  # (B, n, n)
 
 
 def _invert_softening(softening: FloatArray) -> FloatArray:
-    """Return ``(I − E)⁻¹`` for matrices E (B, n, n), using the series ``(I + E)(I + E²)…`` if all are small.
+    """Return ``(I − E)⁻¹`` for matrices E (B, n, n).
+
+    If all matrices are small, the series ``(I + E)(I + E²)(I + E⁴)…`` is quicker than elimination.
 
     Raises:
         CasesError: a matrix is singular, so that a load case has no balance.
     """
     identity = np.eye(softening.shape[1])
-    size = float(_infinity_norms(softening).max(initial=0.0))
-    if not size <= _SMALL:  # also taken if the size is NaN
+    largest_norm = float(_infinity_norms(softening).max(initial=0.0))
+    all_are_small = largest_norm <= _SMALL  # false for NaN
+    if not all_are_small:
         try:
             return np.asarray(np.linalg.inv(identity - softening))
         except np.linalg.LinAlgError:
-            _refuse_cases_without_balance(np.linalg.slogdet(identity - softening).sign == 0.0)
+            is_singular = np.linalg.slogdet(identity - softening).sign == 0.0
+            _refuse_cases_without_balance(is_singular)
             raise
-    power = np.ascontiguousarray(softening)
-    softened = identity + power
-    while (size := size**2) > _ROUNDING:
+    power = np.ascontiguousarray(softening)  # E, then E², E⁴, …
+    inverse = identity + power
+    norm_of_next_power = largest_norm**2
+    while norm_of_next_power > _ROUNDING:
         power = power @ power
-        softened += softened @ power
-    return softened
+        inverse += inverse @ power
+        norm_of_next_power = norm_of_next_power**2
+    return inverse
 
 
 def _infinity_norms(matrices: FloatArray) -> FloatArray:
@@ -246,13 +278,15 @@ def _is_unstable(softening: FloatArray) -> BoolArray:
     E (B, n, n) is diag(c) times the stiffness of the load. Row sums of E below 1 prove stability without
     eigenvalues (Gershgorin).
     """
-    unstable: BoolArray = _infinity_norms(softening) >= 1.0
-    if unstable.any():
-        doubtful = np.eye(softening.shape[1]) - softening[unstable]
-        # A zero eigenvalue may be rounded to either side: the determinant decides
-        singular = np.linalg.slogdet(doubtful).sign == 0.0
-        unstable[unstable] = singular | (np.linalg.eigvals(doubtful).real <= 0.0).any(axis=1)
-    return unstable
+    is_doubtful: BoolArray = _infinity_norms(softening) >= 1.0
+    is_unstable = is_doubtful.copy()
+    if is_doubtful.any():
+        doubtful = np.eye(softening.shape[1]) - softening[is_doubtful]
+        has_negative_eigenvalue = (np.linalg.eigvals(doubtful).real <= 0.0).any(axis=1)
+        # A zero eigenvalue may be rounded to either side: the determinant decides.
+        is_singular = np.linalg.slogdet(doubtful).sign == 0.0
+        is_unstable[is_doubtful] = is_singular | has_negative_eigenvalue
+    return is_unstable
 
 
 def _refuse_cases_without_balance(failed: BoolArray) -> None:
@@ -261,7 +295,8 @@ def _refuse_cases_without_balance(failed: BoolArray) -> None:
     `failed` (B,) marks the load cases without a balance.
     """
     if failed.any():
-        raise _build_no_balance_error(failed, int(np.argmax(failed)))
+        first = int(np.argmax(failed))
+        raise _build_no_balance_error(failed, first)
 
 
 def _build_no_balance_error(failed: BoolArray, case: int) -> CasesError:
@@ -289,10 +324,14 @@ def spring_frames(postures: Postures) -> tuple[FloatArray, FloatArray]:
 
     These are the n frames that move with the joints, then R0 for the base.
     """
-    axes, origin = postures.joint_frames
-    base_axes = np.broadcast_to(np.eye(3), (len(axes), 1, 3, 3))
-    base_origin = np.zeros((len(axes), 1, 3))
-    return np.concatenate([axes, base_axes], axis=1), np.concatenate([origin, base_origin], axis=1)
+    rotations, origins = postures.joint_frames  # (B, n, 3, 3) and (B, n, 3)
+    posture_count = len(rotations)
+    base_rotation = np.broadcast_to(np.eye(3), (posture_count, 1, 3, 3))
+    base_origin = np.zeros((posture_count, 1, 3))
+    return (
+        np.concatenate([rotations, base_rotation], axis=1),
+        np.concatenate([origins, base_origin], axis=1),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,11 +356,16 @@ class RegressorBlock:
     _motions: dict[tuple[Term, bytes], Motion] = field(default_factory=dict)
 
     def move(self, term: Term, compliance: FloatArray) -> Motion:
-        """Return the motion by each unknown of a term, at joint compliances (n,) [rad/(N·m)].
+        """Return the motion of targets and encoders by each unknown of a term, a cause that can move targets.
 
         A term's motion is computed once and kept, unless the block is large.
+
+        Args:
+            term: elastic element or error.
+            compliance: (n,) joint compliances, on which the motion by errors depends [rad/(N·m)].
         """
-        if len(self.torque) > _MOST_CACHED_OBSERVATIONS:
+        is_large = len(self.torque) > _MOST_CACHED_OBSERVATIONS
+        if is_large:
             return term.motion(self, compliance)
         key = term, compliance.tobytes()
         if key not in self._motions:
@@ -332,42 +376,47 @@ class RegressorBlock:
     def frames(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute the targets' motion with the frames of links and base, and the load's wrench in each frame.
 
+        The n + 1 frames are those that move with the joints, then R0 for the base.
+
         Returns:
-            (n + 1, B, T, 3, 6) motion of the targets by translations, then rotations, of the frame of each
-            joint and of the base; (n + 1, B, 6) wrench of the load in each frame, force then moment about the
-            frame's origin [N, N·m]; and (B, n + 1, 3) vectors from the origins to the load point, axes of R0
-            [m].
+            (n + 1, B, T, 3, 6) motion of the targets by translations, then rotations, of each frame about its
+            own axes; (n + 1, B, 6) wrench of the load in each frame, force then moment about the frame's
+            origin [N, N·m]; and (B, n + 1, 3) vectors from the origins to the load point, axes of R0 [m].
         """
-        measurements = self.measurements
-        axes, origin = spring_frames(self.postures)
-        to_load_point = self.postures.to_base(measurements.load_point[:, None]) - origin
-        moment = measurements.moment[:, None] + np.cross(to_load_point, measurements.force[:, None])
-        frame_axes = axes.transpose(1, 0, 2, 3)  # (n + 1, B, 3, 3)
-        wrench = np.concatenate(
-            [measurements.force[:, None] @ frame_axes, moment.transpose(1, 0, 2)[:, :, None] @ frame_axes],
-            axis=-1,
-        )
-        rotation_columns = -skew(self.points - origin.transpose(1, 0, 2)[:, :, None]) @ frame_axes[:, :, None]
-        target_motions = np.concatenate(
-            [np.broadcast_to(frame_axes[:, :, None], rotation_columns.shape), rotation_columns], axis=-1
-        )
+        force, moment = self.measurements.force[:, None], self.measurements.moment[:, None]  # (B, 1, 3)
+        rotations, origins = spring_frames(self.postures)  # (B, n + 1, 3, 3) and (B, n + 1, 3)
+        to_load_point = self.postures.to_base(self.measurements.load_point[:, None]) - origins
+        moment_about_origin = moment + np.cross(to_load_point, force)  # (B, n + 1, 3)
+
+        # Now the frames come first. A vector v of R0 is Rᵀ v in a frame: as a row, vᵀ R.
+        R = rotations.transpose(1, 0, 2, 3)  # (n + 1, B, 3, 3)
+        moment_rows = moment_about_origin.transpose(1, 0, 2)[:, :, None]  # (n + 1, B, 1, 3)
+        wrench = np.concatenate([force @ R, moment_rows @ R], axis=-1)  # (n + 1, B, 1, 6)
+
+        # A translation t of the frame moves a target by R t, and a rotation r by (R r) × lever.
+        levers = self.points - origins.transpose(1, 0, 2)[:, :, None]  # (n + 1, B, T, 3)
+        by_rotations = -skew(levers) @ R[:, :, None]
+        by_translations = np.broadcast_to(R[:, :, None], by_rotations.shape)
+        target_motions = np.concatenate([by_translations, by_rotations], axis=-1)
         return target_motions, wrench[:, :, 0], to_load_point
 
     @cached_property
     def shared_motion(self) -> tuple[FloatArray, FloatArray]:
-        """Compute the motion of the targets by errors that all targets of a posture share, whitened.
+        """Compute the motion of the targets by errors that all T targets of each of B postures share.
+
+        The motion is whitened: in units of the noise of the readings, sigma.
 
         Returns:
             (B, 3 T, n) motion by a turn of each joint [sigma per rad]; and (B, 3 T, 3) motion by a shift of
             all targets along each axis of R0 [sigma per m]; zero for targets that were not read.
         """
         measurements = self.measurements
-        shift = measurements.project_on_directions(np.broadcast_to(np.eye(3), (*self.points.shape, 3)))
-        motions = np.concatenate([self.jacobian, shift], axis=-1)
-        motions = whitened(
-            measurements.covariance, np.where(measurements.present[..., None, None], motions, 0.0)
-        )
-        rows = motions.reshape(len(motions), -1, motions.shape[-1])
+        B, T, _ = self.points.shape
+        by_shift = measurements.project_on_directions(np.broadcast_to(np.eye(3), (B, T, 3, 3)))
+        motions = np.concatenate([self.jacobian, by_shift], axis=-1)  # (B, T, 3, n + 3)
+        was_read = measurements.present[..., None, None]
+        motions = whitened(measurements.covariance, np.where(was_read, motions, 0.0))
+        rows = motions.reshape(B, 3 * T, -1)
         return rows[..., :-3], rows[..., -3:]
 
     @cached_property
@@ -380,30 +429,28 @@ class RegressorBlock:
         """Whiten rows (B, T, 3, k) of the targets, so that the noise of each row has variance sigma².
 
         First each reading is whitened by its own covariance Σ. Errors that a posture's targets share add G Gᵀ
-        to the covariance I of these rows. The symmetric root ``(I + G Gᵀ)^(-1/2)`` keeps each row close to
-        the reading that it belongs to. Weights by a robust loss apply to rows of independent noise.
+        to the covariance I of these rows. The symmetric root ``(I + G Gᵀ)^(-1/2) = I − U diag(w) Uᵀ`` keeps
+        each row close to the reading that it belongs to. Weights by a robust loss apply to rows of
+        independent noise.
         """
         measurements = self.measurements
         whitened_rows = whitened(measurements.covariance, rows)
         if measurements.scatter:
-            directions, reduction = self._scatter_roots
-            flat = whitened_rows.reshape(len(rows), -1, rows.shape[-1])
-            whitened_rows = (flat - directions @ (reduction[..., None] * (directions.mT @ flat))).reshape(
-                rows.shape
-            )
-        return (
-            whitened_rows
-            if measurements.weight is None
-            else np.sqrt(measurements.weight)[..., None, None] * whitened_rows
-        )
+            U, w = self._scatter_roots
+            flat = whitened_rows.reshape(len(rows), -1, rows.shape[-1])  # (B, 3 T, k)
+            flat = flat - U @ (w[..., None] * (U.mT @ flat))
+            whitened_rows = flat.reshape(rows.shape)
+        if measurements.weight is None:
+            return whitened_rows
+        return np.sqrt(measurements.weight)[..., None, None] * whitened_rows
 
     def whiten_encoders(self, rows: FloatArray, targets: FloatArray) -> FloatArray:
-        """Whiten rows of the encoders: the noise of each has variance sigma², whatever that of the targets.
+        """Whiten rows of the encoders: independent noise of variance sigma², given the rows of the targets.
 
         Tracker and encoders see the same turns of the joints. The errors s ~ N(0, I) that a posture's
-        readings share move targets by G s and encoders by H s. Given the targets, s has the covariance
-        ``M = (I + GᵀG)⁻¹`` and the mean M Gᵀ t; the encoders' rows e are whitened as ``e − H M Gᵀ t``, with
-        covariance ``I + H M Hᵀ``.
+        readings share move the targets' rows t by G s and the encoders' rows e by H s. Given the targets, s
+        has the covariance ``M = (I + GᵀG)⁻¹`` and the mean M Gᵀ t; so ``e − H M Gᵀ t`` has the covariance
+        ``I + H M Hᵀ``, whose inverse root makes the rows independent.
 
         Args:
             rows: (B, n, k) rows of the encoders [rad].
@@ -413,23 +460,26 @@ class RegressorBlock:
         scatter, lever = measurements.scatter, measurements.encoder_lever
         if not scatter.encoders or measurements.encoders is None:
             return np.asarray(lever / np.sqrt(2.0) * rows)
-        # Motion [sigma per rad] of each encoder's whitened row by a turn of its joint.
+        # (n,) motion [sigma per rad] of each encoder's row e by a turn of its joint.
         by_turn = lever / (np.sqrt(2.0) * np.array(scatter.encoders))
-        whitened_rows = np.asarray(by_turn[:, None] * rows)
-        if scatter.joints == 0.0:
-            return whitened_rows
+        e = np.asarray(by_turn[:, None] * rows)
+        joints_repeat_exactly = scatter.joints == 0.0
+        if joints_repeat_exactly:
+            return e
         by_joints, by_station = self.shared_motion
         G = np.concatenate([scatter.joints * by_joints, scatter.station * by_station], axis=-1)
-        t = whitened(measurements.covariance, targets).reshape(*G.shape[:2], -1)
+        t = whitened(measurements.covariance, targets).reshape(*G.shape[:2], -1)  # (B, 3 T, k)
         if measurements.weight is not None:
             root_weight = np.repeat(np.sqrt(measurements.weight), 3, axis=1)[..., None]
             G, t = root_weight * G, root_weight * t
-        M = np.linalg.inv(np.eye(G.shape[-1]) + G.mT @ G)
-        n = len(by_turn)
-        H = (scatter.joints * by_turn * measurements.encoders.present)[..., None] * np.eye(n, G.shape[-1])
-        variance, directions = np.linalg.eigh(np.eye(n) + H @ M @ H.mT)
-        remaining = whitened_rows - H @ M @ (G.mT @ t)
-        return np.asarray(directions @ ((directions.mT @ remaining) / np.sqrt(variance)[..., None]))
+        n, error_count = len(by_turn), G.shape[-1]
+        M = np.linalg.inv(np.eye(error_count) + G.mT @ G)
+        own_turns = scatter.joints * by_turn * measurements.encoders.present  # (B, n)
+        H = own_turns[..., None] * np.eye(n, error_count)  # an encoder sees only the turn of its own joint
+        remaining = e - H @ M @ (G.mT @ t)
+        # Multiply by the symmetric root V diag(λ^(-1/2)) Vᵀ of the inverse covariance.
+        eigenvalues, V = np.linalg.eigh(np.eye(n) + H @ M @ H.mT)
+        return np.asarray(V @ ((V.mT @ remaining) / np.sqrt(eigenvalues)[..., None]))
 
 
 def compute_scatter_roots(
@@ -446,10 +496,11 @@ def compute_scatter_roots(
         Directions U (B, 3 T, r), the left singular vectors of G; and factors w (B, r) with
         ``I − U diag(w) Uᵀ`` the symmetric root of the inverse covariance.
     """
-    motion_by_joints, motion_by_station = shared_motion
-    G = np.concatenate([joints * motion_by_joints, station * motion_by_station], axis=-1)
+    by_joints, by_station = shared_motion
+    G = np.concatenate([joints * by_joints, station * by_station], axis=-1)
     U, singular_values, _ = np.linalg.svd(G, full_matrices=False)
-    return U, 1.0 - 1.0 / np.sqrt(1.0 + np.square(singular_values))
+    root_of_variance = np.sqrt(1.0 + np.square(singular_values))  # along the directions U; 1 in all others
+    return U, 1.0 - 1.0 / root_of_variance
 
 
 def regressor_blocks(
@@ -483,11 +534,10 @@ def _compute_blocks_ahead(
 ) -> Iterator[RegressorBlock]:
     """Yield blocks in order, while a thread computes the next block."""
     previous: Future[RegressorBlock] | None = None
-    with ThreadPoolExecutor(1) as thread:
+    with ThreadPoolExecutor(max_workers=1) as thread:
         for start in range(0, len(measurements), BLOCK_LENGTH):
-            coming = thread.submit(
-                _compute_block, robot, measurements[start : start + BLOCK_LENGTH], compliance
-            )
+            observations = measurements[start : start + BLOCK_LENGTH]
+            coming = thread.submit(_compute_block, robot, observations, compliance)
             if previous is not None:
                 yield previous.result()
             previous = coming
@@ -508,9 +558,11 @@ def get_whole_block(
     Raises:
         SolverError: a load has no equilibrium with joints of this compliance.
     """
-    if len(measurements.joints) > _MOST_CACHED_OBSERVATIONS:
+    is_large = len(measurements) > _MOST_CACHED_OBSERVATIONS
+    if is_large:
         return _compute_block(robot, measurements, compliance)
-    return _get_cached_block(robot, measurements, None if compliance is None else tuple(compliance.tolist()))
+    hashable = None if compliance is None else tuple(compliance.tolist())
+    return _get_cached_block(robot, measurements, hashable)
 
 
 @lru_cache(maxsize=_BLOCKS_CACHED)
@@ -518,32 +570,43 @@ def _get_cached_block(
     robot: Robot, measurements: Measurements, compliance: tuple[float, ...] | None
 ) -> RegressorBlock:
     """Return the regressors of a small set from a cache of the blocks used last; compute if not there."""
-    return _compute_block(robot, measurements, None if compliance is None else np.array(compliance))
+    array = None if compliance is None else np.array(compliance)
+    return _compute_block(robot, measurements, array)
 
 
 def unloaded_postures(robot: Robot, measurements: Measurements) -> Postures:
     """Return the kinematics of the unloaded configurations of a set; kinematics of small sets are cached."""
-    if len(measurements.joints) > _MOST_CACHED_OBSERVATIONS:
+    is_large = len(measurements) > _MOST_CACHED_OBSERVATIONS
+    if is_large:
         return Postures(robot, robot.joint_map.model_angles(measurements.joints))
     return get_whole_block(robot, measurements).postures
 
 
 def targets_in_flange(robot: Robot, part: Measurements) -> FloatArray:
-    """Return the mean place (T, 3) of each target in the flange frame [m] over all observations."""
-    read = unloaded_postures(robot, part).to_flange(part.position)
-    places = np.where(part.in_flange[..., None], part.position, read)
-    present = part.present[..., None]
-    return np.asarray(np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1))
+    """Return the mean place (T, 3) of each target in the flange frame [m] over all observations.
+
+    Targets that were never read are at the origin.
+    """
+    converted = unloaded_postures(robot, part).to_flange(part.position)
+    places = np.where(part.in_flange[..., None], part.position, converted)  # (N, T, 3)
+    was_read = part.present[..., None]
+    sums = np.where(was_read, places, 0.0).sum(axis=0)
+    counts = np.maximum(was_read.sum(axis=0), 1)
+    return np.asarray(sums / counts)
 
 
 def _compute_block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
-    """Compute the regressors of some observations; with a compliance, include the complementary stiffness.
+    """Compute the regressors of some observations, by which joint compliances move the targets.
+
+    Without a compliance, the torques are those in the unloaded postures. With joint compliances (n,), they
+    are those in the loaded postures, found by Newton's method, and the targets move about axes half-way.
 
     Raises:
         SolverError: a load has no equilibrium with joints of this compliance.
     """
     if compliance is None:
-        return unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(part.joints)), part)
+        postures = Postures(robot, robot.joint_map.model_angles(part.joints))
+        return unloaded_block(robot, postures, part)
     unloaded = unloaded_postures(robot, part)
     try:
         equilibrium = find_balance(robot, compliance, part, None, unloaded)
@@ -553,13 +616,14 @@ def _compute_block(robot: Robot, part: Measurements, compliance: FloatArray | No
             where="complementary_stiffness",
             remedy="neglect the complementary stiffness, or check the units of force and length",
         ) from None
-    torque = equilibrium.torque + (equilibrium.joints.stiffness @ equilibrium.step[..., None])[..., 0]
+    # The torques belong to the postures before Newton's last step: follow them along this step.
+    change = equilibrium.joints.stiffness @ equilibrium.step[..., None]
+    torque = equilibrium.torque + change[..., 0]
     halfway = Postures(robot, unloaded.q + 0.5 * compliance * torque)
     in_flange = np.where(part.in_flange[..., None], part.position, unloaded.to_flange(part.position))
+    points = halfway.to_base(in_flange)
     load_jacobian, _ = halfway.load(part.load_point, part.force, part.moment)
-    return _assemble_block(
-        robot, compliance.copy(), halfway, load_jacobian, torque, halfway.to_base(in_flange), part
-    )
+    return _assemble_block(robot, compliance.copy(), halfway, load_jacobian, torque, points, part)
 
 
 def unloaded_block(robot: Robot, postures: Postures, part: Measurements) -> RegressorBlock:
@@ -580,7 +644,20 @@ def _assemble_block(
     points: FloatArray,
     part: Measurements,
 ) -> RegressorBlock:
-    """Build a block from kinematics and torques; `points` (B, T, 3) are the targets' places in R0 [m]."""
+    """Build a block of B observations from kinematics and torques.
+
+    The regressor A (B, T, 3, n) is the motion of the targets by each joint times the joint's torque: A c is
+    the deflection with joint compliances c.
+
+    Args:
+        robot: n joints.
+        compliance: (n,) compliances whose balance is included [rad/(N·m)]; None without.
+        postures: kinematics of the configurations.
+        load_jacobian: (B, 3, n) Jacobian J_v at the load points [m/rad].
+        torque: (B, n) torque of the load about each joint [N·m].
+        points: (B, T, 3) places of the targets in R0 [m].
+        part: the observations.
+    """
     jacobian = part.project_on_directions(postures.jacobian_at(points))
     A = np.multiply(jacobian, torque[:, None, None], order="C")
     if not part.present.all():
@@ -599,8 +676,11 @@ class BlockRows(NamedTuple):
     @property
     def flat(self) -> FloatArray:
         """Rows (B, m, K + 1) of each observation: those of its targets, then those of its encoders."""
-        targets = self.targets.reshape(len(self.targets), -1, self.targets.shape[-1])
-        return targets if self.encoders is None else np.concatenate([targets, self.encoders], axis=1)
+        B, T, _, width = self.targets.shape
+        targets = self.targets.reshape(B, 3 * T, width)
+        if self.encoders is None:
+            return targets
+        return np.concatenate([targets, self.encoders], axis=1)
 
     @property
     def read(self) -> IndexArray:
@@ -612,14 +692,15 @@ class BlockRows(NamedTuple):
         return read
 
     def whiten(self) -> BlockRows:
-        """Return the rows whitened: the noise of each row has variance sigma².
+        """Return the rows whitened: combined so that their noise is independent, with variance sigma².
 
         The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2).
         """
+        targets = self.block.whiten(self.targets)
         encoders = self.encoders
         if encoders is not None:
             encoders = self.block.whiten_encoders(encoders, self.targets)
-        return self._replace(targets=self.block.whiten(self.targets), encoders=encoders)
+        return self._replace(targets=targets, encoders=encoders)
 
     def scale(self, units: FloatArray) -> BlockRows:
         """Return the rows in other units of the unknowns; the units (K + 1,) multiply the columns."""
@@ -691,9 +772,8 @@ class CorrectedMeasurements(Measurements):
     @classmethod
     def from_measurements(cls, measurements: Measurements, fitted: FittedErrors) -> CorrectedMeasurements:
         """Attach the fitted errors to measurements that are already corrected for these errors."""
-        return cls(
-            **{each.name: getattr(measurements, each.name) for each in fields(Measurements)}, fitted=fitted
-        )
+        values = {field.name: getattr(measurements, field.name) for field in fields(Measurements)}
+        return cls(**values, fitted=fitted)
 
 
 def fitted_errors(measurements: Measurements) -> FittedErrors:
@@ -708,29 +788,31 @@ def move_by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatA
 
 
 def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> BlockRows:
-    """Return the least-squares rows of a block: the columns of all terms, then a column of readings.
+    """Build the least-squares rows [A d] of ``A x ≈ d``: motions A by unit unknowns x, and readings d.
 
     Args:
         block: B observations.
-        terms: terms with a column for each unknown.
+        terms: causes that can move targets, with a column of A for each unknown.
         compliance: (n,) compliances of the joints, on which the columns of errors depend [rad/(N·m)].
     """
-    measurements = block.measurements
+    measurements, encoders = block.measurements, block.measurements.encoders
     motions = {term.name: block.move(term, compliance) for term in terms}
-    targets = np.concatenate(
-        [*(m.targets for m in motions.values()), measurements.deflection[..., None]], axis=-1
-    )
+    widths = {name: motion.targets.shape[-1] for name, motion in motions.items()}
+    columns = [motion.targets for motion in motions.values()]
+    columns.append(measurements.deflection[..., None])
+    targets = np.concatenate(columns, axis=-1)  # (B, T, 3, K + 1)
     if measurements.direction is not None:
         targets = measurements.project_on_directions(targets)
     if not measurements.present.all():
         targets[~measurements.present] = 0.0
-    widths = {name: motion.targets.shape[-1] for name, motion in motions.items()}
-    if measurements.encoders is None:
+    if encoders is None:
         return BlockRows(block, targets, None, widths)
-    columns = [
-        np.zeros((*measurements.joints.shape, widths[name])) if motion.joints is None else motion.joints
-        for name, motion in motions.items()
-    ]
-    encoders = np.concatenate([*columns, measurements.encoders.deflection[..., None]], axis=-1)
-    encoders = np.where(measurements.encoders.present[..., None], encoders, 0.0)
-    return BlockRows(block, targets, encoders, widths)
+
+    columns = []
+    for name, motion in motions.items():
+        no_motion = np.zeros((*measurements.joints.shape, widths[name]))
+        columns.append(no_motion if motion.joints is None else motion.joints)
+    columns.append(encoders.deflection[..., None])
+    encoder_rows = np.concatenate(columns, axis=-1)  # (B, n, K + 1)
+    encoder_rows = np.where(encoders.present[..., None], encoder_rows, 0.0)
+    return BlockRows(block, targets, encoder_rows, widths)

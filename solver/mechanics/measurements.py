@@ -77,12 +77,12 @@ class Instrument:
         sigma_along = self.range_constant + self.range_per_distance * distance
         sigma_across = self.transverse_constant + self.transverse_per_distance * distance
         least = min(float(sigma_along.min()), float(sigma_across.min()))
-        ratio = (
-            float(np.maximum(sigma_along / sigma_across, sigma_across / sigma_along).max())
-            if least > 0.0
-            else np.inf
-        )
-        if least < LEAST_SIGMA or ratio**2 > LARGEST_CONDITION:
+        largest_ratio = np.inf
+        if least > 0.0:
+            ratio = sigma_along / sigma_across
+            largest_ratio = float(np.maximum(ratio, sigma_across / sigma_along).max())
+        # The condition number of the covariance is the squared ratio.
+        if least < LEAST_SIGMA or largest_ratio**2 > LARGEST_CONDITION:
             raise MeasurementError(
                 f"the standard uncertainties of {sigma_along.max():.3g} m along and "
                 f"{sigma_across.max():.3g} m across the line of sight are not those of a tracker: at "
@@ -92,13 +92,11 @@ class Instrument:
                 remedy="check the constants (in `units.length`) and the terms per distance; or state "
                 "`noise.sigma` in place of the instrument",
             )
-        unit_vector = line_of_sight / distance[..., None]
-        difference_along = (
-            (sigma_along**2 - sigma_across**2)[..., None, None]
-            * unit_vector[..., :, None]
-            * unit_vector[..., None, :]
-        )
-        covariance: FloatArray = (sigma_across**2)[..., None, None] * np.eye(3) + difference_along
+        u = line_of_sight / distance[..., None]
+        variance_across = (sigma_across**2)[..., None, None]
+        excess_along = (sigma_along**2 - sigma_across**2)[..., None, None]
+        excess = excess_along * u[..., :, None] * u[..., None, :]  # (σ_r² − σ_t²) u uᵀ
+        covariance: FloatArray = variance_across * np.eye(3) + excess
         return covariance
 
     def typical_sigma(self, places: FloatArray) -> float:
@@ -110,6 +108,8 @@ class Instrument:
 def whitener(covariance: FloatArray) -> FloatArray:
     """Return the whitening matrix W with ``Wᵀ W = Σ⁻¹`` of a covariance Σ (method.md §5, step 1).
 
+    If x has the covariance Σ, then W x has the unit matrix as covariance.
+
     Args:
         covariance: (..., m, m) covariances Σ.
 
@@ -119,25 +119,33 @@ def whitener(covariance: FloatArray) -> FloatArray:
     Raises:
         MeasurementError: a covariance is not finite, symmetric and positive definite.
     """
-    refused = MeasurementError(
+    invalid = MeasurementError(
         "a covariance is not finite, symmetric and positive definite",
         where="noise",
         remedy="check the stated uncertainties",
     )
-    scale = np.abs(covariance).max()
-    if not np.isfinite(scale) or (np.abs(covariance - covariance.mT) > 1e-9 * scale).any():
-        raise refused
+    largest = np.abs(covariance).max()
+    if not np.isfinite(largest):
+        raise invalid
+    asymmetry = np.abs(covariance - covariance.mT)
+    if (asymmetry > 1e-9 * largest).any():
+        raise invalid
     try:
         inverse: FloatArray = np.linalg.inv(np.linalg.cholesky(covariance))
     except np.linalg.LinAlgError:
-        raise refused from None
+        raise invalid from None
     return inverse
 
 
 def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
-    """Whiten rows (..., 3, k) with a covariance (3, 3) or (..., 3, 3), so that their noise has variance 1."""
-    # Most sets have this covariance, whose whitener is a scalar. The comparison is by value, because a set
-    # that came from another process has a copy of the constant.
+    """Whiten the rows of three coordinates: scale and combine them, so that their noise has unit covariance.
+
+    Args:
+        covariance: (3, 3) or (..., 3, 3) covariance of the three rows.
+        rows: (..., 3, k) rows of least-squares problems.
+    """
+    # Most sets have the covariance 2 I. The comparison is by value, because a set that came from another
+    # process has a copy of the constant.
     if np.array_equal(covariance, ISOTROPIC_DIFFERENCE):
         return np.asarray(rows / np.sqrt(2.0))
     return np.asarray(whitener(covariance) @ rows)
@@ -163,17 +171,19 @@ class DifferenceNoise:
             loaded: (N, T, 3, 3) covariance of the positions under load [m²].
             coordinates: (N, T) number of coordinates that each reading shows.
         """
-        total = unloaded + loaded
-        trace = np.trace(total, axis1=-2, axis2=-1)
-        variance = np.average(trace, weights=coordinates) / 6.0  # of three coordinates, in two readings
+        of_deflection = unloaded + loaded
+        # A trace adds the variances of three coordinates, each of two readings.
+        mean_trace = np.average(np.trace(of_deflection, axis1=-2, axis2=-1), weights=coordinates)
+        variance = mean_trace / 6.0
         was_read = (coordinates > 0)[..., None, None]
-        covariance = np.where(was_read, total / variance, ISOTROPIC_DIFFERENCE)
+        covariance = np.where(was_read, of_deflection / variance, ISOTROPIC_DIFFERENCE)
         return cls(float(np.sqrt(variance)), covariance)
 
     @classmethod
     def from_instrument(cls, instrument: Instrument, robot: Robot, plain: Measurements) -> DifferenceNoise:
         """Return the noise of measurements by an instrument; `plain` are the measurements without noise."""
-        return cls.from_positions(*position_covariances(instrument, robot, plain), plain.coordinates)
+        unloaded, loaded = position_covariances(instrument, robot, plain)
+        return cls.from_positions(unloaded, loaded, plain.coordinates)
 
 
 def position_covariances(
@@ -185,12 +195,12 @@ def position_covariances(
     """
     places = measurements.position
     if measurements.in_flange.any():
-        configurations = Postures(robot, robot.joint_map.model_angles(measurements.joints))
-        places = np.where(measurements.in_flange[..., None], configurations.to_base(places), places)
-    unloaded_places = fill_unread_places(places, measurements.present)
-    return instrument.covariance(unloaded_places), instrument.covariance(
-        unloaded_places + measurements.deflection
-    )
+        postures = Postures(robot, robot.joint_map.model_angles(measurements.joints))
+        in_flange = measurements.in_flange[..., None]
+        places = np.where(in_flange, postures.to_base(places), places)
+    unloaded = fill_unread_places(places, measurements.present)
+    loaded = unloaded + measurements.deflection
+    return instrument.covariance(unloaded), instrument.covariance(loaded)
 
 
 def fill_unread_places(places: FloatArray, present: BoolArray) -> FloatArray:
@@ -203,9 +213,13 @@ def fill_unread_places(places: FloatArray, present: BoolArray) -> FloatArray:
 
 def find_first_equal(keys: FloatArray) -> IndexArray:
     """Return, for each row of `keys` (N, k), the index (N,) of the first row with equal numbers."""
-    first_rows: dict[bytes, int] = {}
     # Rows are compared by their bytes. Adding zero turns −0.0 into 0.0, whose bytes differ.
-    return np.array([first_rows.setdefault(row.tobytes(), i) for i, row in enumerate(keys + 0.0)])
+    keys = keys + 0.0
+    first_index_of_row = dict[bytes, int]()
+    first_indices = list[int]()
+    for index, row in enumerate(keys):
+        first_indices.append(first_index_of_row.setdefault(row.tobytes(), index))
+    return np.array(first_indices)
 
 
 def refuse_invalid_covariance(covariance: FloatArray, present: BoolArray, field: str) -> None:
@@ -219,17 +233,18 @@ def refuse_invalid_covariance(covariance: FloatArray, present: BoolArray, field:
     Raises:
         MeasurementError: a matrix is not a covariance; the error names the first such reading.
     """
+    eigenvalues = np.linalg.eigvalsh(covariance)  # (N, T, 3), ascending
+    least, greatest = eigenvalues[..., 0], eigenvalues[..., -1]
+    is_definite = (least > 0.0) & (least * LARGEST_CONDITION > greatest)
     asymmetry = np.abs(covariance - covariance.mT).max(axis=(-1, -2))
-    values = np.linalg.eigvalsh(covariance)
-    good = (values[..., 0] * LARGEST_CONDITION > values[..., -1]) & (values[..., 0] > 0.0)
-    good &= asymmetry <= 1e-9 * np.abs(values).max(axis=-1)
-    bad = np.argwhere(present & ~good)
-    if len(bad):
-        i, t = bad[0].tolist()
-        position = int(present[i, :t].sum())  # the request lists only targets that were read
+    is_symmetric = asymmetry <= 1e-9 * np.abs(eigenvalues).max(axis=-1)
+    invalid = np.argwhere(present & ~(is_definite & is_symmetric))
+    if len(invalid):
+        observation, target = invalid[0].tolist()
+        reading = int(present[observation, :target].sum())  # the request lists only targets that were read
         raise MeasurementError(
             "the covariance matrix is not symmetric and positive definite",
-            where=f"observations[{i}].readings[{position}].{field}",
+            where=f"observations[{observation}].readings[{reading}].{field}",
             remedy="give the covariance of the three coordinates, axes of R0, in `units.length` squared",
         )
 
@@ -327,28 +342,30 @@ class CommonUncertainty:
         In campaigns with the same hook and load cell, the assumed errors are equal: a comparison cancels
         them.
         """
-        place = 0.0 if "load_point" in self.assumed else self.load_point
+        load_point = 0.0 if "load_point" in self.assumed else self.load_point
         scale = 0.0 if "force_scale" in self.assumed else self.scale
-        return replace(self, load_point=place, scale=scale, assumed=frozenset())
+        return replace(self, load_point=load_point, scale=scale, assumed=frozenset())
 
     def source(self, term: str) -> str:
         """Return the name of a term in uncertainty budgets; `assumed_` precedes it if it was not stated."""
         return f"assumed_{term}" if term in self.assumed else term
 
     def __post_init__(self) -> None:
-        for where, value in (
-            ("force.scale", self.scale),
-            ("force.direction", self.direction),
-            ("load_point", self.load_point),
-            ("target_places", self.target_places),
-            ("axes.position", self.axis_position),
-            ("axes.direction", self.axis_direction),
-            ("drift", self.drift),
-        ):
-            if not (np.isfinite(value) and value >= 0.0):
+        value_of_field = {
+            "force.scale": self.scale,
+            "force.direction": self.direction,
+            "load_point": self.load_point,
+            "target_places": self.target_places,
+            "axes.position": self.axis_position,
+            "axes.direction": self.axis_direction,
+            "drift": self.drift,
+        }
+        for field_name, value in value_of_field.items():
+            is_valid = np.isfinite(value) and value >= 0.0
+            if not is_valid:
                 raise MeasurementError(
                     f"the standard uncertainty is {value}",
-                    where=f"noise.{where}",
+                    where=f"noise.{field_name}",
                     remedy="give a number that is zero or positive",
                 )
 
@@ -358,10 +375,10 @@ EXACT: Final = CommonUncertainty()
 
 
 def project_on_directions(direction: FloatArray | None, motion: FloatArray) -> FloatArray:
-    """Project motions of targets on the directions of readings along one direction; keep all other motions.
+    """Project the motions of targets whose readings show one direction n only; keep all other motions.
 
-    A reading along n is the least-squares row ``nᵀ δp``. The three rows ``n nᵀ δp`` with isotropic noise have
-    the same sum of squares, so that readings along a direction are handled like vectors (method.md §3).
+    A motion δp becomes ``n nᵀ δp``: its three rows, with isotropic noise, have the same sum of squares as the
+    single row ``nᵀ δp`` of the reading. So these readings are handled like vectors (method.md §3).
 
     Args:
         direction: (N, T, 3) unit vectors, zero for readings of all three coordinates; None if no reading is
@@ -373,10 +390,11 @@ def project_on_directions(direction: FloatArray | None, motion: FloatArray) -> F
     """
     if direction is None:
         return motion
-    columns = motion.reshape(*direction.shape, -1)
-    along = direction[..., None] * (direction[..., None, :] @ columns)
-    is_vector = np.asarray(~direction.any(axis=-1))
-    return np.where(is_vector[..., None, None], columns, along).reshape(motion.shape)
+    columns = motion.reshape(*direction.shape, -1)  # (N, T, 3, k)
+    n, n_transposed = direction[..., :, None], direction[..., None, :]
+    projected = n * (n_transposed @ columns)
+    reads_all_coordinates = np.asarray(~direction.any(axis=-1))  # (N, T)
+    return np.where(reads_all_coordinates[..., None, None], columns, projected).reshape(motion.shape)
 
 
 @dataclass(frozen=True)
@@ -388,6 +406,7 @@ class Scatter:
     #: (n,) noise of the encoder of each joint, relative to its stated noise; encoders then also see the turns
     #: of `joints`. Empty: noise as stated, and encoders see no turns.
     encoders: tuple[float, ...] = ()
+    is_assumed: bool = False  #: whether the readings show no such errors significantly
 
     def __bool__(self) -> bool:
         """Return whether targets of a posture share errors."""
@@ -448,16 +467,16 @@ class Measurements:
     targets: tuple[str, ...] = ()  #: (T,) names of the targets; "1", "2", … where none are given
 
     def __post_init__(self) -> None:
-        count, targets = self.present.shape
-        if count == 0 or targets == 0:
+        count, target_count = self.present.shape
+        if count == 0 or target_count == 0:
             raise MeasurementError("no observation", remedy="give at least one observation")
         object.__setattr__(self, "labels", _complete_names("labels", self.labels, count))
-        object.__setattr__(self, "targets", _complete_names("targets", self.targets, targets))
+        object.__setattr__(self, "targets", _complete_names("targets", self.targets, target_count))
         if not self.order.size:
             object.__setattr__(self, "order", np.arange(float(count)))
         self._refuse_invalid_noise()
-        for name, shape in self._row_shapes.items():
-            check_array(name, getattr(self, name), (count, *shape))
+        for name, shape_of_row in self._row_shapes.items():
+            check_array(name, getattr(self, name), (count, *shape_of_row))
         if self.covariance.ndim == 2:
             check_array("covariance", self.covariance, (3, 3))
         if self.direction is not None:
@@ -467,22 +486,21 @@ class Measurements:
 
     def _refuse_invalid_noise(self) -> None:
         """Refuse standard uncertainties that are not plausible numbers, and encoders without sigma."""
-        if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0):
+        sigma, repeatability = self.sigma, self.repeatability
+        if sigma is not None and not (np.isfinite(sigma) and sigma > 0):
             raise MeasurementError(
-                f"sigma must be positive, but is {self.sigma} m",
+                f"sigma must be positive, but is {sigma} m",
                 where="noise.sigma",
                 remedy="give a positive length; omit `noise` to estimate sigma from the residuals",
             )
-        if self.repeatability is not None and not (
-            np.isfinite(self.repeatability) and self.repeatability >= 0.0
-        ):
+        if repeatability is not None and not (np.isfinite(repeatability) and repeatability >= 0.0):
             raise MeasurementError(
-                f"the repeatability must be zero or positive, but is {self.repeatability} rad",
+                f"the repeatability must be zero or positive, but is {repeatability} rad",
                 where="noise.repeatability",
                 remedy="give an angle that is zero or positive; omit the repeatability to estimate it from "
                 "the residuals",
             )
-        if self.encoders is not None and self.sigma is None:
+        if self.encoders is not None and sigma is None:
             raise MeasurementError(
                 "there are encoder readings but no sigma of the tracker, so angles and lengths cannot be "
                 "weighted",
@@ -496,17 +514,26 @@ class Measurements:
 
         Optional arrays that are None are omitted.
         """
-        targets = self.present.shape[1:]
-        shapes = {"joints": self.joints.shape[-1:], "covariance": (*targets, 3, 3)}
-        shapes |= dict.fromkeys(("force", "moment", "load_point"), (3,))
-        shapes |= dict.fromkeys(("position", "deflection", "direction"), (*targets, 3))
-        shapes |= dict.fromkeys(("in_flange", "present", "weight", "unloaded_only"), targets)
-        shapes["order"] = ()
-        return {
-            name: shape
-            for name, shape in shapes.items()
-            if getattr(self, name) is not None and (name != "covariance" or self.covariance.ndim > 2)
+        n, T = self.joints.shape[-1], self.present.shape[1]
+        shapes: dict[str, tuple[int, ...]] = {
+            "joints": (n,),
+            "covariance": (T, 3, 3),
+            "force": (3,),
+            "moment": (3,),
+            "load_point": (3,),
+            "position": (T, 3),
+            "deflection": (T, 3),
+            "direction": (T, 3),
+            "in_flange": (T,),
+            "present": (T,),
+            "weight": (T,),
+            "unloaded_only": (T,),
+            "order": (),
         }
+        all_readings_share_covariance = self.covariance.ndim == 2
+        if all_readings_share_covariance:
+            del shapes["covariance"]
+        return {name: shape for name, shape in shapes.items() if getattr(self, name) is not None}
 
     @property
     def encoder_lever(self) -> float:
@@ -515,13 +542,18 @@ class Measurements:
         A target at this distance from the joint's axis moves by ``lever · δθ``, and determines the joint's
         angle as precisely as the encoder does.
         """
-        return 0.0 if self.encoders is None or self.sigma is None else self.sigma / self.encoders.sigma
+        if self.encoders is None or self.sigma is None:
+            return 0.0
+        return self.sigma / self.encoders.sigma
 
     @property
     def coordinates(self) -> IndexArray:
         """Number (N, T) of coordinates that each reading shows: 3; 1 along a direction; 0 if not read."""
-        is_along_direction = False if self.direction is None else self.direction.any(axis=-1)
-        return np.where(self.present, np.where(is_along_direction, 1, 3), 0)
+        coordinates = np.where(self.present, 3, 0)
+        if self.direction is not None:
+            is_along_direction = self.direction.any(axis=-1)
+            coordinates[self.present & is_along_direction] = 1
+        return coordinates
 
     def project_on_directions(self, motion: FloatArray) -> FloatArray:
         """Project motions (N, T, 3[, k]), axes of R0, on the directions of readings along one direction."""
@@ -558,12 +590,12 @@ class Measurements:
                 where="measurement_set_id",
                 remedy=f"identify the set by the robot's own weight: {by_weight}",
             )
-        i, t = np.argwhere(self.unloaded_only)[0].tolist()
+        observation, target = np.argwhere(self.unloaded_only)[0].tolist()
         missing, present = int(self.unloaded_only.sum()), int(self.present.sum())
         raise MeasurementError(
-            f"{self.place(i)}, target {self.targets[t]}: `loaded` is missing ({missing} of "
+            f"{self.place(observation)}, target {self.targets[target]}: `loaded` is missing ({missing} of "
             f"{missing + present} readings)",
-            where=f"observations[{i}].readings",
+            where=f"observations[{observation}].readings",
             remedy="give the position under load, or omit the reading; to identify by the sag under the "
             f"robot's own weight, {by_weight}",
         )
@@ -571,13 +603,16 @@ class Measurements:
     def select_evenly(self, most: int) -> Measurements:
         """Return at most `most` observations, evenly spread over the set; all if the set is not larger."""
         count = len(self)
-        return self if count <= most else self[np.arange(most) * (count - 1) // max(most - 1, 1)]
+        if count <= most:
+            return self
+        return self[np.arange(most) * (count - 1) // max(most - 1, 1)]
 
     def __getitem__(self, rows: slice | IndexArray) -> Measurements:
         """Return the measurements of the selected observations, in the given order."""
         arrays = {name: getattr(self, name)[rows] for name in self._row_shapes}
+        selected = np.arange(len(self))[rows].tolist()
+        labels = tuple(self.labels[i] for i in selected)
         encoders = None if self.encoders is None else self.encoders[rows]
-        labels = tuple(self.labels[i] for i in np.arange(len(self))[rows].tolist())
         returned = None if self.returned is None else self.returned[rows]
         return replace(self, **arrays, encoders=encoders, returned=returned, labels=labels)
 
@@ -590,13 +625,15 @@ def _complete_names(where: str, names: tuple[str, ...], count: int) -> tuple[str
     Raises:
         MeasurementError: the number of names is not `count`.
     """
-    if names and len(names) != count:
+    if not names:
+        return tuple(str(number) for number in range(1, count + 1))
+    if len(names) != count:
         raise MeasurementError(
             f"{len(names)} {where} are given, but {count} are needed",
             where=where,
             remedy="give one label for each observation, and one name for each target",
         )
-    return names or tuple(map(str, range(1, count + 1)))
+    return names
 
 
 def check_array(name: str, array: npt.NDArray[np.generic], shape: tuple[int, ...]) -> None:

@@ -51,7 +51,8 @@ class JointMap:
     def __post_init__(self) -> None:
         for field in ("matrix", "offset"):
             array = np.array(getattr(self, field), dtype=np.float64)
-            if not (np.abs(array) <= LARGEST_MAP_ENTRY).all():
+            is_valid = np.abs(array) <= LARGEST_MAP_ENTRY  # false for NaN
+            if not is_valid.all():
                 raise RobotError(
                     "a number is not finite, or too large",
                     remedy=f"give numbers within ±{LARGEST_MAP_ENTRY:g}",
@@ -60,15 +61,17 @@ class JointMap:
             array.flags.writeable = False
             object.__setattr__(self, field, array)
         n = self.offset.size
-        if not 1 <= n <= MAX_MOVING_JOINTS or self.offset.ndim != 1 or self.matrix.shape != (n, n):
+        shapes_agree = self.offset.shape == (n,) and self.matrix.shape == (n, n)
+        if not shapes_agree or not 1 <= n <= MAX_MOVING_JOINTS:
             raise RobotError(
                 f"the matrix has shape {self.matrix.shape}, and the offset has {n} numbers",
                 remedy="give an n × n matrix and n offsets; n is the number of moving joints, at most "
                 f"{MAX_MOVING_JOINTS}",
                 where="joint_map.matrix",
             )
-        singular = np.linalg.svd(self.matrix, compute_uv=False)  # descending
-        if singular[-1] * WORST_CONDITION < max(singular[0], 1.0):
+        singular_values = np.linalg.svd(self.matrix, compute_uv=False)  # descending
+        greatest, least = singular_values[0], singular_values[-1]
+        if least * WORST_CONDITION < max(greatest, 1.0):
             raise RobotError(
                 "the matrix is singular: different controller angles give the same model angles",
                 remedy="give an invertible matrix",
@@ -87,11 +90,12 @@ class JointMap:
         Raises:
             RobotError: the rows have different lengths, or the matrix is not a valid map.
         """
-        lengths = {len(row) for row in matrix}
-        if lengths != {len(matrix)}:
+        lengths = sorted({len(row) for row in matrix})
+        is_square = lengths == [len(matrix)]
+        if not is_square:
+            lengths_text = " or ".join(str(length) for length in lengths) or "no"
             raise RobotError(
-                f"the matrix has {len(matrix)} rows of {' or '.join(map(str, sorted(lengths))) or 'no'} "
-                "numbers",
+                f"the matrix has {len(matrix)} rows of {lengths_text} numbers",
                 remedy="give a square matrix",
                 where="joint_map.matrix",
             )
@@ -108,8 +112,10 @@ class JointMap:
 
     def controller_angles(self, model_positions: FloatArray) -> FloatArray:
         """Return the controller's joint positions (..., n) for positions of the model [rad or m]."""
-        rows = (model_positions - self.offset).reshape(-1, self.n)  # all solved at once: M is factorised once
-        return np.asarray(np.linalg.solve(self.matrix, rows.T)).T.reshape(model_positions.shape)
+        # Solve M q_c = q − o for all positions at once, the columns of the right-hand side.
+        right_sides = (model_positions - self.offset).reshape(-1, self.n).T
+        solutions = np.asarray(np.linalg.solve(self.matrix, right_sides))
+        return solutions.T.reshape(model_positions.shape)
 
 
 @dataclass(frozen=True)
@@ -136,7 +142,8 @@ class Body:
         radius: float = 0.0,
     ) -> Body:
         """Return a body whose mass is within ``(1 ± relative) mass``; `relative` 0 means an exact mass."""
-        return cls(name, joint, mass, (1.0 - relative) * mass, (1.0 + relative) * mass, centre, radius)
+        least, most = (1.0 - relative) * mass, (1.0 + relative) * mass
+        return cls(name, joint, mass, least, most, centre, radius)
 
 
 class Robot:
@@ -184,21 +191,23 @@ class Robot:
             RobotError: the model branches, has no joint or an unsupported joint, the flange is not a frame
                 behind the last joint, or the joint map has another number of joints.
         """
-        if list(model.parents)[1:] != list(range(model.njoints - 1)):
+        n = model.njoints - 1  # Pinocchio counts the universe as joint 0
+        parents = list(model.parents)[1:]
+        is_a_chain = parents == list(range(n))
+        if not is_a_chain:
             raise RobotError(
                 "the kinematic model branches",
                 where="robot",
                 remedy="reduce the model to the arm: pinocchio.buildReducedModel",
             )
-        n = self.n = model.njoints - 1
         if not 1 <= n <= MAX_MOVING_JOINTS:
             raise RobotError(
                 f"the model has {n} joints",
                 where="robot",
                 remedy=f"give a model of 1 to {MAX_MOVING_JOINTS} joints",
             )
-        self.model, self.bodies, self.joint_names = model, bodies, tuple(model.names)[1:]
-        self.payload = payload
+        self.model, self.bodies, self.payload, self.n = model, bodies, payload, n
+        self.joint_names = tuple(model.names)[1:]
         self.joint_map = JointMap.identity(n) if joint_map is None else joint_map
         if self.joint_map.n != n:
             raise RobotError(
@@ -206,15 +215,17 @@ class Robot:
                 remedy=f"give a {n} × {n} matrix and {n} offsets",
                 where="joint_map.matrix",
             )
-        self.joint_kinds, axes = zip(*(_read_kind_and_axis(model, i) for i in range(1, n + 1)), strict=True)
-        self.axes = np.array(axes)
+        numbers = range(1, n + 1)  # of the joints in Pinocchio's model
+        kinds_and_axes = [_read_kind_and_axis(model, i) for i in numbers]
+        self.joint_kinds = tuple(kind for kind, _ in kinds_and_axes)
+        self.axes = np.array([axis for _, axis in kinds_and_axes])
         self.prismatic = np.array([kind == "prismatic" for kind in self.joint_kinds])
-        self.limits = np.array([_read_limits(model, i) for i in range(1, n + 1)])
+        self.limits = np.array([_read_limits(model, i) for i in numbers])
         self.limits.setflags(write=False)
-        self.speeds = np.array([_read_speed(model, i) for i in range(1, n + 1)])
+        self.speeds = np.array([_read_speed(model, i) for i in numbers])
         self.speeds.setflags(write=False)
-        self._flange_frame = frame = _find_flange_frame(model, flange)
-        self.flange, self.flange_placement = frame.name, frame.placement
+        self._flange_frame = _find_flange_frame(model, flange)
+        self.flange, self.flange_placement = self._flange_frame.name, self._flange_frame.placement
 
     def with_payload(self, payload: float | None) -> Robot:
         """Return a copy with another payload [kg]; this object if it has this payload already."""
@@ -252,27 +263,42 @@ class Robot:
         Raises:
             RobotError: a name of the model is unfit for a file.
         """
-        frames, body = self.model.frames.tolist(), pin.FrameType.BODY
-        links = {frame.parentJoint: frame.name for frame in reversed(frames) if frame.type == body}
-        if self.flange == links.get(self.n) and not self.flange_placement.isIdentity(0.0):
+        frames = self.model.frames.tolist()
+        link_names = dict[int, str]()  # by the number of the joint that moves the link; 0 for the base
+        for frame in frames:
+            if frame.type == pin.FrameType.BODY:
+                link_names.setdefault(frame.parentJoint, frame.name)
+        if self.flange == link_names.get(self.n) and not self.flange_placement.isIdentity(0.0):
             # The only link frame behind the last joint is the flange, which gets a fixed joint of its own.
-            del links[self.n]
-        joints, moving = [], zip(self.joint_names, self.joint_kinds, self.axes, strict=True)
-        for i, (name, kind, axis) in enumerate(moving):
-            place, (lower, upper) = self.model.jointPlacements[i + 1], self.limits[i].tolist()
-            unlimited = lower == -np.inf and upper == np.inf
-            limits = None if unlimited else (max(lower, -UNLIMITED), min(upper, UNLIMITED))
-            link = links.get(i + 1, f"{name}_link")
-            speed = None if np.isnan(self.speeds[i]) else float(self.speeds[i])
-            joints.append(
-                ChainJoint(name, kind, place.rotation, place.translation, axis, limits, link, speed)
-            )
+            del link_names[self.n]
+        joints = list[ChainJoint]()
+        for joint, name in enumerate(self.joint_names):
+            link = link_names.get(joint + 1, f"{name}_link")
+            joints.append(self._describe_joint(joint, link))
         if joints[-1].child != self.flange:
-            place, fixed = self.flange_placement, frames[self._flange_frame.parentFrame]
-            name = fixed.name if fixed.type == pin.FrameType.FIXED_JOINT else "to_flange"
+            place, parent = self.flange_placement, frames[self._flange_frame.parentFrame]
+            name = parent.name if parent.type == pin.FrameType.FIXED_JOINT else "to_flange"
             z = np.array([0.0, 0.0, 1.0])
             joints.append(ChainJoint(name, "fixed", place.rotation, place.translation, z, None, self.flange))
-        return KinematicChain(self.model.name or "robot", links.get(0, "base"), self.flange, tuple(joints))
+        base = link_names.get(0, "base")
+        return KinematicChain(self.model.name or "robot", base, self.flange, tuple(joints))
+
+    def _describe_joint(self, joint: int, link: str) -> ChainJoint:
+        """Return a moving joint as files state it; `link` is the name of the link that it moves."""
+        speed = float(self.speeds[joint])
+        place = self.model.jointPlacements[joint + 1]  # in the frame of the joint before
+        lower, upper = self.limits[joint].tolist()
+        has_limits = lower > -np.inf or upper < np.inf
+        return ChainJoint(
+            name=self.joint_names[joint],
+            kind=self.joint_kinds[joint],
+            rotation=place.rotation,
+            translation=place.translation,
+            axis=self.axes[joint],
+            limits=(max(lower, -UNLIMITED), min(upper, UNLIMITED)) if has_limits else None,
+            child=link,
+            speed=None if np.isnan(speed) else speed,
+        )
 
     def select_by_kind(self, turning: float, sliding: float) -> FloatArray:
         """Return an array (n,): `turning` for each revolute joint, `sliding` for each prismatic joint."""
@@ -283,10 +309,9 @@ class Robot:
 
         `joints` (N, n) are the positions that the controller shows [rad or m].
         """
-        model_angles = self.joint_map.model_angles(joints)
-        is_inside = (model_angles >= self.limits[:, 0] - _ROUNDING) & (
-            model_angles <= self.limits[:, 1] + _ROUNDING
-        )
+        positions = self.joint_map.model_angles(joints)  # limits are those of the model
+        least, greatest = self.limits[:, 0] - _ROUNDING, self.limits[:, 1] + _ROUNDING
+        is_inside = (positions >= least) & (positions <= greatest)
         return np.asarray(is_inside.all(axis=1), dtype=np.bool_)
 
     def round_to_whole_units(self, joints: FloatArray) -> FloatArray:
@@ -310,21 +335,23 @@ def _read_kind_and_axis(model: pin.Model, index: int) -> tuple[JointKind, FloatA
     Raises:
         RobotError: the joint does not move about or along a single axis.
     """
-    joint, motion = model.joints[index], np.zeros(6)
+    joint = model.joints[index]
+    motion = np.zeros(6)  # at unit speed: linear, then angular velocity
     if joint.nv == 1:
         data = joint.createData()
         joint.calc(data, pin.neutral(model), np.zeros(model.nv))
         motion = np.ravel(data.S)
-    kinds: dict[JointKind, FloatArray] = {"prismatic": motion[:3], "revolute": motion[3:]}
-    axes_of_motion = [(kind, axis) for kind, axis in kinds.items() if axis.any()]
-    if len(axes_of_motion) != 1:
+    linear, angular = motion[:3], motion[3:]
+    slides, turns = bool(linear.any()), bool(angular.any())
+    if slides == turns:  # both, as a screw does, or a joint of several degrees of freedom
         raise RobotError(
             f"the joint '{model.names[index]}' is a {joint.shortname()}",
             where="robot",
             remedy="only joints about or along one axis are supported: fix all other joints",
         )
-    kind, axis = axes_of_motion[0]
-    return kind, axis / np.linalg.norm(axis)
+    if slides:
+        return "prismatic", linear / np.linalg.norm(linear)
+    return "revolute", angular / np.linalg.norm(angular)
 
 
 def _read_limits(model: pin.Model, index: int) -> tuple[float, float]:
@@ -334,7 +361,9 @@ def _read_limits(model: pin.Model, index: int) -> tuple[float, float]:
         return -np.inf, np.inf
     lower = float(model.lowerPositionLimit[joint.idx_q])
     upper = float(model.upperPositionLimit[joint.idx_q])
-    return lower if lower > -UNLIMITED else -np.inf, upper if upper < UNLIMITED else np.inf
+    # Files state huge numbers for joints without a limit.
+    has_lower, has_upper = lower > -UNLIMITED, upper < UNLIMITED
+    return lower if has_lower else -np.inf, upper if has_upper else np.inf
 
 
 def _read_speed(model: pin.Model, index: int) -> float:
@@ -351,29 +380,29 @@ def _find_flange_frame(model: pin.Model, flange: str | None) -> pin.Frame:
     Raises:
         RobotError: no frame of that name is behind the last joint, or there are several candidates.
     """
-    behind = [
-        (number, frame)
-        for number, frame in enumerate(model.frames)
-        if frame.parentJoint == model.njoints - 1 and frame.type != pin.FrameType.JOINT
-    ]
-    parents = {frame.parentFrame for _, frame in behind}
-    # Candidates: without a name, all tips; with a name, the frames of that name.
-    candidates = [frame for number, frame in behind if number not in parents and flange is None]
-    candidates += [
-        frame for _, frame in behind if frame.name == flange and frame.type != pin.FrameType.FIXED_JOINT
-    ]
+    last_joint = model.njoints - 1
+    frames_behind = dict[int, pin.Frame]()  # by their numbers in the model
+    for number, frame in enumerate(model.frames):
+        if frame.parentJoint == last_joint and frame.type != pin.FrameType.JOINT:
+            frames_behind[number] = frame
+    if flange is None:
+        parents = {frame.parentFrame for frame in frames_behind.values()}
+        candidates = [frame for number, frame in frames_behind.items() if number not in parents]
+        problem = "the robot has several frames that may be the flange"
+    else:
+        named = [frame for frame in frames_behind.values() if frame.name == flange]
+        candidates = [frame for frame in named if frame.type != pin.FrameType.FIXED_JOINT]
+        problem = f"the robot has no frame '{flange}' behind the last joint"
     if len(candidates) == 1:
         return candidates[0]
-    if behind or flange is not None:
+    if frames_behind or flange is not None:
         raise RobotError(
-            f"the robot has no frame '{flange}' behind the last joint"
-            if flange
-            else "the robot has several frames that may be the flange",
+            problem,
             where="flange",
-            remedy=f"use one of {', '.join(frame.name for _, frame in behind)}",
+            remedy=f"use one of {', '.join(frame.name for frame in frames_behind.values())}",
         )
-    last = model.njoints - 1
-    return pin.Frame(f"{model.names[last]}_link", last, pin.SE3.Identity(), pin.FrameType.BODY)
+    own_name = f"{model.names[last_joint]}_link"
+    return pin.Frame(own_name, last_joint, pin.SE3.Identity(), pin.FrameType.BODY)
 
 
 def in_configuration_space(model: pin.Model, q: FloatArray) -> FloatArray:
@@ -381,10 +410,11 @@ def in_configuration_space(model: pin.Model, q: FloatArray) -> FloatArray:
 
     Pinocchio states an unbounded angle by two numbers, its cosine and sine.
     """
-    if model.nq == model.nv:
+    has_unbounded_angles = model.nq != model.nv
+    if not has_unbounded_angles:
         return q
-    neutral = pin.neutral(model)
-    return np.array([pin.integrate(model, neutral, each) for each in q])
+    neutral = pin.neutral(model)  # all positions zero
+    return np.array([pin.integrate(model, neutral, positions) for positions in q])
 
 
 def copy_with_weights(
@@ -396,14 +426,15 @@ def copy_with_weights(
     rest are computed.
     """
     model = model.copy()
-    for i, (each, place) in enumerate(zip(mass, centre, strict=True), 1):
-        model.inertias[i] = pin.Inertia(float(each), place, np.zeros((3, 3)))
+    for link in range(len(mass)):
+        # Pinocchio counts the universe as joint 0.
+        model.inertias[link + 1] = pin.Inertia(float(mass[link]), centre[link], np.zeros((3, 3)))
     model.gravity.linear = gravity
     return model
 
 
 def fix_prismatic_joints(robot: Robot, fixed_positions: FloatArray) -> Robot:
-    """Return the robot with its prismatic joints fixed at given positions.
+    """Return the robot of its revolute joints alone, with the prismatic joints fixed at given positions.
 
     Args:
         robot: n joints.
@@ -413,27 +444,23 @@ def fix_prismatic_joints(robot: Robot, fixed_positions: FloatArray) -> Robot:
         RobotError: all joints are prismatic, or a prismatic joint also depends on a revolute joint of the
             controller.
     """
-    matrix = robot.joint_map.matrix
-    offset = robot.joint_map.offset
-    prismatic = robot.prismatic
-    if matrix[np.ix_(prismatic, ~prismatic)].any():
+    matrix, offset = robot.joint_map.matrix, robot.joint_map.offset
+    prismatic, revolute = robot.prismatic, ~robot.prismatic
+    slides_with_rotary_axis = matrix[np.ix_(prismatic, revolute)].any()
+    if slides_with_rotary_axis:
         raise RobotError(
             "a linear axis moves with a rotary axis of the controller, so the linear axis cannot stand still",
             remedy="give a joint map in which prismatic joints depend on prismatic joints only",
             where="joint_map.matrix",
         )
+    # q = M q_c + o with the prismatic part of q_c fixed: the fixed part adds to the offset.
     offset_with_fixed = matrix[:, prismatic] @ fixed_positions[prismatic] + offset
-    fixed_configuration = in_configuration_space(
-        robot.model, np.where(prismatic, offset_with_fixed, 0.0)[None]
-    )[0]
-    fixed_joints = (np.flatnonzero(prismatic) + 1).tolist()
-    joint_map = JointMap(matrix[np.ix_(~prismatic, ~prismatic)], offset_with_fixed[~prismatic])
-    return Robot(
-        pin.buildReducedModel(_add_frames(robot), fixed_joints, fixed_configuration),
-        joint_map,
-        flange=robot.flange,
-        payload=robot.payload,
-    )
+    joint_map = JointMap(matrix[np.ix_(revolute, revolute)], offset_with_fixed[revolute])
+    fixed_model_positions = np.where(prismatic, offset_with_fixed, 0.0)
+    configuration = in_configuration_space(robot.model, fixed_model_positions[None])[0]
+    fixed_joints = (np.flatnonzero(prismatic) + 1).tolist()  # Pinocchio's joint 0 is the universe
+    model = pin.buildReducedModel(_add_frames(robot), fixed_joints, configuration)
+    return Robot(model, joint_map, flange=robot.flange, payload=robot.payload)
 
 
 def _add_frames(robot: Robot) -> pin.Model:

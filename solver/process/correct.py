@@ -7,10 +7,10 @@ status that says why.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
-from functools import partial
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any, Final, Literal, NamedTuple
 
@@ -155,6 +155,16 @@ class CorrectedRows:
         names = [each.name for each in fields(cls)[2:]]
         numbers = {name: np.full((len(wanted), *shapes.get(name, ())), np.nan) for name in names}
         return cls(wanted, status, **numbers)
+
+    @classmethod
+    def concatenate(cls, blocks: Sequence[CorrectedRows]) -> CorrectedRows:
+        """Return the rows of at least one block, in order."""
+        names = [each.name for each in fields(cls)]
+        return cls(**{name: np.concatenate([getattr(block, name) for block in blocks]) for name in names})
+
+    def select(self, block: slice) -> CorrectedRows:
+        """Return copies of some rows."""
+        return CorrectedRows(**{name: values[block].copy() for name, values in vars(self).items()})
 
     def __len__(self) -> int:
         return len(self.status)
@@ -432,6 +442,117 @@ def has_weight(model: ForwardModel) -> bool:
     return isinstance(model, JointModel) and model.weight is not None and model.weight.absolute
 
 
+@dataclass(frozen=True, eq=False)
+class FoundPath:
+    """N poses of a tool with their postures and loads, whose rows are corrected block by block."""
+
+    model: ForwardModel  #: model of the loaded robot
+    error: ModelError | None  #: error of the model; None if it is unknown
+    inverse: InverseKinematics  #: of the same robot; its prismatic joints stay in place
+    waypoints: Waypoints
+    loads: FloatArray  #: (N, 6) force [N] and moment [N·m] on the tool, axes of R0; NaN where it is not known
+    settings: CorrectionSettings
+    load_point: FloatArray  #: (3,) point where the force acts, flange frame [m]
+    feed: float | None  #: speed of the tool along the path [m/s]; None if unknown
+    rows: CorrectedRows  #: postures and statuses of all rows; corrections are NaN
+    blend: Blend | None  #: loads that the rows with a posture correct; None for the loads themselves
+
+    @classmethod
+    def find(
+        cls,
+        model: ForwardModel,
+        error: ModelError | None,
+        inverse: InverseKinematics,
+        waypoints: Waypoints,
+        loads: FloatArray,
+        settings: CorrectionSettings | None = None,
+        *,
+        load_point: FloatArray | None = None,
+        feed: float | None = None,
+    ) -> FoundPath:
+        """Find the postures of N poses; arguments as of `correct`.
+
+        Raises:
+            FramesError: joints are stated, and most poses contradict their joints.
+            RequestError: a prismatic joint moves.
+        """
+        rows = find_joints(inverse, model.robot, waypoints)
+        has_load = np.isfinite(loads).all(axis=1)
+        rows.status[(rows.status == RowStatus.CORRECTED) & ~has_load] = RowStatus.NO_DIRECTION
+        point = waypoints.tool[:3, 3].copy() if load_point is None else load_point
+        settings = CorrectionSettings() if settings is None else settings
+        path = cls(model, error, inverse, waypoints, loads, settings, point, feed, rows, None)
+        return replace(path, blend=path._blend_loads())
+
+    @cached_property
+    def found(self) -> IndexArray:
+        """(k,) rows with a posture and a load."""
+        return np.flatnonzero(self.rows.status == RowStatus.CORRECTED)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def correct(self, begin: int, end: int) -> CorrectedRows:
+        """Correct the rows from `begin` up to `end`; the speeds of the joints are NaN until `join`."""
+        starts = range(begin, end, ROWS_AT_ONCE)
+        blocks = [self._correct_block(start, min(start + ROWS_AT_ONCE, end)) for start in starts]
+        return CorrectedRows.concatenate(blocks)
+
+    def _correct_block(self, begin: int, end: int) -> CorrectedRows:
+        """Correct the rows from `begin` up to `end` together."""
+        rows, waypoints = self.rows.select(slice(begin, end)), self.waypoints
+        first, last = np.searchsorted(self.found, (begin, end)).tolist()
+        at = self.found[first:last]
+        if len(at):
+            cases = self._select_cases(at)
+            commanded = None if self.blend is None else self.blend.cases[first:last]
+            done, _, flange = correct_cases(
+                self.model, self.error, self.inverse, cases, self.settings, commanded_cases=commanded
+            )
+            quantile = self.model.quantile(self.settings.confidence)
+            rows.insert(at - begin, done, quantile)
+            rows.poses[at - begin] = invert_poses(waypoints.base) @ flange @ waypoints.tool
+        rows.deflection[:] = rows.deflection @ waypoints.base[:3, :3]
+        unchanged = (rows.status == RowStatus.NO_LOAD) | (rows.status == RowStatus.UNCERTAIN)
+        as_sent = rows.wanted if waypoints.joints is None else waypoints.joints[begin:end]
+        rows.poses[unchanged], rows.joints[unchanged] = (
+            waypoints.poses[begin:end][unchanged],
+            as_sent[unchanged],
+        )
+        rows.clear_rows_without_numbers()
+        return rows
+
+    def join(self, blocks: Sequence[CorrectedRows]) -> CorrectedRows:
+        """Join all corrected blocks in order, and measure the speeds of the joints."""
+        rows = CorrectedRows.concatenate(blocks)
+        rows.joint_speed[:] = _measure_joint_speeds(
+            self.model.robot, self.waypoints.lengths, rows.joints, self.feed
+        )
+        return rows
+
+    def _select_cases(self, at: IndexArray) -> LoadCases:
+        """Return the load cases of some rows (k,)."""
+        points = np.tile(self.load_point, (len(at), 1))
+        places = np.tile(self.waypoints.tool[:3, 3], (len(at), 1))
+        return LoadCases(self.rows.wanted[at], self.loads[at, :3], self.loads[at, 3:], points, places)
+
+    def _blend_loads(self) -> Blend | None:
+        """Return the loads with which corrections change slowly enough for the joints at the feed.
+
+        None without a feed, and if corrections can follow the loads. The lengths of changes are noted in the
+        rows.
+        """
+        found, robot = self.found, self.model.robot
+        if self.feed is None or not len(found):
+            return None
+        pace = Pace(np.full(len(found), self.feed), robot.speeds, rate=np.inf)
+        is_next = np.diff(found, prepend=-2) == 1
+        blend = blend_loads(self.model, self._select_cases(found), is_next, pace.limits())
+        if blend is not None:
+            self.rows.blend_length[found] = np.where(blend.lengths > 0.0, blend.lengths, np.nan)
+        return blend
+
+
 def correct(
     model: ForwardModel,
     error: ModelError | None,
@@ -459,41 +580,8 @@ def correct(
         FramesError: joints are stated, and most poses contradict their joints.
         RequestError: a prismatic joint moves.
     """
-    settings = CorrectionSettings() if settings is None else settings
-    rows = find_joints(inverse, model.robot, waypoints)
-    has_load = np.isfinite(loads).all(axis=1)
-    rows.status[(rows.status == RowStatus.CORRECTED) & ~has_load] = RowStatus.NO_DIRECTION
-    found = np.flatnonzero(rows.status == RowStatus.CORRECTED)
-    quantile = model.quantile(settings.confidence)
-    from_base, place = invert_poses(waypoints.base), waypoints.tool[:3, 3]
-    point = place if load_point is None else load_point
-
-    def select_cases(at: IndexArray) -> LoadCases:
-        """Return the load cases of some rows (k,)."""
-        points, places = np.tile(point, (len(at), 1)), np.tile(place, (len(at), 1))
-        return LoadCases(rows.wanted[at], loads[at, :3], loads[at, 3:], points, places)
-
-    blend: Blend | None = None
-    if feed is not None and len(found):
-        pace = Pace(np.full(len(found), feed), model.robot.speeds, rate=np.inf)
-        is_next = np.diff(found, prepend=-2) == 1
-        blend = blend_loads(model, select_cases(found), is_next, pace.limits())
-        if blend is not None:
-            rows.blend_length[found] = np.where(blend.lengths > 0.0, blend.lengths, np.nan)
-    for begin in range(0, len(found), ROWS_AT_ONCE):
-        block = slice(begin, begin + ROWS_AT_ONCE)
-        at = found[block]
-        cases, commanded = select_cases(at), None if blend is None else blend.cases[block]
-        done, _, flange = correct_cases(model, error, inverse, cases, settings, commanded_cases=commanded)
-        rows.insert(at, done, quantile)
-        rows.poses[at] = from_base @ flange @ waypoints.tool
-    rows.deflection[:] = rows.deflection @ waypoints.base[:3, :3]
-    unchanged = (rows.status == RowStatus.NO_LOAD) | (rows.status == RowStatus.UNCERTAIN)
-    as_sent = rows.wanted if waypoints.joints is None else waypoints.joints
-    rows.poses[unchanged], rows.joints[unchanged] = waypoints.poses[unchanged], as_sent[unchanged]
-    rows.clear_rows_without_numbers()
-    rows.joint_speed[:] = _measure_joint_speeds(model.robot, waypoints.lengths, rows.joints, feed)
-    return rows
+    path = FoundPath.find(model, error, inverse, waypoints, loads, settings, load_point=load_point, feed=feed)
+    return path.join([path.correct(0, len(path))])
 
 
 def _measure_joint_speeds(

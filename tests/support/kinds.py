@@ -35,6 +35,7 @@ CHANGES: dict[str, dict[str, Any]] = {
     "fleet": {"run": {"positive": False}},
     "program": {"confidence": 0.9},
     "process": {"turns": 12},
+    "correction": {"confidence": 0.9},
 }
 """For each kind a change of its request; of others the second of its examples."""
 
@@ -69,6 +70,13 @@ def posted_job(
         files = [("files", ("cell.src", TEXT.encode("latin-1")))]
         form = {"files": files, "data": {"options": stated}}
         return client.request("POST", f"/v1/{import_kind(kind).collection}", headers=headers, **form)
+    if kind == "correction":
+        (example,) = _examples(import_kind(kind), run, other)
+        form = {
+            "files": [("files", ("poses.csv", example["files"][0].encode()))],
+            "data": {"options": json.dumps(example["options"] | changes)},
+        }
+        return client.request("POST", "/v1/corrections", headers=headers, **form)
     known = {
         "run": ("runs", of_set),
         "comparison": ("comparisons", {"run_ids": [run["id"], other]}),

@@ -42,6 +42,8 @@ export class Arm extends Group {
   readonly baseMaterial = new MeshLambertMaterial();
   readonly #cylinder = new CylinderGeometry(1, 1, 1, 20);
   readonly #sphere = new SphereGeometry(1, 20, 14);
+  /** Of joints that have a colour of their own. */
+  #jointMaterials: (MeshLambertMaterial | null)[] = [];
   /** By what they are, made when they are first needed. */
   readonly #parts = new Map<string, Mesh>();
 
@@ -67,9 +69,17 @@ export class Arm extends Group {
       const about = (part: Mesh, half: number, radius: number) =>
         lay(part, subtract(origin, times(axis, half)), times(axis, 2 * half), radius);
       const drum = thick(j + 1) * 1.5;
-      about(this.#part(`drum ${j}`, this.jointMaterial), drum * 0.9, drum * 0.86);
+      const joint = this.#part(`drum ${j}`, this.jointMaterial);
+      joint.material = this.#jointMaterials[j] ?? this.jointMaterial;
+      about(joint, drum * 0.9, drum * 0.86);
       about(this.#part(`axis ${j}`, this.axisMaterial, this.#cylinder, this.axes), reach * 0.13, reach * 0.0035);
     });
+  }
+
+  /** Give joints colours of their own, from the next `set` on; the others have that of `jointMaterial`. */
+  paintJoints(colors: (Color | null)[]): void {
+    for (const material of this.#jointMaterials) material?.dispose();
+    this.#jointMaterials = colors.map((color) => color && new MeshLambertMaterial({ color }));
   }
 
   #part(
@@ -85,6 +95,7 @@ export class Arm extends Group {
   }
 
   override dispose(): void {
+    this.paintJoints([]);
     this.#cylinder.dispose();
     this.#sphere.dispose();
   }

@@ -24,6 +24,8 @@ export interface Show {
   byResidual: number | null;
   /** Angles by which the joints give way [rad]. */
   bend: number[];
+  /** What each joint contributes to the deflection, as a share of the greatest; null, or none at all: no colour. */
+  shares: (number | null)[];
   /** Places of a map: where [m], their share of the colours, and how wide one is drawn [m]. */
   cloud?: { places: Vector[]; shares: number[]; size: number };
   /** A box that is dragged. */

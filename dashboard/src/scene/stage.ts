@@ -213,6 +213,7 @@ export class Stage {
 
   #apply(show: Show): void {
     this.#shown = show;
+    this.#arm.paintJoints(show.shares.map((share) => (share === null ? null : rampAt(this.#mapRamp, share))));
     this.#arm.set(show.posture, this.#reach);
     this.#arm.axes.visible = show.axes;
     const thin = this.#reach * (show.measured.length > 40 ? 0.003 : 0.006);

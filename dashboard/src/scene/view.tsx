@@ -28,6 +28,7 @@ const ARM_ALONE = {
   residuals: [],
   byResidual: null,
   bend: [],
+  shares: [],
 } satisfies Omit<Show, "posture">;
 
 interface ArmViewProps extends Partial<Omit<Show, "posture">> {

@@ -311,6 +311,7 @@ PROCESS: Final = Kind[Process, ProcessRequest](
     stepped=True,
     max_bytes=16 * 1024 * 1024,
     is_form=True,
+    writes_programs=True,
     to_answer=lambda document: CONTENT.sub('"content":null', document),
     files=(
         *list_table_files("points", "all points", make_points_sheet),

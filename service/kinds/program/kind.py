@@ -236,6 +236,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     stepped=True,
     max_bytes=16 * 1024 * 1024,
     is_form=True,
+    writes_programs=True,
     to_answer=lambda document: CONTENT.sub('"content":null', document),  # files have their own addresses
     files=(
         *list_table_files(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jointstiff.schemas.correction import MAX_ROWS, CorrectionOptions, CorrectionRequest, CorrectionResult
+from jointstiff.schemas.correction import CorrectionOptions, CorrectionRequest, CorrectionResult
 from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run
@@ -20,7 +20,6 @@ from jointstiff.service.conversion.robots import (
     refuse_wrong_joint_count,
 )
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
-from jointstiff.service.problems import TooManyRowsError
 from jointstiff.service.runs.correction.columns import DEFLECTION, POSITION, STATUS
 from jointstiff.service.runs.correction.orientation import write_orientation
 from jointstiff.service.runs.correction.poses import PoseTable
@@ -40,8 +39,8 @@ from jointstiff.solver.predict.forward import CorrectionLimits
 from jointstiff.solver.process.correct import (
     CorrectedRows,
     CorrectionSettings,
+    FoundPath,
     Waypoints,
-    correct,
     place_forces,
     turn_loads,
 )
@@ -61,6 +60,17 @@ class CorrectedTable:
         """(N,) names of the statuses of the rows."""
         return [NAMES[each] for each in self.rows.status.tolist()]
 
+    def describe(self, robot: Robot) -> dict[str, Any]:
+        """Return the fields of `CorrectionCounts` by name."""
+        return {
+            "joint_kinds": joint_kinds_by_name(robot),
+            "assessment": self.assessment,
+            "confidence": self.confidence,
+            "counts": count_statuses(self.rows),
+            "first": find_first_rows(self.rows),
+            "remarks": [*describe_rows(self.rows), *self.remarks],
+        }
+
     def list_columns(self, table: PoseTable, units: Units, robot: Robot) -> dict[str, Any]:
         """Return the columns of the answer by name, in the units of the request; NaN without a number."""
         rows, length = self.rows, LENGTH[units.length]
@@ -78,40 +88,56 @@ class CorrectedTable:
         return columns
 
 
-def correct_table(
-    robot: Robot, run: Run | None, options: CorrectionOptions, table: PoseTable
-) -> CorrectedTable:
-    """Correct a table of poses with the model of a run, or with the prior of the robot without one.
+@dataclass(frozen=True, eq=False)
+class TableCorrection:
+    """A table of poses with the postures of its rows, which are corrected block by block by `path`."""
 
-    Raises:
-        RequestError: the run has no model, the options contradict each other, or poses and joints do.
-    """
-    if options.accuracy_option == "compensates_load":
-        raise RequestError(
-            "the controller already compensates the deflection under load",
-            where="accuracy_option",
-            remedy="switch the controller's accuracy option off, and measure again",
+    path: FoundPath
+    options: CorrectionOptions
+    _model: RunModel | PriorModel
+    _points: list[list[float]]  # points that must not be far from the flange, flange frame [m]
+
+    @classmethod
+    def prepare(
+        cls, robot: Robot, run: Run | None, options: CorrectionOptions, table: PoseTable
+    ) -> TableCorrection:
+        """Find the postures of a table, for the model of a run or, without one, for the prior of the robot.
+
+        Raises:
+            RequestError: the run has no model, the options contradict each other, or poses and joints do.
+        """
+        if options.accuracy_option == "compensates_load":
+            raise RequestError(
+                "the controller already compensates the deflection under load",
+                where="accuracy_option",
+                remedy="switch the controller's accuracy option off, and measure again",
+            )
+        units, length = options.units, LENGTH[options.units.length]
+        model = _build_model(robot, run, options)
+        tool, base = (_read_frame(each, units) for each in (options.tool, options.base))
+        refuse_far_point(options.load_point, "load_point", length=length)
+        point = None if options.load_point is None else length * np.array(options.load_point)
+        waypoints = Waypoints(table.poses, tool, base, table.joints, _read_start(robot, options))
+        loads = turn_loads(waypoints.find_axes(options.axes), _state_loads(options, table, waypoints))
+        path = FoundPath.find(
+            model.model,
+            model.error,
+            _build_inverse(robot, waypoints),
+            waypoints,
+            loads,
+            CorrectionSettings(_read_limits(options), options.confidence),
+            load_point=point,
+            feed=None if options.feed is None else length * options.feed,
         )
-    units, length = options.units, LENGTH[options.units.length]
-    model = _build_model(robot, run, options)
-    tool, base = (_read_frame(each, units) for each in (options.tool, options.base))
-    refuse_far_point(options.load_point, "load_point", length=length)
-    point = None if options.load_point is None else length * np.array(options.load_point)
-    waypoints = Waypoints(table.poses, tool, base, table.joints, _read_start(robot, options))
-    loads = turn_loads(waypoints.find_axes(options.axes), _state_loads(options, table, waypoints))
-    rows = correct(
-        model.model,
-        model.error,
-        _build_inverse(robot, waypoints),
-        waypoints,
-        loads,
-        CorrectionSettings(_read_limits(options), options.confidence),
-        load_point=point,
-        feed=None if options.feed is None else length * options.feed,
-    )
-    points = [each.tolist() for each in (tool[:3, 3], point) if each is not None]
-    assessment = assess_with_run("correction", find_reasons(rows, points, model), model.assessment)
-    return CorrectedTable(rows, assessment, model.remarks(options.confidence), options.confidence)
+        points = [each.tolist() for each in (tool[:3, 3], point) if each is not None]
+        return cls(path, options, model, points)
+
+    def conclude(self, blocks: Sequence[CorrectedRows]) -> CorrectedTable:
+        """Return the corrected table, from all corrected blocks of rows in order."""
+        rows, confidence = self.path.join(blocks), self.options.confidence
+        reasons = find_reasons(rows, self._points, self._model)
+        assessment = assess_with_run("correction", reasons, self._model.assessment)
+        return CorrectedTable(rows, assessment, self._model.remarks(confidence), confidence)
 
 
 def _read_start(robot: Robot, options: CorrectionOptions) -> FloatArray | None:
@@ -193,37 +219,19 @@ def _state_loads(options: CorrectionOptions, table: PoseTable, waypoints: Waypoi
 
 
 def correct_request(robot: Robot, run: Run | None, request: CorrectionRequest) -> CorrectionResult:
-    """Correct the columns of a request; return the answer, with null where a row has no number.
+    """Correct the columns of a request at once; return the answer, with null where a row has no number.
 
     Raises:
-        TooManyRowsError: the request has more than `MAX_ROWS` rows.
         RequestError: the request cannot be carried out.
     """
-    count = max(len(column) for column in request.columns.values())
-    if count > MAX_ROWS:
-        raise TooManyRowsError(
-            f"the table has {count:,} rows, and one request may have {MAX_ROWS:,}",
-            where="columns",
-            remedy="send parts of the path, each with the joints of its first pose in `start`; or correct "
-            "the whole file with `jointstiff correct`",
-        )
     table = PoseTable.from_columns(request.columns, request.units, robot)
-    done = correct_table(robot, run, request, table)
+    correction = TableCorrection.prepare(robot, run, request, table)
+    done = correction.conclude([correction.path.correct(0, len(table.poses))])
     columns = {
         name: list(column) if name == STATUS else _without_nan(column)
         for name, column in done.list_columns(table, request.units, robot).items()
     }
-    return CorrectionResult.model_validate(
-        {
-            "joint_kinds": joint_kinds_by_name(robot),
-            "assessment": done.assessment,
-            "confidence": done.confidence,
-            "counts": count_statuses(done.rows),
-            "first": find_first_rows(done.rows),
-            "remarks": [*describe_rows(done.rows), *done.remarks],
-            "columns": columns,
-        }
-    )
+    return CorrectionResult(**done.describe(robot), columns=columns)
 
 
 def _without_nan(column: FloatArray) -> list[float | None]:

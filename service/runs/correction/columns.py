@@ -9,12 +9,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from jointstiff.schemas.correction import MAX_COLUMNS, MAX_TABLE_ROWS
 from jointstiff.schemas.measurement import Units
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.runs.correction.orientation import EULER_ANGLES, ROTATION_VECTOR
 from jointstiff.service.runs.deflection import parse_unit_factor
 from jointstiff.service.runs.verdicts import moment_factor
-from jointstiff.service.tables.reading import LABEL
+from jointstiff.service.tables.reading import LABEL, TableLimits
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.mechanics.robot import Robot
@@ -26,6 +27,8 @@ DEFLECTION: Final = ("dx", "dy", "dz")
 STATUS: Final = "status"
 ANSWERED: Final = frozenset({STATUS, *DEFLECTION, "readings", "model_error", "residual", "joint_speed"})
 """Columns of an answer that a request does not have."""
+TABLE_LIMITS: Final = TableLimits(MAX_TABLE_ROWS, MAX_COLUMNS)
+"""Limits of a file that a service corrects."""
 _LENGTHS: Final = frozenset({*POSITION, *DEFLECTION, "readings", "model_error", "residual"})
 _ANGLES: Final = frozenset({*ROTATION_VECTOR, *EULER_ANGLES})
 _FACTORS: Final = MappingProxyType({"length": LENGTH, "angle": ANGLE, "force": FORCE, "moment": MOMENT})
@@ -69,7 +72,7 @@ def _find_quantity(name: str, robot: Robot) -> str | None:
 
 
 def make_sheet(columns: Mapping[str, Any], units: Units, prismatic: Sequence[bool]) -> Sheet:
-    """Return the columns of an answer as a sheet whose headers have units.
+    """Return the columns of a request or of an answer as a sheet whose headers have units.
 
     `prismatic` tells for each joint whether it is prismatic.
     """
@@ -83,7 +86,7 @@ def make_sheet(columns: Mapping[str, Any], units: Units, prismatic: Sequence[boo
 
 
 def _find_unit(name: str, units: Units, prismatic: Sequence[bool]) -> str:
-    """Return the unit of the numbers in a column of an answer; empty if they have no unit."""
+    """Return the unit of the numbers in a column; empty if they have no unit."""
     joint = re.fullmatch(r"j(\d+)", name)
     if joint is not None:
         return units.length if prismatic[int(joint[1]) - 1] else units.angle
@@ -91,4 +94,8 @@ def _find_unit(name: str, units: Units, prismatic: Sequence[bool]) -> str:
         return units.length
     if name in _ANGLES:
         return units.angle
+    if name in FORCES:
+        return units.force
+    if name in MOMENTS:
+        return units.moment or f"{units.force}.m"
     return f"{units.angle}/s" if name == "joint_speed" else ""

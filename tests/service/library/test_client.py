@@ -601,7 +601,7 @@ MISTAKES = {"wrong_1": 'metod="complete_pose"', "wrong_2": 'readings="six"', "wr
 RIGHT = {"wrong_1": 'method="complete_pose"', "wrong_2": "readings=6", "wrong_3": "grid=(3, 3, 1)"}
 
 
-MORE_FIELDS = {"geometry": {"robot"}, "program": {"force"}, "process": {"force"}}
+MORE_FIELDS = {"geometry": {"robot"}, "program": {"force"}, "process": {"force"}, "correction": {"forces"}}
 """Fields of a verb that are no options of its kind."""
 
 

@@ -132,3 +132,14 @@ def test_columns_of_encoders_are_in_the_stack():
     expected = measurements.sigma / STATED / np.sqrt(2.0) * rows.block.torque[..., None] * np.eye(6)
     expected[:, 3:] = 0.0
     np.testing.assert_allclose(of_encoders, expected)
+
+
+def test_a_repeatability_may_be_stated_with_encoders():
+    """Encoders and targets see the same turns, which are stated half as large as they are."""
+    campaign = simulate(PLAY, 0)
+    stated = replace(
+        campaign.measurements, repeatability=3e-6, scatter=Scatter(3e-6 / campaign.measurements.sigma)
+    )
+    joints = joints_of(stated)
+    assert joints.measurements.scatter.encoders
+    assert joints.measurements.scatter.joints * stated.sigma > 5e-6

@@ -8,7 +8,7 @@ import { add, loadOf, norm, placesOf, times } from "../../lib/vector";
 import { ArmView, roomOf } from "../../scene/view";
 import { useKinematics } from "../../state/kinematics";
 import { text } from "../../words";
-import { magnification } from "../run/deflection";
+import { magnification } from "../run/arrows";
 import { measureWords } from "./words";
 
 const words = measureWords.residuals;

@@ -367,108 +367,110 @@ function Rows({ context, result, bare }: TableProps) {
     ({ reason }) => reason ?? "",
   );
   return (
-    <div
-      class={shares ? "joints shares" : bare ? "joints bare" : "joints"}
-      role="table"
-      aria-label={runWords.stiffness}
-    >
-      <div class={bare ? "joint-head hidden" : "joint-head"} role="row">
-        <span role="columnheader">{runWords.joint}</span>
-        <div role="columnheader" class="bar" ref={head}>
-          {drawn && (
-            <svg class="row-chart" width={width} height={22} role="img" aria-label={label}>
-              {namedTicks(axis, axisStiffness(unit)).map(({ x, name }) => (
-                <text class="tick" x={x} y={16} text-anchor="middle">
-                  {name}
-                </text>
-              ))}
-            </svg>
-          )}
+    <div class="joint-rows">
+      <div
+        class={shares ? "joints shares" : bare ? "joints bare" : "joints"}
+        role="table"
+        aria-label={runWords.stiffness}
+      >
+        <div class={bare ? "joint-head hidden" : "joint-head"} role="row">
+          <span role="columnheader">{runWords.joint}</span>
+          <div role="columnheader" class="bar" ref={head}>
+            {drawn && (
+              <svg class="row-chart" width={width} height={22} role="img" aria-label={label}>
+                {namedTicks(axis, axisStiffness(unit)).map(({ x, name }) => (
+                  <text class="tick" x={x} y={16} text-anchor="middle">
+                    {name}
+                  </text>
+                ))}
+              </svg>
+            )}
+          </div>
+          <span role="columnheader" class="number">
+            {runWords.quantity(unit === "compliance")}
+          </span>
+          <span role="columnheader" class="number">
+            <Term of="interval">{runWords.interval(percent(run.request.confidence))}</Term>
+          </span>
+          <span role="columnheader">{runWords.verdict}</span>
+          {shares && <span role="columnheader">{runWords.contribution}</span>}
         </div>
-        <span role="columnheader" class="number">
-          {runWords.quantity(unit === "compliance")}
-        </span>
-        <span role="columnheader" class="number">
-          <Term of="interval">{runWords.interval(percent(run.request.confidence))}</Term>
-        </span>
-        <span role="columnheader">{runWords.verdict}</span>
-        {shares && <span role="columnheader">{runWords.contribution}</span>}
-      </div>
-      {joints.map((joint, i) => {
-        const mark = marks[i] as IntervalMark;
-        const shown = shownOrTied(joint, identifiability.combinations, unit);
-        const [verdict, cap, part] = [verdictOf(joint), capOf(joint), parts.get(joint.name)];
-        const open = !phone || opened.has(joint.name);
-        return (
-          <Fragment key={joint.name}>
-            <div class={`joint ${verdict}${open ? "" : " closed"}${shown.unusable ? " unusable" : ""}`} role="row">
-              <span role="rowheader">
-                {phone ? (
-                  <button type="button" class="opens" aria-expanded={open} onClick={() => toggle(joint.name)}>
+        {joints.map((joint, i) => {
+          const mark = marks[i] as IntervalMark;
+          const shown = shownOrTied(joint, identifiability.combinations, unit);
+          const [verdict, cap, part] = [verdictOf(joint), capOf(joint), parts.get(joint.name)];
+          const open = !phone || opened.has(joint.name);
+          return (
+            <Fragment key={joint.name}>
+              <div class={`joint ${verdict}${open ? "" : " closed"}${shown.unusable ? " unusable" : ""}`} role="row">
+                <span role="rowheader">
+                  {phone ? (
+                    <button type="button" class="opens" aria-expanded={open} onClick={() => toggle(joint.name)}>
+                      <Name>{joint.name}</Name>
+                    </button>
+                  ) : (
                     <Name>{joint.name}</Name>
-                  </button>
-                ) : (
-                  <Name>{joint.name}</Name>
-                )}
-              </span>
-              <div role="cell" class="bar">
-                {drawn && (
-                  <svg class="row-chart" width={width} height={ROW} role="img" aria-label={mark.lines.join(": ")}>
-                    {axis.ticks.map((tick) => (
-                      <line class="grid" x1={axis(tick)} x2={axis(tick)} y1={0} y2={ROW} />
-                    ))}
-                    {(mark.low ?? mark.value) !== null && (
-                      <Mark mark={mark} x={axis} y={ROW / 2} left={2} right={width - 10} />
-                    )}
-                  </svg>
-                )}
-              </div>
-              <span role="cell" class="number value">
-                {hasBar(shown) && <EstimateBar of={shown} />}
-                <EstimateValue of={shown} />
-                {(shown.value ?? shown.limit) !== null && verdict !== "unobservable" && joint.kind !== "prismatic" && (
-                  <small class="unit soft">{withUnit("", unitOf(unit).label)}</small>
-                )}
-              </span>
-              <span role="cell" class="number interval-text">
-                <EstimateInterval of={shown} />
-              </span>
-              <span role="cell" class="verdict" title={text.verdicts[verdict][1]}>
-                <span class={cap ? `lamp ${cap}` : "lamp"} aria-hidden="true" />
-                <span class={isPlain(verdict, cap, assessment.verdict) ? "word hidden" : "word"}>
-                  {cap ? text.usability[cap] : text.verdicts[verdict][0]}
+                  )}
                 </span>
-              </span>
-              {shares && !part?.mean && (
-                <span role="cell" class="part soft">
-                  –
+                <div role="cell" class="bar">
+                  {drawn && (
+                    <svg class="row-chart" width={width} height={ROW} role="img" aria-label={mark.lines.join(": ")}>
+                      {axis.ticks.map((tick) => (
+                        <line class="grid" x1={axis(tick)} x2={axis(tick)} y1={0} y2={ROW} />
+                      ))}
+                      {(mark.low ?? mark.value) !== null && (
+                        <Mark mark={mark} x={axis} y={ROW / 2} left={2} right={width - 10} />
+                      )}
+                    </svg>
+                  )}
+                </div>
+                <span role="cell" class="number value">
+                  {hasBar(shown) && <EstimateBar of={shown} />}
+                  <EstimateValue of={shown} />
+                  {(shown.value ?? shown.limit) !== null &&
+                    verdict !== "unobservable" &&
+                    joint.kind !== "prismatic" && <small class="unit soft">{withUnit("", unitOf(unit).label)}</small>}
                 </span>
-              )}
-              {shares && part && part.mean !== 0 && (
-                <span role="cell" class="part">
-                  <svg width={SHARE_WIDTH} height={10} aria-hidden="true">
-                    <rect class="share-bar" width={(Math.abs(part.share) / most) * SHARE_WIDTH} height={10} rx={2} />
-                  </svg>
-                  {shown.unusable ? <span>{percent(part.share)}</span> : <b>{percent(part.share)}</b>}
-                  <span class="soft of">{runWords.ofDeflection}</span>
-                  <span class="soft length">
-                    {fixed(part.mean * 1e3, 3)} {text.units.mm}
+                <span role="cell" class="number interval-text">
+                  <EstimateInterval of={shown} />
+                </span>
+                <span role="cell" class="verdict" title={text.verdicts[verdict][1]}>
+                  <span class={cap ? `lamp ${cap}` : "lamp"} aria-hidden="true" />
+                  <span class={isPlain(verdict, cap, assessment.verdict) ? "word hidden" : "word"}>
+                    {cap ? text.usability[cap] : text.verdicts[verdict][0]}
                   </span>
                 </span>
+                {shares && !part?.mean && (
+                  <span role="cell" class="part soft">
+                    –
+                  </span>
+                )}
+                {shares && part && part.mean !== 0 && (
+                  <span role="cell" class="part">
+                    <svg width={SHARE_WIDTH} height={10} aria-hidden="true">
+                      <rect class="share-bar" width={(Math.abs(part.share) / most) * SHARE_WIDTH} height={10} rx={2} />
+                    </svg>
+                    {shown.unusable ? <span>{percent(part.share)}</span> : <b>{percent(part.share)}</b>}
+                    <span class="soft of">{runWords.ofDeflection}</span>
+                    <span class="soft length">
+                      {fixed(part.mean * 1e3, 3)} {text.units.mm}
+                    </span>
+                  </span>
+                )}
+              </div>
+              {open && (
+                <NextMeasurement
+                  pieces={advice.filter((one) => one.advice.joint === joint.name)}
+                  joint={joint}
+                  context={context}
+                />
               )}
-            </div>
-            {open && (
-              <NextMeasurement
-                pieces={advice.filter((one) => one.advice.joint === joint.name)}
-                joint={joint}
-                context={context}
-              />
-            )}
-          </Fragment>
-        );
-      })}
-      <Reasons of={reasons} />
-      {!bare && <Parts {...{ gearboxes, structures, unit }} />}
+            </Fragment>
+          );
+        })}
+        <Reasons of={reasons} />
+        {!bare && <Parts {...{ gearboxes, structures, unit }} />}
+      </div>
     </div>
   );
 }

@@ -306,7 +306,10 @@ function Summary({ result }: { result: RunResult }) {
         figure(
           significant(goodness.repeatability_at_targets * 1e6, 2),
           text.units.micrometre,
-          words.repeatability(significant(goodness.repeatability * 1e6, 2), goodness.repeatability_source === "given"),
+          words.repeatability(
+            significant(goodness.repeatability * 1e6, 2),
+            goodness.repeatability_source ?? "residuals",
+          ),
         )}
     </ul>
   );

@@ -12,6 +12,7 @@ import { unusualWays } from "../../lib/ways";
 import { BesideButton, First, StiffnessPart } from "./stiffness";
 
 const DeflectionPart = lazy(async () => (await import("./deflection")).DeflectionPart);
+const RunArm = lazy(async () => (await import("./arm")).RunArm);
 const RobotPart = lazy(async () => (await import("./deflection")).RobotPart);
 const PredictPart = lazy(async () => (await import("../use/forms")).PredictPart);
 const MapForm = lazy(async () => (await import("../use/forms")).MapForm);
@@ -102,9 +103,21 @@ const withList =
     </>
   );
 
+/** A part with the arm beside it; the numbers come first for those who read, and do not wait for the arm. */
+const withArm =
+  (Part: ComponentType<PartProps>) =>
+  (props: PartProps): VNode => (
+    <div class="beside-arm">
+      <div class="parts">
+        <Part {...props} />
+      </div>
+      <RunArm context={props.context} result={props.result} at={props.query.get("at")} />
+    </div>
+  );
+
 const VIEWS: Record<keyof typeof text.run.views, ComponentType<PartProps>> = {
-  result: StiffnessPart,
-  deflection: DeflectionPart,
+  result: withArm(StiffnessPart),
+  deflection: withArm(DeflectionPart),
   robot: RobotPart,
   predict: PredictPart,
   map: withList(MapForm, "maps"),

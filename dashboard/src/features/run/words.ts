@@ -23,6 +23,15 @@ export const deflectionWords = {
   byConfigurationNote: "Mean contribution of each joint along the predicted deflection.",
 };
 
+export const armWords = {
+  title: "The arm in one configuration",
+  deflects: (length: string, force: string | null) =>
+    force === null ? `deflects by ${length} mm` : `deflects by ${length} mm under ${force} N`,
+  drawn: (factor: string) => `(drawn ×${factor})`,
+  part: "Contribution of a joint",
+  pull: "Pull the tool",
+};
+
 export const evidenceWords = {
   model: "Model",
   title: "Evidence",

@@ -17,6 +17,7 @@ import { Going, JobPage, JobLines, JobTables } from "../../components/job_page";
 import { freshKey } from "../../lib/json";
 import { postureText } from "../../lib/stiffness";
 import { norm, subtract, type Vector } from "../../lib/vector";
+import { RampLegend } from "../../charts/ramp";
 import { ArmView, roomOf } from "../../scene/view";
 import { asking, useAction, link } from "../../state/action";
 import { useKinematics } from "../../state/kinematics";
@@ -130,21 +131,6 @@ function rampFill(part: number): string | undefined {
   if (Number.isNaN(part)) return undefined;
   const [from, to, mix] = part < 0.5 ? ["--ramp-0", "--ramp-1", part * 2] : ["--ramp-1", "--ramp-2", part * 2 - 1];
   return `color-mix(in oklab, var(${to}) ${(mix * 100).toFixed(1)}%, var(${from}))`;
-}
-
-/** The colours with their ends in numbers. */
-export function RampLegend({ scale: [low, high], unit, label }: { scale: Look["scale"]; unit: string; label: string }) {
-  const digits = Math.max(0, 2 - Math.floor(Math.log10(high || 1)));
-  return (
-    <p class="ramp-legend">
-      <span>{label}</span>
-      <span class="ends">
-        {fixed(low, digits)}
-        <i class="ramp-bar" aria-hidden="true" />
-        {fixed(high, digits)} {unit}
-      </span>
-    </p>
-  );
 }
 
 const words = mapWords;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from functools import partial
 from typing import Final
@@ -105,63 +106,86 @@ _OWN_FEED: Final = re.compile(
 
 
 def _read_feed(line: Line, start: int, end: int) -> ir.Value | None:
-    """Return the feed that a setting between two indices states; None if it sets no feed."""
-    match = _OWN_FEED.fullmatch(line.text, start, end)
-    if match is None:
+    """Return the feed that a setting such as `$VEL.CP=0.2` states; None if the setting states no feed.
+
+    The setting is the text between two indices of the line. A feed that is computed is an unknown value.
+    """
+    setting = _OWN_FEED.fullmatch(line.text, start, end)
+    if setting is None:
         return None
     unknown = ir.Unknown("the feed is computed, or not stated", "write $VEL.CP in numbers")
-    if match["struct"]:
-        number = _read_struct(line, *match.span("struct")).get("CP")
-        return Literal(_NUMBER, (number,)) if isinstance(number, int) else unknown
-    if not (match["value"] or match["data"]):
+    if setting["struct"]:  # $VEL={CP 0.2,ORI1 200}
+        ordinal = _read_struct(line, *setting.span("struct")).get("CP")
+        return Literal(_NUMBER, (ordinal,)) if isinstance(ordinal, int) else unknown
+    if setting["value"]:  # $VEL.CP=0.2
+        begin, stop = setting.span("value")
+    elif setting["data"]:  # $VEL=SVEL_CP(0.2,...), whose first argument is the feed
+        begin, stop = setting.span("data")
+    else:
         return unknown
-    group = "value" if match["value"] else "data"
-    begin, stop = next(iter(split_outside_brackets(line.text[: match.end(group)], match.start(group))))
-    return _read_speed(line, begin, stop) or unknown
+    first_argument = next(iter(split_outside_brackets(line.text[:stop], begin)))
+    return _read_speed(line, *first_argument) or unknown
 
 
 def _read_speed(line: Line, start: int, end: int) -> ir.Value | None:
-    """Return the number or the name between two indices; None for any other value."""
+    """Return the speed that the text between two indices states: a number or a name; None for other texts."""
     text = line.text[start:end].strip()
-    if text == "\0":
+    if text == "\0":  # NUL replaces each number
         return Literal(_NUMBER, line.ordinals_in(start, end))
-    return ir.Copy(text) if re.fullmatch(_NAME, text) and text not in {"TRUE", "FALSE"} else None
+    is_name = re.fullmatch(_NAME, text) and text not in {"TRUE", "FALSE"}
+    return ir.Copy(text) if is_name else None
 
 
 def _read_value(line: Line, text: str) -> list[Op]:
-    """Return the operations of a value, which may be an expression or a structure `{...}`."""
-    # The active frames are values, too; a routine may change the frames that it gets as arguments.
-    if "(" not in text:
+    """Translate a value, which may be an expression or a structure `{X 1,Y 2}`, into uses of names."""
+    is_structure = text.startswith("{")
+    calls_routine = "(" in text
+    if not calls_routine:
+        # Reading an active frame is no use of its name; only a routine may change a frame that it gets.
         text = re.sub(r"\$(?=(?:BASE|TOOL)\b)", "$ACTIVE_", text)
-    return line.read_expression(_SEPARATED.sub(",", text) if text.startswith("{") else text)
+    if is_structure:
+        text = _SEPARATED.sub(",", text)  # names and values of the fields become a list of expressions
+    return line.read_expression(text)
 
 
 def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
-    """Return the fields of a structure `{...}` between two indices by name: ordinals of numbers, or texts.
+    """Parse a structure such as `{X 1,Y 2,S "on"}` between two indices of the line.
 
-    The ordinal of a number is its index among the numbers of the statement. The result is empty if a field is
-    computed or occurs twice, or if the text is not a structure.
+    Returns:
+        For the name of each field the ordinal of its number, which is the index among the numbers of the
+        statement; or the field's text if it is no number. Empty if a field is computed or occurs twice, or
+        if the text is not a structure.
     """
-    match = re.compile(r"\{(?:\w+:)?([^{}]*)\}").fullmatch(line.text, start, end)
-    numbers, fields = iter(line.ordinals_in(start, end)), dict[str, int | str]()
-    for first, last in split_outside_brackets(line.text[: match.end(1)], match.start(1)) if match else ():
+    structure = re.compile(r"\{(?:\w+:)?([^{}]*)\}").fullmatch(line.text, start, end)
+    if structure is None:
+        return {}
+    begin, stop = structure.span(1)
+    ordinals = iter(line.ordinals_in(start, end))
+    fields = dict[str, int | str]()
+    for first, last in split_outside_brackets(line.text[:stop], begin):
         field = _FIELD.fullmatch(line.text, first, last)
         if field is None or field[1] in fields:
             return {}
-        fields[field[1]] = next(numbers) if field[2] == "\0" else field[2]
+        name, value = field.groups()
+        is_number = value == "\0"
+        fields[name] = next(ordinals) if is_number else value
     return fields
 
 
 def _find_target_in_fields(fields: dict[str, int | str]) -> Literal | None:
-    """Return the target that the fields state; None if they are neither a whole pose nor all joint angles."""
-    # An integer is the ordinal of a number, a text is no number.
-    numbers = {name: value for name, value in fields.items() if isinstance(value, int)}
+    """Return the target of a structure; None if it is neither a whole pose nor all joint angles.
+
+    `fields` are those of `_read_struct`: ordinals of numbers, or texts. The target holds the ordinals of its
+    pose or joint angles, of its external axes E1 ... E6 (-1 where one is absent), and of status and turn.
+    """
+    ordinals = {name: value for name, value in fields.items() if isinstance(value, int)}
+    external = tuple(ordinals.get(f"E{i}", -1) for i in range(1, 7))
+    has_external_axes = max(external) >= 0
+    status_and_turn = tuple((name, ordinals[name]) for name in ("S", "T") if name in ordinals)
     for notation, names in _POSES:
-        if numbers.keys() >= set(names):
-            external = tuple(numbers.get(f"E{i}", -1) for i in range(1, 7))
-            status_and_turn = tuple((name, numbers[name]) for name in ("S", "T") if name in numbers)
-            ordinals = tuple(numbers[name] for name in names)
-            return Literal(notation, ordinals, external if max(external) >= 0 else (), status_and_turn)
+        if ordinals.keys() >= set(names):
+            numbers = tuple(ordinals[name] for name in names)
+            return Literal(notation, numbers, external if has_external_axes else (), status_and_turn)
     return None
 
 
@@ -171,42 +195,70 @@ def _copy_frames(target: str, source: str) -> list[Op]:
 
 
 def _set_frame_data(name: ir.Name, numbers: dict[str, int], mode: str) -> list[Op]:
-    """Return the operations that set fields of frame data: ordinals of BASE and TOOL, and `#BASE` or `#TCP`.
+    """Translate an assignment to fields of frame data, such as `FDAT_ACT.BASE_NO=1`.
 
-    KSS: with IPO_FRAME #TCP the tool is fixed in the cell, and the arm carries the part.
+    KSS: with the interpolation mode #TCP the tool is fixed in the cell, and the arm carries the part.
+
+    Args:
+        name: name of the frame data.
+        numbers: ordinals of the numbers of the frames, with the keys `BASE` and `TOOL`.
+        mode: interpolation mode, `#BASE` or `#TCP`; empty if the statement does not set the mode.
     """
-    is_fixed, unknown = mode not in {"", "#BASE"}, ir.Unknown(_FIXED_TOOL, _FRAME_REMEDY)
-    named = {role: ir.Named((f"{role}_DATA[%s]", number)) for role, number in numbers.items()}
-    values: dict[str, ir.Value] = {"BASE": unknown, "TOOL": unknown} if is_fixed else {**named}
-    frames: list[Op] = [ir.Assign(f"{name}.{role}", value) for role, value in values.items()]
-    return [*frames, *([ir.Assign(f"{name}.IPO", unknown if is_fixed else ir.Named(""))] if mode else [])]
+    is_tool_fixed = mode not in {"", "#BASE"}
+    if is_tool_fixed:
+        unknown = ir.Unknown(_FIXED_TOOL, _FRAME_REMEDY)
+        return [ir.Assign(f"{name}.{field}", unknown) for field in ("BASE", "TOOL", "IPO")]
+    ops: list[Op] = []
+    for role, ordinal in numbers.items():
+        frame_in_table = (f"{role}_DATA[%s]", ordinal)
+        ops.append(ir.Assign(f"{name}.{role}", ir.Named(frame_in_table)))
+    if mode:
+        ops.append(ir.Assign(f"{name}.IPO", ir.Named("")))
+    return ops
 
 
 def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
-    """Return the operations that assign the text between two indices to a name.
+    """Translate the assignment of the value between two indices of the line to a name.
 
     The name gets numbers, the value of another name, or an unknown value.
     """
-    text, fields = line.text[start:end], _read_struct(line, start, end)
+    text = line.text[start:end]
+    fields = _read_struct(line, start, end)
     if pose := _find_target_in_fields(fields):
         return [ir.Assign(name, pose)]
-    frames = {role: fields.get(f"{role}_NO") for role in ("BASE", "TOOL")}  # frame data, such as FDAT_ACT
-    numbers = {role: number for role, number in frames.items() if isinstance(number, int)}
-    if isinstance(name, str) and len(numbers) == len(frames):
-        return _set_frame_data(name, numbers, str(fields.get("IPO_FRAME", "#BASE")))
-    if name == "FDAT_ACT" and re.fullmatch(_NAME, text):
+    # Frame data such as FDAT_ACT={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE}
+    numbers_of_frames = {
+        role: number for role in ("BASE", "TOOL") if isinstance(number := fields.get(f"{role}_NO"), int)
+    }
+    if isinstance(name, str) and len(numbers_of_frames) == 2:
+        return _set_frame_data(name, numbers_of_frames, str(fields.get("IPO_FRAME", "#BASE")))
+    is_name = re.fullmatch(_NAME, text) is not None
+    if name == "FDAT_ACT" and is_name:
         return _copy_frames("FDAT_ACT", text)
-    if name in {"$BASE", "$TOOL"} and re.fullmatch(_NAME, text):
-        return [ir.Use(frozenset({text})), ir.Assign(name, ir.Copy(text))]
-    if text == "\0":
+    if text == "\0":  # a single number
         return [ir.Assign(name, Literal(_NUMBER, line.ordinals_in(start, end)))]
-    if name in {"$BASE", "$TOOL"} and (match := _TABLE.fullmatch(text)) and match["role"] == str(name)[1:]:
-        return [*line.read_expression(match["index"]), _copy_element(match["role"], match["index"])]
-    element = _ELEMENT.fullmatch(text)
-    if name in {"$BASE", "$TOOL"} and element and element["array"] != _OTHER_TABLE[str(name)]:
-        copy = ir.Copy((text.replace("\0", "%s"), line.ordinals_in(start, end)[0]))
-        return [ir.Use(frozenset({element["array"]})), ir.Assign(name, copy)]
+    if name in {"$BASE", "$TOOL"} and (ops := _activate_frame(line, str(name), start, end)):
+        return ops
     return [*_read_value(line, text), _forget_name(name)]
+
+
+def _activate_frame(line: Line, active: str, start: int, end: int) -> list[Op]:
+    """Translate the assignment of a named frame, or of an element of an array, to `$BASE` or `$TOOL`.
+
+    The value is the text between two indices of the line. The list is empty for any other value.
+    """
+    text = line.text[start:end]
+    if re.fullmatch(_NAME, text):
+        return [ir.Use(frozenset({text})), ir.Assign(active, ir.Copy(text))]
+    by_variable = _TABLE.fullmatch(text)  # $BASE=BASE_DATA[i]
+    if by_variable and f"${by_variable['role']}" == active:
+        index = by_variable["index"]
+        return [*line.read_expression(index), _copy_element(by_variable["role"], index)]
+    by_number = _ELEMENT.fullmatch(text)  # $BASE=FRAMES[3]
+    if by_number and by_number["array"] != _OTHER_TABLE[active]:
+        element = (text.replace("\0", "%s"), line.ordinals_in(start, end)[0])
+        return [ir.Use(frozenset({by_number["array"]})), ir.Assign(active, ir.Copy(element))]
+    return []
 
 
 def _copy_element(role: str, index: str) -> Op:
@@ -215,260 +267,332 @@ def _copy_element(role: str, index: str) -> Op:
 
 
 def _forget_name(name: ir.Name) -> Op:
-    """Return the operation by which the value of a name becomes unknown."""
-    text = name if isinstance(name, str) else name[0] % "i"
+    """Return the operation that makes the value of a name unknown, with the reason and a remedy."""
+    text = name if isinstance(name, str) else name[0] % "i"  # an element of an array as `A[i]`
     is_frame = text in {"$BASE", "$TOOL", "FDAT_ACT"} or "_DATA" in text
+    remedy = _FRAME_REMEDY if is_frame else _REMEDY
     reason = f"{text} changes while the program runs: it is computed, or set in part"
-    return ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY if is_frame else _REMEDY)
+    return ir.MakeUnknown(frozenset({name}), reason, remedy)
 
 
 def _translate_declaration(line: Line) -> list[Op]:
-    """Return the operations of a declaration of one or several names, with or without values.
+    """Translate a declaration of one or several names, with or without values: `DECL POS A={X 1,...},B`.
 
     Raises:
         Misread: the declaration is not understood.
     """
     ops: list[Op] = []
-    shared = re.search(r"\bGLOBAL\b", line.text[: line.span("names")[0]]) is not None
-    for start, end in split_outside_brackets(line.text, line.span("names")[0]):
-        match = re.compile(rf"({_NAME})(?:\[(.*?)\])?(?:=(.+))?").fullmatch(line.text, start, end)
-        if match is None or re.fullmatch(_RESERVED, match[1]):
+    begin_of_names, _ = line.span("names")
+    for start, end in split_outside_brackets(line.text, begin_of_names):
+        declared = re.compile(rf"({_NAME})(?:\[(.*?)\])?(?:=(.+))?").fullmatch(line.text, start, end)
+        if declared is None or re.fullmatch(_RESERVED, declared[1]):
             raise Misread("the declaration is unknown")
-        name, index, value = match.groups()
+        name, index, value = declared.groups()
         ops += [ir.Local(frozenset({name})), *line.read_expression(index or "")]
-        if value and index is not None:  # one element of an array
+        is_element = index is not None
+        if value and is_element:
             ops += [*_read_value(line, value), _forget_name(name)]
-        elif value == "\0":  # other programs may have set a variable of a .dat since then
-            literal = Literal(_NUMBER, line.ordinals_in(*match.span(3)))
-            is_constant = re.search(r"\bCONST\b", line.text[: line.span("names")[0]]) is not None
-            ops.append(
-                ir.Assign(name, literal, declares="constant", shared=shared)
-                if is_constant
-                else _forget_name(name)
-            )
         elif value:
-            assigned = _translate_value(line, name, *match.span(3))
-            ops += [op._replace(shared=shared) if isinstance(op, ir.Assign) else op for op in assigned]
+            ops += _declare_value(line, name, *declared.span(3))
+    return ops
+
+
+def _declare_value(line: Line, name: str, start: int, end: int) -> list[Op]:
+    """Translate the value that a declaration gives to a name: the text between two indices of the line."""
+    words_before_names = line.text[: line.span("names")[0]]
+    is_shared = re.search(r"\bGLOBAL\b", words_before_names) is not None
+    is_constant = re.search(r"\bCONST\b", words_before_names) is not None
+    if line.text[start:end] == "\0":  # a single number
+        if not is_constant:  # other programs may have set a variable of a .dat since then
+            return [_forget_name(name)]
+        number = Literal(_NUMBER, line.ordinals_in(start, end))
+        return [ir.Assign(name, number, declares="constant", shared=is_shared)]
+    ops = list[Op]()
+    for op in _translate_value(line, name, start, end):
+        ops.append(op._replace(shared=is_shared) if isinstance(op, ir.Assign) else op)
     return ops
 
 
 def _set_field_of_frames(line: Line) -> list[Op]:
-    """Return the operations that set a single field of frame data, or the interpolation mode; else []."""
-    if line.text in {"$IPO_MODE=#BASE", "$IPO_MODE=#TCP"}:
-        is_fixed = line["value"] == "#TCP"
-        return [ir.Assign(_IPO, ir.Unknown(_FIXED_TOOL, "omit the statement") if is_fixed else ir.Named(""))]
-    match = _FIELD_OF_FRAMES.fullmatch(f"{line['index']}={line['value']}")
-    if match is None:
+    """Translate an assignment to one field of frame data, or to the interpolation mode.
+
+    The list is empty if the line assigns to something else.
+    """
+    if line.text == "$IPO_MODE=#BASE":
+        return [ir.Assign(_IPO, ir.Named(""))]
+    if line.text == "$IPO_MODE=#TCP":
+        return [ir.Assign(_IPO, ir.Unknown(_FIXED_TOOL, "omit the statement"))]
+    field = _FIELD_OF_FRAMES.fullmatch(f"{line['index']}={line['value']}")
+    if field is None:
         return []
-    numbers = {match[1]: line.first_ordinal("value")} if match[1] else {}
-    return _set_frame_data(line["name"], numbers, match["mode"] or "")
+    role, mode = field[1], field["mode"] or ""
+    numbers = {role: line.first_ordinal("value")} if role else {}
+    return _set_frame_data(line["name"], numbers, mode)
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Return the operations of an assignment; setting one element or field makes the whole name unknown.
+    """Translate an assignment; one that sets a single element or field makes the whole name unknown.
 
     Raises:
         Misread: a system variable that may move targets is set, or the index of a frame is computed.
     """
     name, index = line["name"], line["index"]
-    target: ir.Name = name
-    if name in {"BASE_DATA", "TOOL_DATA"} and not index.startswith("[\0]"):
+    is_index_a_number = index.startswith("[\0]")
+    if name in {"BASE_DATA", "TOOL_DATA"} and not is_index_a_number:
         raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
-    if index.startswith("[\0]") and not name.startswith("$"):  # one element
-        target, index = (f"{name}[%s]", line.first_ordinal("index")), index.removeprefix("[\0]")
-    elif found := _set_field_of_frames(line):
-        return found
-    elif name in {"$ACT_BASE", "$ACT_TOOL"} and not index:  # BAS copies them where it sets frames
-        active: ir.Name = name.replace("ACT_", "")
+    if is_index_a_number and not name.startswith("$"):
+        element = (f"{name}[%s]", line.first_ordinal("index"))
+        return _assign(line, element, index.removeprefix("[\0]"))
+    if field_of_frames := _set_field_of_frames(line):
+        return field_of_frames
+    if name in {"$ACT_BASE", "$ACT_TOOL"} and not index:
+        # BAS copies these numbers of frames where it sets the active frames.
+        active = name.replace("ACT_", "")
         statement = ir.quote_statement(line.text, line.ordinals)
         reason = f"{statement}: the controller's variable {name} may move targets"
-        return [
-            *_read_value(line, line["value"]),
-            ir.MakeUnknown(frozenset({active, name}), reason, "omit the statement"),
-        ]
-    elif _MAY_MOVE_TARGETS.match(line.text):
+        unknown_names: frozenset[ir.Name] = frozenset({active, name})
+        forget = ir.MakeUnknown(unknown_names, reason, "omit the statement")
+        return [*_read_value(line, line["value"]), forget]
+    if _MAY_MOVE_TARGETS.match(line.text):
         raise Misread(f"the controller's variable {name} may move targets", "omit the statement")
-    return _assign(line, target, index)
+    return _assign(line, name, index)
 
 
 def _assign(line: Line, target: ir.Name, index: str) -> list[Op]:
-    """Return the operations that assign to a name, or to one of its elements or fields by an index."""
-    name = line["name"]
+    """Translate the assignment of the line's value to a name, or to one of its elements or fields.
+
+    `index` is the text of the element or field, such as `[i].X`; it is empty for the whole name.
+    """
+    name, value = line["name"], line["value"]
     # The indices of elements are expressions; all of them are read as one expression.
     indices = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
     uses = line.read_expression(indices)
-    is_system_variable = name.startswith("$") and name not in {"$BASE", "$TOOL"}
-    if name in _TURNS_TOOL and line["value"] not in {"FALSE", "#VAR"}:
+    if name in _TURNS_TOOL and value not in {"FALSE", "#VAR"}:
         statement = ir.quote_statement(line.text, line.ordinals)
-        uses.append(
-            ir.Note(
-                f"{statement}: after this line the arm does not reach the orientations that the "
-                "program states"
-            )
-        )
-    if index or is_system_variable:
-        changes: list[Op] = [] if is_system_variable else [_forget_name(target)]
-        if name == "$VEL" and (feed := _read_feed(line, 0, len(line.text))):
-            changes = [ir.Assign(ir.FEED, feed)]
-        return [*uses, *_read_value(line, line["value"]), *changes]
-    return [*uses, *_translate_value(line, target, *line.span("value"))]
+        effect = "after this line the arm does not reach the orientations that the program states"
+        uses.append(ir.Note(f"{statement}: {effect}"))
+    is_system_variable = name.startswith("$") and name not in {"$BASE", "$TOOL"}
+    if not (index or is_system_variable):
+        return [*uses, *_translate_value(line, target, *line.span("value"))]
+    changes: list[Op] = [] if is_system_variable else [_forget_name(target)]
+    if name == "$VEL" and (feed := _read_feed(line, 0, len(line.text))):
+        changes = [ir.Assign(ir.FEED, feed)]
+    return [*uses, *_read_value(line, value), *changes]
 
 
 def _read_target(line: Line, start: int, end: int) -> Literal | ir.Name | None:
-    """Return the target between two indices: a variable, an element of an array, or numbers; else None."""
+    """Return the target that the text between two indices states.
+
+    The target is a variable, an element of an array, or numbers; None for any other text.
+    """
     text = line.text[start:end]
-    if re.fullmatch(_NAME, text) and not re.fullmatch(_RESERVED, text):
+    is_variable = re.fullmatch(_NAME, text) and not re.fullmatch(_RESERVED, text)
+    if is_variable:
         return text
     if _ELEMENT.fullmatch(text):
-        return text.replace("\0", "%s"), line.ordinals_in(start, end)[0]
+        (ordinal_of_index,) = line.ordinals_in(start, end)
+        return text.replace("\0", "%s"), ordinal_of_index
     return _find_target_in_fields(_read_struct(line, start, end))
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Return the operations of a move; a move that is relative or has no complete target is not corrected.
+    """Translate a move; a move that is relative or has no complete target is not corrected.
 
     Raises:
         Misread: there is no target, or the settings of the move are unknown.
     """
-    motion, begin = _MOTIONS[line["motion"]], line.span("rest")[0]
-    whole = re.sub(_AXES_OF_STEP, "", line.text) if line["relative"] else line.text
+    motion = _MOTIONS[line["motion"]]
+    is_relative = bool(line["relative"])
+    begin, _ = line.span("rest")
+    whole = re.sub(_AXES_OF_STEP, "", line.text) if is_relative else line.text
     end, settings = _find_end_of_targets(whole, begin)
     if end == begin:
         raise Misread(_NOT_WHOLE)
     found, own_frames = _read_settings(line, *settings)
-    targets: list[Literal | ir.Name | None] = []
-    for start, stop in split_outside_brackets(line.text[:end], begin):
-        name = line.text[start:stop]
-        if len(targets) == 2 and name.startswith("CA "):
-            angle = line.read_expression(name.removeprefix("CA "))
-            found += [*angle, ir.Note("the arc ends at its angle CA, not at the second of its targets")]
-            continue
-        if _STORED_POSITION.fullmatch(name):
-            if name != line.text[begin:end]:  # one of the two targets of an arc
-                raise Misread("the arc goes through a position stored in the controller")
-            return [*found, ir.MoveToStored(name)]
-        targets.append(_read_target(line, start, stop))
-    known = tuple(each for each in targets if each is not None)
-    base, tool = (own_frames.get(role, ir.Copy(f"${role}")) for role in ("BASE", "TOOL"))
+    if _STORED_POSITION.fullmatch(line.text[begin:end]):
+        return [*found, ir.MoveToStored(line.text[begin:end])]
+    targets, uses = _read_targets(line, begin, end)
+    found += uses
+    base = own_frames.get("BASE", ir.Copy("$BASE"))
+    tool = own_frames.get("TOOL", ir.Copy("$TOOL"))
+    known = tuple(target for target in targets if target is not None)
+    count = 2 if motion is Motion.CIRCULAR else 1
+    if is_relative or not len(known) == len(targets) == count:
+        return [*found, *_leave_move(line, motion, begin, end, base, tool)]
+    feed = None
     own_feed = _find_own_feed(line, *settings) or ir.Copy(ir.FEED)
-    feed = ir.Feed(own_feed, _M_PER_S) if isinstance(own_feed, Literal | ir.Copy) else None
-    if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
-        reason = "the target is relative to the position before the move" if line["relative"] else _NOT_WHOLE
-        step = re.sub(_AXES_OF_STEP, "", line.text[begin:end])
-        near = _NEAR.fullmatch(step)
-        found += line.read_expression(_SEPARATED.sub(",", near["offset"] if near else step))
-        if near is None or re.fullmatch(_RESERVED, near["target"]):
-            return ir.make_uncorrected_move(found, reason, _REMEDY)
-        reason = f"the target is at an offset from {near['target']}"
-        offset_from = (near["target"],)
-        return [
-            *found,
-            ir.Move(motion, (), (base,), (tool,), reason=reason, remedy=_REMEDY, offset_from=offset_from),
-        ]
-    return [*found, ir.Move(motion, known, (base,) * len(known), (tool,) * len(known), feed=feed)]
+    if isinstance(own_feed, Literal | ir.Copy):
+        feed = ir.Feed(own_feed, _M_PER_S)
+    return [*found, ir.Move(motion, known, (base,) * count, (tool,) * count, feed=feed)]
+
+
+def _read_targets(line: Line, begin: int, end: int) -> tuple[list[Literal | ir.Name | None], list[Op]]:
+    """Return the targets of a move between two indices of the line, and the uses of other names there.
+
+    A target is None if it is neither numbers nor a name.
+
+    Raises:
+        Misread: one of two targets is stored in the controller.
+    """
+    targets: list[Literal | ir.Name | None] = []
+    uses = list[Op]()
+    for start, stop in split_outside_brackets(line.text[:end], begin):
+        text = line.text[start:stop]
+        is_angle_of_arc = len(targets) == 2 and text.startswith("CA ")
+        if is_angle_of_arc:
+            note = ir.Note("the arc ends at its angle CA, not at the second of its targets")
+            uses += [*line.read_expression(text.removeprefix("CA ")), note]
+        elif _STORED_POSITION.fullmatch(text):
+            raise Misread("the arc goes through a position stored in the controller")
+        else:
+            targets.append(_read_target(line, start, stop))
+    return targets, uses
+
+
+def _leave_move(line: Line, motion: Motion, begin: int, end: int, base: ir.Value, tool: ir.Value) -> list[Op]:
+    """Translate a move that is not corrected, because its target is relative or not whole.
+
+    The target is the text between two indices of the line. If it is a place at an offset from another target,
+    such as `P1:{X 10}`, the move shifts with the correction of that target.
+    """
+    step = re.sub(_AXES_OF_STEP, "", line.text[begin:end])
+    near = _NEAR.fullmatch(step)
+    found = line.read_expression(_SEPARATED.sub(",", near["offset"] if near else step))
+    if near is None or re.fullmatch(_RESERVED, near["target"]):
+        relative = "the target is relative to the position before the move"
+        return ir.make_uncorrected_move(found, relative if line["relative"] else _NOT_WHOLE, _REMEDY)
+    reason = f"the target is at an offset from {near['target']}"
+    move = ir.Move(motion, (), (base,), (tool,), reason=reason, remedy=_REMEDY, offset_from=(near["target"],))
+    return [*found, move]
 
 
 def _find_own_feed(line: Line, begin: int, end: int) -> ir.Value | None:
-    """Return the feed that the settings after WITH, between two indices, state; None if they state none.
+    """Return the feed that the settings of a move after WITH state; None if they state none.
 
-    The last one counts: a number may follow a structure.
+    The settings are the text between two indices. The last feed counts: a number may follow a structure.
     """
-    spans = split_outside_brackets(line.text[:end], begin) if begin < end else ()
-    feeds = [_read_feed(line, *each) for each in spans]
-    return next((each for each in reversed(feeds) if each is not None), None)
+    if begin == end:
+        return None
+    feed = None
+    for start, stop in split_outside_brackets(line.text[:end], begin):
+        feed = _read_feed(line, start, stop) or feed
+    return feed
 
 
 def _find_end_of_targets(text: str, begin: int) -> tuple[int, tuple[int, int]]:
-    """Return the index where the targets of a move end, and the span of its settings after WITH.
+    """Find where the targets of a move end, and where its settings after the word WITH are.
 
-    The targets begin at index `begin`. The span is empty if there are no settings.
+    Args:
+        text: the move.
+        begin: index of the first target.
+
+    Returns:
+        The index behind the last target; begin and end of the settings, which are equal if there are none.
     """
-    match = _WITH.search(text, begin)
-    if match is None:
-        return _strip_blends(text, begin, len(text)), (len(text), len(text))
-    settings = match.end(), _strip_blends(text, match.end(), len(text))
-    return _strip_blends(text, begin, match.start()), settings
+    word_with = _WITH.search(text, begin)
+    if word_with is None:
+        no_settings = len(text), len(text)
+        return _strip_blends(text, begin, len(text)), no_settings
+    begin_of_settings = word_with.end()
+    settings = begin_of_settings, _strip_blends(text, begin_of_settings, len(text))
+    return _strip_blends(text, begin, word_with.start()), settings
 
 
 def _strip_blends(text: str, begin: int, end: int) -> int:
-    """Return the end of the text after words of approximate positioning, such as C_DIS, are cut off."""
-    while match := _BLEND.search(text, max(begin, end - _LONGEST_BLEND), end):
-        if match.end() < end:
+    """Return the index before the words of approximate positioning, such as C_DIS, that end a text.
+
+    The text is that between the indices `begin` and `end`; without such words the result is `end`.
+    """
+    while word := _BLEND.search(text, max(begin, end - _LONGEST_BLEND), end):
+        is_at_the_end = word.end() == end
+        if not is_at_the_end:
             break
-        end = match.start()
+        end = word.start()
     return end
 
 
 def _read_settings(line: Line, begin: int, end: int) -> tuple[list[Op], dict[str, ir.Copy]]:
-    """Return the operations of the settings after WITH, and the frames that are set for this move only.
+    """Translate the settings of a move after WITH, which are the text between two indices of the line.
 
-    The settings are the text between two indices; the frames have the keys BASE and TOOL.
+    Returns:
+        Operations of the settings; the frames that are set for this move only, by the keys BASE and TOOL.
 
     Raises:
         Misread: a setting is unknown, calls a routine, or takes only one of base and tool from frame data.
     """
-    found, frames, data = list[Op](), dict[str, ir.Copy](), dict[str, str]()
-    for start, stop in split_outside_brackets(line.text[:end], begin) if begin < end else ():
+    if begin == end:
+        return [], {}
+    found = list[Op]()
+    frames = dict[str, ir.Copy]()
+    frame_data = dict[str, str]()  # name of the frame data (FDAT) of base, tool and interpolation mode
+    for start, stop in split_outside_brackets(line.text[:end], begin):
         setting = line.text[start:stop]
         match = _OWN_FRAME.fullmatch(setting)
         role = match[1] if match else ""
-        if match and match["data"]:
-            data[role] = match["data"]
+        if match and match["data"]:  # $BASE=SBASE(FP1)
+            frame_data[role] = match["data"]
             frames[role] = ir.Copy(f"{match['data']}.{role}", through=True)
-        elif match and match["table"] == f"{role}_DATA":
+        elif match and match["table"] == f"{role}_DATA":  # $BASE=BASE_DATA[1]
             frames[role] = ir.Copy((f"{role}_DATA[%s]", line.ordinals_in(start, stop)[0]))
-        elif match and match["name"] and role != "IPO_MODE":
+        elif match and match["name"] and role != "IPO_MODE":  # $BASE=MY_FRAME
             found.append(ir.Use(frozenset({match["name"]})))
             frames[role] = ir.Copy(match["name"])
-        elif (
-            not setting.startswith("$")
-            or _MAY_MOVE_TARGETS.match(setting)
-            or setting.startswith(("$BASE", "$TOOL"))
-        ):
-            raise Misread(
-                "a setting after WITH is unknown, or sets a frame for this move only", _SET_BEFORE_MOVE
-            )
-        else:
+        elif _is_harmless_setting(setting):
             found += _read_value(line, setting.partition("=")[2])
-    has_both = data.keys() >= {"BASE", "TOOL"} and len(set(data.values())) == 1
-    if ir.calls_routine(found) or (data and not has_both):
-        raise Misread(
-            "the settings after WITH call a routine, or set only one of tool and base", _SET_BEFORE_MOVE
-        )
+        else:
+            reason = "a setting after WITH is unknown, or sets a frame for this move only"
+            raise Misread(reason, _SET_BEFORE_MOVE)
+    has_base_and_tool = frame_data.keys() >= {"BASE", "TOOL"} and len(set(frame_data.values())) == 1
+    is_incomplete = bool(frame_data) and not has_base_and_tool
+    if is_incomplete or ir.calls_routine(found):
+        reason = "the settings after WITH call a routine, or set only one of tool and base"
+        raise Misread(reason, _SET_BEFORE_MOVE)
     return found, frames
 
 
-def _translate_spline(line: Line) -> list[Op]:
-    """Return the operations that begin a block of splines, whose feed may be its own.
+def _is_harmless_setting(setting: str) -> bool:
+    """Return whether a setting `$NAME=value` of a single move moves no target and sets no frame."""
+    sets_frame = setting.startswith(("$BASE", "$TOOL"))
+    return setting.startswith("$") and not sets_frame and not _MAY_MOVE_TARGETS.match(setting)
 
-    If the block sets its own frames, base and tool become unknown.
+
+def _translate_spline(line: Line) -> list[Op]:
+    """Translate the beginning of a block of splines, which may have a feed and frames of its own.
+
+    Base and tool become unknown if the block sets them.
 
     Raises:
         Misread: the statement has a target, or unknown settings.
     """
-    begin = line.span("rest")[0]
+    begin, _ = line.span("rest")
     end, settings = _find_end_of_targets(line.text, begin)
     if end > begin:
         raise Misread(UNKNOWN_STATEMENT)
-    found, own_frames = _read_settings(line, *settings)
-    found.append(ir.Assign(_FEED_OF_BLOCK, ir.Copy(ir.FEED)))
-    own_feed = _find_own_feed(line, *settings)
-    found += [ir.Assign(ir.FEED, own_feed)] if own_feed else []
-    reason, remedy = "the block of splines has frames of its own", "set $BASE and $TOOL before the block"
-    return [*found, *([ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own_frames else [])]
+    ops, own_frames = _read_settings(line, *settings)
+    # The end of the block makes the feed before the block active again.
+    ops.append(ir.Assign(_FEED_OF_BLOCK, ir.Copy(ir.FEED)))
+    if own_feed := _find_own_feed(line, *settings):
+        ops.append(ir.Assign(ir.FEED, own_feed))
+    if own_frames:
+        reason = "the block of splines has frames of its own"
+        remedy = "set $BASE and $TOOL before the block"
+        ops.append(ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy))
+    return ops
 
 
 def _translate_sensor(line: Line) -> list[Op]:
-    """Return the operations by which a sensor guides the arm, or ends to guide (KUKA RSI)."""
-    found = line.read_expression(line["arguments"]) if line["arguments"] else []
-    found += [_forget_name(line["name"])] if line["name"] else []
-    found.append(ir.Call(line["function"], _find_names(found), harmless=True))  # of the program itself
-    if line["action"] == "OFF":
-        return [*found, ir.end_lasting("RSI")]
+    """Translate a function of KUKA RSI, by which a sensor begins or ends to guide the arm."""
+    ops = line.read_expression(line["arguments"]) if line["arguments"] else []
+    if line["name"]:  # the variable that gets the result
+        ops.append(_forget_name(line["name"]))
+    # The program itself may define a routine with the name of the function.
+    ops.append(ir.Call(line["function"], _find_names(ops), harmless=True))
     reason, remedy = "a sensor moves the targets (RSI)", "omit the statement"
+    if line["action"] == "OFF":
+        return [*ops, ir.end_lasting("RSI")]
     if line["action"] == "MOVECORR":  # the motion is that of the sensor alone, and ends here
-        return ir.make_uncorrected_move(found, reason, remedy)
-    return [*found, ir.begin_lasting("RSI", reason, remedy)]
+        return ir.make_uncorrected_move(ops, reason, remedy)
+    return [*ops, ir.begin_lasting("RSI", reason, remedy)]
 
 
 def _translate_search(line: Line) -> list[Op]:
@@ -484,22 +608,21 @@ def _translate_routine(line: Line) -> list[Op]:
 
 
 def _translate_attachment(line: Line) -> list[Op]:
-    """Return the operations of an interrupt or a trigger, whose routine may run at any time."""
-    # A trigger has no number; the number of an interrupt gives a name by which it is switched on.
-    # KSS: a trigger acts on the path of the move behind it, which is planned before, with its frames.
-    # A variable in place of its number does not show where the interrupt is switched on.
-    event: ir.Name = "TRIGGER" if line.text.startswith("TRIGGER") else ""
-    if line["number"]:
+    """Translate the declaration of an interrupt or a trigger, whose routine may run at any time."""
+    is_trigger = line.text.startswith("TRIGGER")
+    event: ir.Name = "TRIGGER" if is_trigger else ""
+    if line["number"]:  # by this number, another statement switches the interrupt on
         event = "INTERRUPT %s", line.first_ordinal("number")
     action = re.sub(r" ?\bPRIO=", "+", line["action"])
-    found = ir.mark_anytime([*line.read_expression(line["when"]), *line.read_expression(action)], event)
-    # BAS: IR_STOPM only stops the robot and waits.
-    return [
-        op._replace(harmless=op.harmless or op.name == "IR_STOPM", behind_next=event == "TRIGGER")
-        if isinstance(op, ir.Call)
-        else op
-        for op in found
-    ]
+    uses = [*line.read_expression(line["when"]), *line.read_expression(action)]
+    ops = list[Op]()
+    for op in ir.mark_anytime(uses, event):
+        if isinstance(op, ir.Call):
+            only_stops_the_robot = op.name == "IR_STOPM"  # BAS
+            # KSS: a trigger acts on the path of the move behind it, which is planned before, with its frames.
+            op = op._replace(harmless=op.harmless or only_stops_the_robot, behind_next=is_trigger)
+        ops.append(op)
+    return ops
 
 
 def _translate_unknown_attachment(line: Line) -> list[Op]:
@@ -509,72 +632,81 @@ def _translate_unknown_attachment(line: Line) -> list[Op]:
 
 
 def _translate_triggered_assignment(line: Line) -> list[Op]:
-    """Return the operations of a trigger that assigns a value: the name may change at any time.
+    """Translate a trigger that assigns a value: the value of the name may change at any time.
 
     KSS: what is triggered is an assignment, a pulse of an output, or a call of a routine.
     """
     start, end = line.span("action")
-    action = Line(line.language, line["action"], line.ordinals_in(start, end))
-    found = line.language.apply_rules(action)
-    name = line["action"].partition("=")[0]
-    changed: list[Op] = [
-        ir.MakeUnknown(frozenset({op.name}), f"{name} changes at a trigger", _REMEDY, anytime=True)
-        for op in found
-        if isinstance(op, ir.Assign)
-    ]
-    return [
-        *changed,
-        *(op._replace(anytime=True) if isinstance(op, ir.MakeUnknown) else op for op in found
-          if not isinstance(op, ir.Assign)),
-    ]  # fmt: skip
+    assignment = Line(line.language, line["action"], line.ordinals_in(start, end))
+    name, _, _ = line["action"].partition("=")
+    reason = f"{name} changes at a trigger"
+    changes, others = list[Op](), list[Op]()
+    for op in line.language.apply_rules(assignment):
+        if isinstance(op, ir.Assign):
+            changes.append(ir.MakeUnknown(frozenset({op.name}), reason, _REMEDY, anytime=True))
+        elif isinstance(op, ir.MakeUnknown):
+            others.append(op._replace(anytime=True))
+        else:
+            others.append(op)
+    return [*changes, *others]
 
 
 def _translate_bas(line: Line) -> list[Op]:
-    """Return the operations of a call of `BAS`, which sets frames, speeds and accelerations.
+    """Translate a call of `BAS(#function,argument)`, which sets frames, speeds and accelerations.
 
     Raises:
         Misread: the function is unknown, or its argument is not a number.
     """
     function, argument = line["function"], line["argument"]
-    if function in {"TOOL", "BASE"} and argument == "\0":
-        return [ir.Assign(f"${function}", ir.Copy((f"{function}_DATA[%s]", line.first_ordinal("argument"))))]
+    if function in {"TOOL", "BASE"} and argument == "\0":  # the argument is a number
+        frame_in_table = (f"{function}_DATA[%s]", line.first_ordinal("argument"))
+        return [ir.Assign(f"${function}", ir.Copy(frame_in_table))]
     if function in {"TOOL", "BASE"} and argument:
         is_variable = re.fullmatch(r"[^\W\d]\w*+", argument)
         change = _copy_element(function, argument) if is_variable else _forget_name(f"${function}")
         return [*line.read_expression(argument), change]
     if function not in _BAS:
         raise Misread(f"BAS(#{function}) is unknown, or its argument is not a number")
-    changes = _BAS[function]
+    ops = [*line.read_expression(argument), *_BAS[function]]
     if function in {"VEL_CP", "CP_PARAMS"}:  # BAS: both set $VEL.CP
         unknown = ir.Unknown("the feed is computed, or not stated", "write $VEL.CP in numbers")
         speed = _read_speed(line, *line.span("argument")) if argument else None
-        changes = (*changes, ir.Assign(ir.FEED, speed or unknown))
-    return [*line.read_expression(argument), *changes]
+        ops.append(ir.Assign(ir.FEED, speed or unknown))
+    return ops
 
 
 def _translate_reading(line: Line) -> list[Op]:
-    """Return the operations of a function that reads values from outside into its arguments."""
-    used = [op for op in line.read_expression(line["arguments"]) if isinstance(op, ir.Use)]
-    names = frozenset(each for op in used for each in op.names) | {line["status"] or "_"}
-    own = ir.Call(line["function"], _find_names(list(used)), harmless=True)  # of the program itself
-    return [own, ir.MakeUnknown(names, "the value is read from outside while the program runs", _REMEDY)]
+    """Translate a function that reads values from outside into its arguments, such as CREAD."""
+    uses = [op for op in line.read_expression(line["arguments"]) if isinstance(op, ir.Use)]
+    changed_names = {name for use in uses for name in use.names}
+    changed_names.add(line["status"] or "_")  # the variable that gets the result
+    # The program itself may define a routine with the name of the function.
+    own_routine = ir.Call(line["function"], _find_names([*uses]), harmless=True)
+    reason = "the value is read from outside while the program runs"
+    return [own_routine, ir.MakeUnknown(frozenset(changed_names), reason, _REMEDY)]
 
 
 def _find_names(found: list[Op]) -> frozenset[str]:
-    """Return the names that operations of expressions use."""
-    used = (each for op in found if isinstance(op, ir.Use) for each in op.names)
-    return frozenset(each for each in used if isinstance(each, str))
+    """Return the names that operations of expressions use, apart from elements of arrays."""
+    names = set[str]()
+    for op in found:
+        if isinstance(op, ir.Use):
+            names.update(name for name in op.names if isinstance(name, str))
+    return frozenset(names)
 
 
 def _translate_kinematics(line: Line) -> list[Op]:
-    """Return the operations of a calculation of joint angles or of a pose, whose last argument gets an error.
+    """Translate INVERSE or FORWARD, which calculate joint angles or a pose and give a status.
 
     Source: KSS, INVERSE and FORWARD: they read the active base and tool, and change neither.
     """
-    found = ir.pass_uses(line.read_expression(line["arguments"]), line["name"])
-    names = frozenset({line["name"], line["status"]})
-    own = ir.Call(line["function"], _find_names(found) | names, harmless=True)  # of the program itself
-    return [*found, own, ir.MakeUnknown(names, "the value is calculated while the program runs", _REMEDY)]
+    result, status = line["name"], line["status"]
+    uses = ir.pass_uses(line.read_expression(line["arguments"]), result)
+    changed = frozenset({result, status})
+    # The program itself may define a routine with the name of the function.
+    own_routine = ir.Call(line["function"], _find_names(uses) | changed, harmless=True)
+    reason = "the value is calculated while the program runs"
+    return [*uses, own_routine, ir.MakeUnknown(changed, reason, _REMEDY)]
 
 
 _LINE: Final = r"(?i)(?:\A|(?<=[\r\n]))[ \t]*+"
@@ -603,24 +735,27 @@ _NO_DATA: Final = re.compile(
 
 
 def _find_private_names(text: str) -> Iterator[str]:
-    """Yield the names that a .dat declares without GLOBAL."""
+    """Yield the names that a file of data (.dat) declares without the word GLOBAL."""
     for line in _LINE_END.split(capitalise(text)):
-        if not _NO_DATA.match(line):
+        declares_no_private_name = _NO_DATA.match(line)
+        if not declares_no_private_name:
             yield from _list_declared(line)
 
 
 def _list_declared(line: str) -> Iterator[str]:
-    """Yield the names that a line declares, or of whose elements or fields it has one."""
-    plain, count = _NO_NAME.sub("", line), 1
-    while count:  # braces within one another, from the inside
+    """Yield the variables that a line of a .dat declares or sets, such as P1 and P2 of `POS P1={X 1},P2`."""
+    plain = _NO_NAME.sub("", line)  # without texts, comments and indices
+    count = 1
+    while count:  # braces within one another are removed from the inside
         plain, count = _BRACES.subn("", plain)
     for part in plain.split(","):
-        if match := re.search(rf"({_NAME})(?:\.\w++)*\s*+\Z", part.partition("=")[0]):
-            yield match[1]
+        before_value = part.partition("=")[0]
+        if name := re.search(rf"({_NAME})(?:\.\w++)*\s*+\Z", before_value):
+            yield name[1]
 
 
 def _find_shared_names(text: str) -> Iterator[str]:
-    """Yield the names that a .dat declares as GLOBAL."""
+    """Yield the names that a file of data (.dat) declares with the word GLOBAL."""
     for line in _LINE_END.split(capitalise(text)):
         if _GLOBAL.match(line):
             yield from _list_declared(line)
@@ -632,79 +767,137 @@ def read_krl(statements: Statements, sources: tuple[Source, ...]) -> None:
     Raises:
         ProgramError: a .dat belongs to another program.
     """
-    programs = [_DEFINED.search(each.text) for each in sources if not each.name.lower().endswith(".dat")]
-    main, *others = [capitalise(match[1]) if match else "" for match in programs] or [""]
     statements.by_value = _find_routines_by_value(sources)
-    renamed = dict[int, dict[str, str]]()
+    renamed = dict[int, dict[str, str]]()  # by the index of the file, new names of routines by their names
     if len(sources) > 1:
         _note_names(statements, sources)
         renamed = _rename_local_routines(sources)
-    for index, source in enumerate(sources):
-        is_config = source.name.lower().endswith("config.dat")
-        data = _DATA.search(source.text) if index else None
-        starts, ends = source.starts, source.ends
-        declares = source.name.lower().endswith(".dat") and len(sources) > 1
-        # Only a .dat that is public, and $config.dat, can be changed by other programs.
-        kind = "shared" if is_config else "variable" if data and data[2] else "constant"
-        if main and data and not is_config and capitalise(data[1]) != main:
-            if not (data[2] or capitalise(data[1]) in others):
-                reason, remedy = (
-                    f"the file declares data of {data[1]}, not of {programs[0][1] if programs[0] else main}",
-                    "send the .dat file of this .src file",
-                )
-                statements.refuse(source.find_line(data.start()), reason, remedy, index)
-            # Of the data of another program, only those declared as GLOBAL are data of this one.
-            spans = zip(starts.tolist(), ends.tolist(), strict=True)
-            seen = np.array([bool(_GLOBAL.match(source.text, *each)) for each in spans], dtype=np.bool_)
-            if statements.owners.get(index):
-                statements.add_statements(index, starts[~seen], ends[~seen], declares=kind)
-            starts, ends = starts[seen], ends[seen]
-        translate = partial(_translate_renamed, renamed=renamed[index]) if renamed.get(index) else None
-        statements.add_statements(index, starts, ends, declares=kind if declares else "", translate=translate)
-    files = sources[1:]  # a program alone imports nothing that changes here
-    imported = {capitalise(name) for each in files for pair in _IMPORT.findall(each.text) for name in pair}
-    owners = {f"{OF_ROUTINE}{owner}" for each in statements.owners.values() for owner in each.values()}
-    names = frozenset(f"{name}{owner}" for name in imported for owner in ("", *owners))
+    for index in range(len(sources)):
+        _add_file(statements, sources, index, renamed.get(index, {}))
+    _forget_imported_names(statements, sources)
+
+
+def _add_file(
+    statements: Statements, sources: tuple[Source, ...], index: int, renamed: dict[str, str]
+) -> None:
+    """Add the statements of one file, in which routines have other names.
+
+    Raises:
+        ProgramError: the file is a .dat that belongs to another program.
+    """
+    source = sources[index]
+    is_config = source.name.lower().endswith("config.dat")
+    is_data = source.name.lower().endswith(".dat") and len(sources) > 1
+    head = _DATA.search(source.text) if index else None  # DEFDAT name PUBLIC
+    is_public = bool(head and head[2])
+    # Only a .dat that is public, and $config.dat, can be changed by other programs.
+    kind = "constant"
+    if is_config:
+        kind = "shared"
+    elif is_public:
+        kind = "variable"
+    starts, ends = source.starts, source.ends
+    if head and not is_config and _is_of_another_program(statements, sources, index, head):
+        # Of the data of another program, only those declared as GLOBAL are data of this one.
+        spans = zip(starts.tolist(), ends.tolist(), strict=True)
+        is_global = np.array([bool(_GLOBAL.match(source.text, *span)) for span in spans], dtype=np.bool_)
+        if statements.owners.get(index):
+            statements.add_statements(index, starts[~is_global], ends[~is_global], declares=kind)
+        starts, ends = starts[is_global], ends[is_global]
+    translate = partial(_translate_renamed, renamed=renamed) if renamed else None
+    statements.add_statements(index, starts, ends, declares=kind if is_data else "", translate=translate)
+
+
+def _is_of_another_program(
+    statements: Statements, sources: tuple[Source, ...], index: int, head: re.Match[str]
+) -> bool:
+    """Return whether a file of data, by its head DEFDAT, belongs to another program than the first one.
+
+    Raises:
+        ProgramError: the other program is not sent, and the data are not PUBLIC.
+    """
+    names = list[str]()  # of the programs, as they are written; empty for a program without DEF
+    for source in sources:
+        if not source.name.lower().endswith(".dat"):
+            definition = _DEFINED.search(source.text)
+            names.append(definition[1] if definition else "")
+    main, *others = names or [""]
+    owner, public = head[1], head[2]
+    if not main or capitalise(owner) == capitalise(main):
+        return False
+    is_owner_sent = capitalise(owner) in {capitalise(name) for name in others}
+    if not (public or is_owner_sent):
+        reason = f"the file declares data of {owner}, not of {main}"
+        remedy = "send the .dat file of this .src file"
+        statements.refuse(sources[index].find_line(head.start()), reason, remedy, index)
+    return True
+
+
+def _forget_imported_names(statements: Statements, sources: tuple[Source, ...]) -> None:
+    """Make the values of names unknown that a program imports from another one, which may change them."""
+    imported = set[str]()
+    for source in sources[1:]:  # a program alone imports nothing that changes here
+        for own_name, foreign_name in _IMPORT.findall(source.text):
+            imported |= {capitalise(own_name), capitalise(foreign_name)}
+    endings = {""}
+    for owner_of_name in statements.owners.values():
+        endings |= {f"{OF_ROUTINE}{owner}" for owner in owner_of_name.values()}
+    names = frozenset(f"{name}{ending}" for name in imported for ending in endings)
     statements.forget_anytime(names, "a program imports the name of another one, and may change it", _REMEDY)
 
 
 def _find_routines_by_value(sources: tuple[Source, ...]) -> frozenset[str]:
-    """Return the routines whose declarations by EXT or EXTFCT all state `:IN` for each parameter."""
+    """Return the routines that get copies of their arguments, and so cannot change them.
+
+    All declarations of such a routine by EXT or EXTFCT state `:IN` for each parameter.
+    """
     by_value, by_reference = set[str](), set[str]()
-    for name, parameters in (found for source in sources for found in _DECLARED.findall(source.text)):
-        are_copies = all(_BY_VALUE.fullmatch(each) for each in parameters.split(","))
-        (by_value if are_copies else by_reference).add(capitalise(name))
+    for source in sources:
+        for name, parameters in _DECLARED.findall(source.text):
+            are_copies = all(_BY_VALUE.fullmatch(parameter) for parameter in parameters.split(","))
+            routines = by_value if are_copies else by_reference
+            routines.add(capitalise(name))
     return frozenset(by_value - by_reference)
 
 
 def _rename_local_routines(sources: tuple[Source, ...]) -> dict[int, dict[str, str]]:
     """Return new names of routines that are known in one file only, by the index of each file.
 
+    In another file the name of such a routine means something else, and gets a new name there.
     KSS: other files know the first routine of a file, and those that are GLOBAL.
     """
-    routines = {
-        i: [(bool(word), capitalise(name)) for word, name in _ROUTINES.findall(each.text)]
-        for i, each in enumerate(sources)
-        if not _DATA.search(each.text)
-    }
-    visible = {
-        name for found in routines.values() for k, (is_global, name) in enumerate(found) if is_global or not k
-    }
-    local = {i: {name for is_global, name in found[1:] if not is_global} for i, found in routines.items()}
+    defined = dict[int, set[str]]()  # routines that each file defines
+    local = dict[int, set[str]]()  # those of them that other files do not know
+    visible = set[str]()  # routines that all files know
+    for index, source in enumerate(sources):
+        if _DATA.search(source.text):
+            continue
+        defined[index], local[index] = set(), set()
+        for order, (word_global, name) in enumerate(_ROUTINES.findall(source.text)):
+            routine = capitalise(name)
+            is_first = order == 0
+            defined[index].add(routine)
+            (visible if word_global or is_first else local[index]).add(routine)
     renamed = dict[int, dict[str, str]]()
-    for i, own in local.items():
-        known = visible | {name for _, name in routines[i]}
-        others = set[str]().union(*(each for k, each in local.items() if k != i)) - known
-        renamed[i] = {name: f"{name}{IN_MODULE}99" for name in others}
-        renamed[i] |= {name: f"{name}{IN_MODULE}{i}" for name in own if i}
+    for index, own in local.items():
+        elsewhere = set[str]().union(*(names for other, names in local.items() if other != index))
+        elsewhere -= visible | defined[index]
+        renamed[index] = {name: f"{name}{IN_MODULE}99" for name in elsewhere}
+        if index > 0:  # routines of the first file keep their names
+            renamed[index] |= {name: f"{name}{IN_MODULE}{index}" for name in own}
     return renamed
 
 
 def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, Op]]:
-    """Return the operations of a statement in which routines of one file have other names."""
+    """Translate a statement after the routines that it calls got their new names.
 
-    def rename(match: re.Match[str]) -> str:
-        return renamed.get(capitalise(match[0]), match[0])
+    `masked` is the statement with NUL in place of each number. Each operation is given with its number of
+    lines below the first line of the statement.
+    """
+
+    def rename(called: re.Match[str]) -> str:
+        name = called[0]
+        return renamed.get(capitalise(name), name)
 
     return LANGUAGE.translate(_CALLED.sub(rename, masked))
 
@@ -716,24 +909,32 @@ def _note_names(statements: Statements, sources: tuple[Source, ...]) -> None:
     element does not repeat the word. All programs know the data of $config.dat. In a further .src, a name
     that is private in the .dat of the first one means something else, too.
     """
-    data = {each.name: _DATA.search(each.text) for each in sources}
-    shared = {each.name: set(_find_shared_names(each.text)) for each in sources if data[each.name]}
-    private = {
-        capitalise(match[1]): set(_find_private_names(each.text)) - shared[each.name]
-        for each in sources
-        if (match := data[each.name]) and not each.name.lower().endswith("config.dat")
-    }
-    statements.shared_names = frozenset().union(*shared.values())
-    programs = [_DEFINED.search(each.text) for each in sources]
-    of_main = private.get(capitalise(programs[0][1]), set()) if programs[0] else set()
+    shared = set[str]()  # names that all programs know
+    private = dict[str, set[str]]()  # by the name of a program, names of its .dat that no other program knows
+    files_of_data = defaultdict[str, list[int]](
+        list
+    )  # by the name of a program, indices of its files of data
+    for index, source in enumerate(sources):
+        if head := _DATA.search(source.text):
+            program = capitalise(head[1])
+            files_of_data[program].append(index)
+            global_names = set(_find_shared_names(source.text))
+            shared |= global_names
+            if not source.name.lower().endswith("config.dat"):
+                private[program] = set(_find_private_names(source.text)) - global_names
+    statements.shared_names = frozenset(shared)
+    main = _DEFINED.search(sources[0].text)
+    private_of_main = private.get(capitalise(main[1]), set()) if main else set()
     for index, source in enumerate(sources[1:], 1):
-        if not data[source.name] and (match := programs[index]):
-            name = capitalise(match[1])
-            own = dict.fromkeys(private.get(name, ()), f"file{index}")
-            statements.owners[index] = dict.fromkeys(of_main, OTHER_FILES) | own
-            for k, each in enumerate(sources):
-                if own and (found := data[each.name]) and capitalise(found[1]) == name:
-                    statements.owners[k] = own
+        definition = _DEFINED.search(source.text)
+        if definition is None or _DATA.search(source.text):
+            continue
+        program = capitalise(definition[1])
+        own = dict.fromkeys(private.get(program, ()), f"file{index}")
+        statements.owners[index] = dict.fromkeys(private_of_main, OTHER_FILES) | own
+        if own:
+            for file_of_data in files_of_data[program]:
+                statements.owners[file_of_data] = own
 
 
 LANGUAGE: Final = ir.Language(

@@ -80,14 +80,15 @@ class Notation:
     def is_valid_orientation(self, values: FloatArray) -> BoolArray:
         """Return a mask (...) of the targets whose numbers (..., 3 + count) state a valid orientation.
 
-        A quaternion must have unit length, and a tool's axis must not be zero.
+        The first three numbers are the position. A quaternion must have unit length, and a tool's axis must
+        not be zero; any other orientation is valid.
         """
-        sizes = np.linalg.norm(values[..., 3 : 3 + self.count], axis=-1)
+        lengths = np.linalg.norm(values[..., 3 : 3 + self.count], axis=-1)
         if self.orientation is Orientation.TOOL_AXIS:
-            return np.asarray(sizes > 0.0)
-        return np.asarray(
-            (self.orientation is not Orientation.QUATERNION) | (np.abs(sizes - 1.0) <= _UNIT_TOLERANCE)
-        )
+            return np.asarray(lengths > 0.0)
+        if self.orientation is Orientation.QUATERNION:
+            return np.asarray(np.abs(lengths - 1.0) <= _UNIT_TOLERANCE)
+        return np.ones_like(lengths, dtype=np.bool_)
 
     @property
     def decimals(self) -> tuple[int, ...]:
@@ -128,37 +129,43 @@ class Notation:
         One pose can be written by different numbers; the numbers nearest to the old numbers `near`
         (m, 3 + count) are returned.
         """
-        if not len(poses):
+        if len(poses) == 0:
             return near.copy()
         numbers = np.empty_like(near)
         numbers[:, :3] = poses[:, :3, 3] / self.length
         rotations, old = poses[:, :3, :3], near[:, 3:]
         if self.orientation is Orientation.QUATERNION:
-            new = quaternions_from_matrices(rotations)
-            # The old quaternion has a rounded length: with the same length, an unchanged quaternion keeps its
-            # numbers. A quaternion and its negative state the same orientation.
-            new *= np.linalg.norm(old, axis=1, keepdims=True)
-            numbers[:, 3:] = np.where(np.sum(new * old, axis=1, keepdims=True) < 0, -new, new)
+            numbers[:, 3:] = _find_nearest_quaternions(rotations, old)
         elif self.orientation is Orientation.ROTATION_VECTOR:
-            numbers[:, 3:] = (
-                _find_nearest_vectors(vectors_from_matrices(rotations), old * self.angle) / self.angle
-            )
+            vectors = _find_nearest_vectors(vectors_from_matrices(rotations), old * self.angle)
+            numbers[:, 3:] = vectors / self.angle
         else:
             angles = _find_nearest_angles(rotations, self.angle * self._reorder_to_zyx(old))
             numbers[:, 3:] = self._reorder_to_zyx(angles) / self.angle
         return numbers
 
 
+def _find_nearest_quaternions(rotations: FloatArray, near: FloatArray) -> FloatArray:
+    """Return the quaternions (m, 4) of rotation matrices (m, 3, 3), with lengths and signs of `near` (m, 4).
+
+    The old quaternion `near` has a rounded length: with the same length, an unchanged quaternion keeps its
+    numbers. A quaternion and its negative state the same orientation.
+    """
+    quaternions = quaternions_from_matrices(rotations) * np.linalg.norm(near, axis=1, keepdims=True)
+    is_opposite = np.sum(quaternions * near, axis=1, keepdims=True) < 0
+    return np.asarray(np.where(is_opposite, -quaternions, quaternions))
+
+
 def _find_nearest_vectors(vectors: FloatArray, near: FloatArray) -> FloatArray:
     """Return rotation vectors (m, 3) [rad] with full turns added that bring them nearest to `near` (m, 3)."""
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
-    is_zero = angle < 1e-12
     near_angle = np.linalg.norm(near, axis=1, keepdims=True)
     near_axis = near / np.where(near_angle > 0, near_angle, 1)
     # A zero rotation has no axis: full turns are added about the axis of `near`.
+    is_zero = angle < 1e-12
     axis = np.where(is_zero, near_axis, vectors / np.where(is_zero, 1, angle))
-    along = np.sum(axis * near, axis=1, keepdims=True)
-    turns = np.round((along - angle) / (2 * np.pi))
+    near_angle_about_axis = np.sum(axis * near, axis=1, keepdims=True)
+    turns = np.round((near_angle_about_axis - angle) / (2 * np.pi))
     return np.where(turns == 0, vectors, axis * (angle + 2 * np.pi * turns))
 
 
@@ -179,22 +186,31 @@ def _find_nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
     Each rotation has two solutions, up to full turns. In a gimbal lock, the last angle is that of `near`.
     """
     r = rotations
-    cosine = np.hypot(r[:, 0, 0], r[:, 1, 0])
-    sines = np.stack([r[:, 1, 0], -r[:, 2, 0], r[:, 2, 1]], axis=1)
-    first = np.arctan2(sines, np.stack([r[:, 0, 0], cosine, r[:, 2, 2]], axis=1))
-    other = np.column_stack([first[:, 0] + np.pi, np.pi - first[:, 1], first[:, 2] + np.pi])
-    locked = cosine < _GIMBAL_COSINE
-    if locked.any():
+    cosine = np.hypot(r[:, 0, 0], r[:, 1, 0])  # of the angle about Y'
+    about_z = np.arctan2(r[:, 1, 0], r[:, 0, 0])
+    about_y = np.arctan2(-r[:, 2, 0], cosine)
+    about_x = np.arctan2(r[:, 2, 1], r[:, 2, 2])
+    first = np.column_stack([about_z, about_y, about_x])
+    second = np.column_stack([about_z + np.pi, np.pi - about_y, about_x + np.pi])
+    is_locked = cosine < _GIMBAL_COSINE
+    if is_locked.any():
         # Only the sum or difference of first and last angle is known: the last angle keeps its value.
-        solution = first[locked]
+        solution = first[is_locked]
         sign = np.where(solution[:, 1] > 0, 1.0, -1.0)
-        solution[:, 0] = np.arctan2(-r[locked, 0, 1], r[locked, 1, 1]) + sign * near[locked, 2]
-        solution[:, 2] = near[locked, 2]
-        first[locked] = other[locked] = solution
-    candidates = [angles + 2 * np.pi * np.round((near - angles) / (2 * np.pi)) for angles in (first, other)]
-    distances = [np.sum((angles - near) ** 2, axis=1) for angles in candidates]
-    nearest: FloatArray = np.where((distances[0] <= distances[1])[:, None], candidates[0], candidates[1])
-    return nearest
+        kept = near[is_locked, 2]
+        solution[:, 0] = np.arctan2(-r[is_locked, 0, 1], r[is_locked, 1, 1]) + sign * kept
+        solution[:, 2] = kept
+        first[is_locked] = second[is_locked] = solution
+    first, second = _add_turns(first, near), _add_turns(second, near)
+    distance_of_first = np.sum((first - near) ** 2, axis=1)
+    distance_of_second = np.sum((second - near) ** 2, axis=1)
+    is_first_nearer = (distance_of_first <= distance_of_second)[:, None]
+    return np.where(is_first_nearer, first, second)
+
+
+def _add_turns(angles: FloatArray, near: FloatArray) -> FloatArray:
+    """Return angles [rad] with full turns added that bring each angle nearest to that in `near`."""
+    return np.asarray(angles + 2 * np.pi * np.round((near - angles) / (2 * np.pi)))
 
 
 def calculate(expression: str) -> float | None:
@@ -207,10 +223,10 @@ def calculate(expression: str) -> float | None:
 
 
 def _calculate(node: ast.expr) -> float:
-    """Return the value of a part of an expression.
+    """Return the value of an expression from its syntax tree.
 
     Raises:
-        ValueError: the part is none of numbers, pi, d2r() and their sums, products and quotients.
+        ValueError: the expression has other parts than numbers, pi, d2r(), +, -, * and /.
     """
     match node:
         case ast.Constant(value=int() | float() as number):
@@ -219,10 +235,13 @@ def _calculate(node: ast.expr) -> float:
             return math.pi
         case ast.Call(func=ast.Name(id="d2r"), args=[angle], keywords=[]):
             return math.radians(_calculate(angle))
-        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=operand):
-            return -_calculate(operand) if isinstance(sign, ast.USub) else _calculate(operand)
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return -_calculate(operand)
+        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+            return _calculate(operand)
         case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() as sign, right=right):
-            return _OPERATIONS[type(sign)](_calculate(left), _calculate(right))
+            operation = _OPERATIONS[type(sign)]
+            return operation(_calculate(left), _calculate(right))
     raise ValueError(ast.dump(node))
 
 
@@ -252,22 +271,32 @@ class Numerals:
 
     @classmethod
     def from_text(cls, text: str, pattern: str) -> Numerals:
-        r"""Find the numbers in a text without `\0` by a pattern; no number spans two lines."""
+        r"""Find the numbers in a text without `\0` by a pattern; no number spans two lines.
+
+        The text is read in blocks of whole lines. Growing arrays hold the numbers: many small arrays would
+        leave gaps in the memory, as large as the numbers themselves.
+        """
+        values, starts, ends = array("d"), array("i"), array("i")
+        masked = list[str]()  # blocks of the text with NUL in place of each number
         split = re.compile(f"({pattern})").split
-        # Growing arrays: many small ones would leave gaps in the memory, as large as the numbers themselves.
-        values, starts, ends, masked, begin = array("d"), array("i"), array("i"), list[str](), 0
+        begin = 0
         while begin < len(text):
             end = text.find("\n", begin + _BLOCK_LENGTH) + 1 or len(text)
             pieces = split(text[begin:end])  # text, number, text, number, …, text
-            values.frombytes(_parse_numbers(pieces[1::2]).tobytes())
+            texts, numbers = pieces[::2], pieces[1::2]
             lengths = np.fromiter(map(len, pieces), dtype=np.int32, count=len(pieces))
-            piece_ends = begin + np.cumsum(lengths, dtype=np.int32)
-            starts.frombytes(piece_ends[:-1:2].tobytes())
-            ends.frombytes(piece_ends[1::2].tobytes())
-            masked.append("\0".join(pieces[::2]))
+            ends_of_pieces = begin + np.cumsum(lengths, dtype=np.int32)
+            values.frombytes(_parse_numbers(numbers).tobytes())
+            starts.frombytes(ends_of_pieces[:-1:2].tobytes())  # a number begins where the text before it ends
+            ends.frombytes(ends_of_pieces[1::2].tobytes())
+            masked.append("\0".join(texts))
             begin = end
-        numbers, first, last = (np.asarray(memoryview(each)) for each in (values, starts, ends))
-        return cls(numbers, first, last, "".join(masked))
+        return cls(
+            np.asarray(memoryview(values)),
+            np.asarray(memoryview(starts)),
+            np.asarray(memoryview(ends)),
+            "".join(masked),
+        )
 
     def masked_texts(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
         """Return k parts of the text, with NUL in place of each number.
@@ -279,15 +308,19 @@ class Numerals:
         Returns:
             Texts of the parts with NUL in place of each number; index (k,) of the first number of each part.
         """
-        # Characters that are missing in the masked text before each number
+        # (N + 1,) characters that are missing in the masked text before each number, and behind the last one;
+        # computed in place, because long programs fill the memory
         missing = np.zeros(len(self.values) + 1, dtype=np.int32)
-        np.subtract(self.ends, self.starts, out=missing[1:])  # arrays in place: long programs fill the memory
-        missing[1:] -= 1
+        np.subtract(self.ends, self.starts, out=missing[1:])
+        missing[1:] -= 1  # NUL takes the place of the number
         np.cumsum(missing, out=missing)
-        first, last = np.searchsorted(self.starts, starts), np.searchsorted(self.starts, ends)
-        begins, stops, text = starts - missing[first], ends - missing[last], self.masked_text
-        spans = zip(iterate_integers(begins), iterate_integers(stops), strict=True)
-        return (text[begin:stop] for begin, stop in spans), first
+        first_number = np.searchsorted(self.starts, starts)
+        end_of_numbers = np.searchsorted(self.starts, ends)
+        masked_starts = starts - missing[first_number]
+        masked_ends = ends - missing[end_of_numbers]
+        text = self.masked_text
+        spans = zip(iterate_integers(masked_starts), iterate_integers(masked_ends), strict=True)
+        return (text[start:end] for start, end in spans), first_number
 
 
 def iterate_integers(values: IndexArray) -> Iterator[int]:
@@ -304,9 +337,14 @@ def _parse_numbers(numbers: Sequence[str]) -> FloatArray:
     try:
         return np.fromiter(map(float, numbers), dtype=np.float64, count=len(numbers))
     except ValueError:  # a binary number or a decimal comma: the slower way
-        commas = [each.replace(",", ".") for each in numbers]
-        plain = [float(int(each[2:-1], 2)) if each[0] == "'" else float(each) for each in commas]
-        return np.array(plain, dtype=np.float64)
+        values = list[float]()
+        for number in numbers:
+            if number.startswith("'"):
+                digits = number.removeprefix("'B").strip(" '")
+                values.append(float(int(digits, 2)))
+            else:
+                values.append(float(number.replace(",", ".")))
+        return np.array(values, dtype=np.float64)
 
 
 _CELL: Final = r"(?:^|[;\t])[ \"]*+{}[ \"]*+(?=[;\t\r\n]|\Z)"
@@ -344,25 +382,24 @@ def format_new_numbers(
         decimals.
     """
     digits = np.maximum(digits, _count_decimals(characters, spans))
-    counts = np.unique(digits).tolist()
-    if len(counts) == 1:
-        numbers = _format_numbers(new, counts[0])
-    else:
-        texts = np.empty(len(new), dtype=object)
-        for count in counts:
-            rows = np.flatnonzero(digits == count)
-            texts[rows] = _format_numbers(new[rows], count)
-        numbers = texts.tolist()
+    texts = np.empty(len(new), dtype=object)
+    for count in np.unique(digits).tolist():
+        rows = np.flatnonzero(digits == count)
+        texts[rows] = _format_numbers(new[rows], count)
+    numbers: list[str] = texts.tolist()
     differ = np.ones(len(new), dtype=np.bool_)
     # Only numbers near the old number or near zero need a comparison of texts.
-    for i in np.flatnonzero(np.minimum(np.abs(new - old), np.abs(new)) < 2.0 * 10.0**-digits).tolist():
+    distance = np.minimum(np.abs(new - old), np.abs(new))
+    for i in np.flatnonzero(distance < 2.0 * 10.0**-digits).tolist():
         old_number = f"{old[i]:.{digits[i]}f}"
-        differ[i] = numbers[i] != old_number and not float(numbers[i]) == float(old_number) == 0.0
-        if numbers[i][0] == "-" and float(numbers[i]) == 0.0:
-            numbers[i] = numbers[i][1:]
-    # A number that had a plus sign keeps it.
-    for i in np.flatnonzero(characters[spans[:, 0]] == ord("+")).tolist():
-        numbers[i] = numbers[i] if numbers[i][0] == "-" else f"+{numbers[i]}"
+        are_both_zero = float(numbers[i]) == float(old_number) == 0.0
+        differ[i] = numbers[i] != old_number and not are_both_zero
+        if float(numbers[i]) == 0.0:
+            numbers[i] = numbers[i].removeprefix("-")
+    had_plus_sign = characters[spans[:, 0]] == ord("+")
+    for i in np.flatnonzero(had_plus_sign).tolist():
+        if not numbers[i].startswith("-"):
+            numbers[i] = f"+{numbers[i]}"
     return numbers, differ
 
 
@@ -372,29 +409,43 @@ def _format_numbers(numbers: FloatArray, digits: int) -> list[str]:
 
 
 def _count_decimals(characters: Characters, spans: Places) -> IndexArray:
-    """Return the counts of decimals (m,) of m numbers, which are at the spans (m, 2) of a text."""
+    """Return the counts of decimals (m,) of m numbers, which are at the spans (m, 2) of a text.
+
+    The decimals of a number are between its point or comma and its exponent or end.
+    """
     starts, ends = spans.T
-    powers = np.flatnonzero((characters | 32) == ord("e"))  # | 32 makes capitals small letters
+    exponents = np.flatnonzero((characters | 32) == ord("e"))  # | 32 makes capitals small letters
     points = np.flatnonzero((characters == ord(".")) | (characters == ord(",")))
-    # Cut each number before its exponent, then before its point: the decimals are between these two ends.
-    for places in (powers, points):
-        first = np.append(places, len(characters))[np.searchsorted(places, starts)]
-        ends, end_of_decimals = np.minimum(first, ends), ends
-    decimals: IndexArray = np.maximum(end_of_decimals - ends - 1, 0)
-    return decimals
+    end_of_decimals = np.minimum(_find_next(exponents, starts, len(characters)), ends)
+    end_of_whole_number = np.minimum(_find_next(points, starts, len(characters)), end_of_decimals)
+    # One character less for the point; a number without a point has no decimals.
+    return np.asarray(np.maximum(end_of_decimals - end_of_whole_number - 1, 0))
+
+
+def _find_next(places: IndexArray, starts: Places, length: int) -> IndexArray:
+    """Return for each start (m,) the next of some places in a text; without one the length of the text."""
+    return np.asarray(np.append(places, length)[np.searchsorted(places, starts)])
 
 
 def pad_number(characters: Characters, start: int, end: int, number: str) -> Edit:
     """Return the edit that replaces a number and keeps its end in the same column of the text.
 
     Blanks before the number are removed or added. If there are too few blanks, the number ends further right.
+
+    Args:
+        characters: the text, one byte per character.
+        start: first character of the old number.
+        end: last character + 1 of the old number.
+        number: text of the new number.
     """
-    before = characters[max(start - _MOST_BLANKS, 0) : start].tobytes()
-    blanks = len(before) - len(before.rstrip(b" "))
+    text_before = characters[max(start - _MOST_BLANKS, 0) : start].tobytes()
+    count_of_blanks = len(text_before) - len(text_before.rstrip(b" "))
     growth = len(number) - (end - start)
-    if growth > 0:  # replace blanks before the number, but keep one blank
-        return start - min(growth, max(blanks - 1, 0)), end, number
-    return start, end, " " * -growth + number if blanks else number
+    if growth > 0:
+        removable_blanks = max(count_of_blanks - 1, 0)  # one blank stays
+        return start - min(growth, removable_blanks), end, number
+    padding = " " * -growth if count_of_blanks else ""
+    return start, end, padding + number
 
 
 def splice_texts(characters: Characters, spans: Places, texts: Sequence[str]) -> bytes:
@@ -406,17 +457,21 @@ def splice_texts(characters: Characters, spans: Places, texts: Sequence[str]) ->
         texts: m texts in place of these parts.
     """
     starts, ends = spans.T
-    lengths = np.fromiter(map(len, texts), dtype=np.intp, count=len(texts))
+    # Gaps of unchanged text and replaced parts alternate; a gap comes first and last.
     gaps = np.append(starts, len(characters)) - np.concatenate([[0], ends])
-    # Gaps and parts alternate. Masks of the characters of the parts: in the new text, and in the old text
-    is_new, is_old = (
-        np.repeat(
-            np.arange(len(gaps) + len(part_lengths)) % 2 == 1,
-            np.insert(gaps, np.arange(1, len(gaps)), part_lengths),
-        )
-        for part_lengths in (lengths, ends - starts)
-    )
+    old_lengths = ends - starts
+    new_lengths = np.fromiter(map(len, texts), dtype=np.intp, count=len(texts))
+    is_replaced = _mark_parts(gaps, old_lengths)  # mask of the old text
+    is_new = _mark_parts(gaps, new_lengths)  # mask of the new text
     result = np.empty(len(is_new), dtype=np.uint8)
     result[is_new] = np.frombuffer("".join(texts).encode("latin-1"), dtype=np.uint8)
-    result[~is_new] = characters[~is_old]
+    result[~is_new] = characters[~is_replaced]
     return result.tobytes()
+
+
+def _mark_parts(gaps: IndexArray, parts: IndexArray) -> BoolArray:
+    """Return the mask of the characters in m parts of a text, from the lengths of gaps and parts."""
+    lengths = np.empty(len(gaps) + len(parts), dtype=np.intp)
+    lengths[::2], lengths[1::2] = gaps, parts
+    is_part = np.arange(len(lengths)) % 2 == 1
+    return np.repeat(is_part, lengths)

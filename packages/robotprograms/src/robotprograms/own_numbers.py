@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import replace
-from itertools import accumulate
 from typing import Final
 
 from robotprograms.errors import encode_text
@@ -25,47 +24,79 @@ _DEPTH: Final = {"[": 1, "{": 1, "]": -1, "}": -1}
 
 
 def find_name(language: Language, source: Source, line: int, name: str) -> tuple[int, int] | None:
-    """Return the span of a name in the statement that begins on a line; None if the place is not certain."""
-    first = int(source.starts[line - 1])
-    text = source.text[first : first + _LONGEST]
+    """Find a name in the statement that begins on a line of a file.
+
+    Returns:
+        First and last + 1 character of the name in the file; None if the place is not certain: the name
+        occurs twice or not at all, or the line has several statements.
+    """
+    begin = int(source.starts[line - 1])
+    text = source.text[begin : begin + _LONGEST]
     line_break = re.search(r"[\r\n]|\Z", text)
-    end = line_break.start() if line_break else len(text)
-    last = text.find(language.end_of_statement) if language.end_of_statement else end
-    has_more = last < end and language.blank_comments(text[last:end]).strip()  # further statements
-    if last < 0 or has_more:
+    end_of_line = line_break.start() if line_break else len(text)
+    end = text.find(language.end_of_statement) if language.end_of_statement else end_of_line
+    has_end = end >= 0
+    has_further_statements = language.blank_comments(text[end:end_of_line]).strip() != ""
+    if not has_end or (end < end_of_line and has_further_statements):
         return None
-    text = language.blank_comments(text[: max(last, end)])
+    statement = language.blank_comments(text[: max(end, end_of_line)])
     array, bracket, index = name.partition("[")
-    words = rf"{re.escape(array)}\s*\[\s*{re.escape(index[:-1])}\s*\]" if bracket else re.escape(name)
-    pattern = re.compile(rf"(?<![\w$.]){words}(?!\w)", re.IGNORECASE if language.ignores_case else 0)
-    places = [match.span() for match in pattern.finditer(text)]
-    return (first + places[0][0], first + places[0][1]) if len(places) == 1 else None
+    pattern = re.escape(name)
+    if bracket:  # an element of an array, such as `P[3]`, may be written with blanks
+        pattern = rf"{re.escape(array)}\s*\[\s*{re.escape(index.removesuffix(']'))}\s*\]"
+    flags = re.IGNORECASE if language.ignores_case else 0
+    places = [found.span() for found in re.finditer(rf"(?<![\w$.]){pattern}(?!\w)", statement, flags)]
+    if len(places) != 1:
+        return None
+    ((first, last),) = places
+    return begin + first, begin + last
 
 
 def copy_numbers(language: Language, source: Source, first: int) -> str | None:
-    """Return the text in brackets of a target whose first number is at an index.
+    """Return the text in brackets, on one line, of the target whose first number is at an index of a file.
 
-    Return None if the text has comments or variables.
+    Return None if the text has comments or variables, or if its brackets do not close.
     """
-    before = re.search(rf"{language.opening}\Z", source.text[max(first - _LONGEST, 0) : first])
-    if before is None:
+    text_before = source.text[max(first - _LONGEST, 0) : first]
+    opening = re.search(rf"{language.opening}\Z", text_before)
+    if opening is None:
         return None
-    begin = first - len(before[0])
+    begin = first - len(opening[0])
     text = source.text[begin : begin + _LONGEST]
-    depths = accumulate(_DEPTH.get(character, 0) for character in text)
-    end = next((i + 1 for i, depth in enumerate(depths) if depth == 0 and text[i] in "]}"), None)
-    if end is None or _VARIABLE.search(text[:end]) or language.blank_comments(text[:end]) != text[:end]:
+    depth = 0  # of brackets within one another
+    for index, character in enumerate(text):
+        depth += _DEPTH.get(character, 0)
+        if depth == 0 and character in "]}":
+            target = text[: index + 1]
+            break
+    else:
         return None
-    return " ".join(text[:end].split()) if re.search(r"[\r\n]", text[:end]) else text[:end]
+    has_comment = language.blank_comments(target) != target
+    if has_comment or _VARIABLE.search(target):
+        return None
+    has_line_break = re.search(r"[\r\n]", target) is not None
+    return " ".join(target.split()) if has_line_break else target
 
 
 def insert_numbers(source: Source, own: Iterable[OwnNumbers]) -> tuple[Source, tuple[OwnNumbers, ...]]:
-    """Return a file with numbers in place of names, and the numbers with their places in this file."""
-    pieces, placed, last, length = list[str](), list[OwnNumbers](), 0, 0
-    for each in sorted(own, key=lambda each: each.start):
-        pieces += [source.text[last : each.start], each.numbers]
-        length += len(pieces[-2])
-        placed.append(replace(each, start=length, end=length + len(each.numbers)))
-        length, last = length + len(each.numbers), each.end
-    text = "".join([*pieces, source.text[last:]])
+    """Write numbers in place of names into a file.
+
+    Args:
+        source: the file.
+        own: numbers of moves, each with the place of the name that they replace.
+
+    Returns:
+        The file with the numbers; the numbers with their own places in this file.
+    """
+    pieces, placed = list[str](), list[OwnNumbers]()
+    end_of_last_name = 0  # in the old text
+    length = 0  # of the new text so far
+    for numbers in sorted(own, key=lambda each: each.start):
+        text_before = source.text[end_of_last_name : numbers.start]
+        start = length + len(text_before)
+        end = start + len(numbers.numbers)
+        pieces += [text_before, numbers.numbers]
+        placed.append(replace(numbers, start=start, end=end))
+        length, end_of_last_name = end, numbers.end
+    text = "".join([*pieces, source.text[end_of_last_name:]])
     return Source.from_bytes(source.name, encode_text(text)), tuple(placed)

@@ -64,9 +64,11 @@ class Source:
     def from_bytes(cls, name: str, content: bytes) -> Source:
         """Build a source from the bytes of a file, whose lines may end with CR, LF or both."""
         characters = np.frombuffer(content, dtype=np.uint8)
-        feed, back = characters == ord("\n"), characters == ord("\r")
-        back[:-1] &= ~feed[1:]
-        starts = np.concatenate([[0], np.flatnonzero(feed | back) + 1])
+        is_line_feed = characters == ord("\n")
+        is_line_end = characters == ord("\r")
+        is_line_end[:-1] &= ~is_line_feed[1:]  # CR LF is one end of a line
+        is_line_end |= is_line_feed
+        starts = np.concatenate([[0], np.flatnonzero(is_line_end) + 1])
         return cls(name, decode_text(content), starts)
 
     @property
@@ -193,10 +195,11 @@ class Moves:
 
     @property
     def is_middle_of_arc(self) -> BoolArray:
-        """Mask (v,) of the visits of targets between start and end of a circular move."""
-        circular = np.asarray(self.motion == _MOTIONS.index(Motion.CIRCULAR))[self.move_of_visit]
-        is_end = np.isin(np.arange(len(self.visits)), self.ends - 1)
-        return circular & ~is_end
+        """Mask (v,) of the visits at which a circular move passes a target on its way to its end."""
+        is_circular_move = np.asarray(self.motion == _MOTIONS.index(Motion.CIRCULAR))
+        is_end = np.zeros(len(self.visits), dtype=np.bool_)
+        is_end[self.ends[self.ends > 0] - 1] = True
+        return is_circular_move[self.move_of_visit] & ~is_end
 
     def __len__(self) -> int:
         return len(self.line)
@@ -234,15 +237,22 @@ class Program:
 
     @property
     def common_names(self) -> frozenset[str]:
-        """Names in capitals that several targets have because they are own numbers of one declared target."""
-        labels: dict[str, set[str]] = {}
+        """Names in capitals that several targets have because they are own numbers of one declared target.
+
+        Own numbers are numbers that a move gets in place of the name of a declared target. A name is left out
+        if other targets have the name, too.
+        """
+        labels: dict[str, set[str]] = {}  # declared targets by their names in capitals
         for own in self.own_numbers:
             labels.setdefault(own.name.upper(), set()).add(own.label)
-        counts = Counter(each.name.upper() for each in self.own_numbers)
-        found = Counter(name.upper() for name in self.targets.names if name.upper() in labels)
-        return frozenset(
-            name for name, own in labels.items() if len(own) == 1 and found[name] <= counts[name]
-        )
+        count_of_own = Counter(own.name.upper() for own in self.own_numbers)
+        count_of_targets = Counter(name.upper() for name in self.targets.names)
+        common = set[str]()
+        for name, labels_of_name in labels.items():
+            has_other_targets = count_of_targets[name] > count_of_own[name]
+            if len(labels_of_name) == 1 and not has_other_targets:
+                common.add(name)
+        return frozenset(common)
 
     @property
     def files(self) -> tuple[bytes, ...]:
@@ -260,18 +270,20 @@ class Rewriting:
 
     def __init__(self, program: Program) -> None:
         """Prepare to rewrite a program from the beginning of its files."""
-        self._targets, self._aligned = program.targets, program.format == "fanuc"
-        self._commas = program.format == "csv" and has_decimal_commas(program.sources[0].text)
+        self._targets = program.targets
+        self._keeps_columns = program.format == "fanuc"
+        self._has_decimal_commas = program.format == "csv" and has_decimal_commas(program.sources[0].text)
         self._characters = [np.frombuffer(content, dtype=np.uint8) for content in program.files]
+        # Own numbers stand in the first file in place of names of declared targets.
         self._own = program.own_numbers
-        # places of these numbers in the first file, and whether some of them are replaced
-        self._own_spans = np.array([(each.start, each.end) for each in self._own]).reshape(-1, 2)
-        self._is_own_replaced = np.zeros(len(self._own), dtype=np.bool_)
+        self._own_spans = np.array([(own.start, own.end) for own in self._own]).reshape(-1, 2)
+        self._is_own_replaced = np.zeros(len(self._own), dtype=np.bool_)  # whether a number of them changed
         self._rewritten = [0] * len(self._characters)  # count of characters of each file that are rewritten
         self._pieces: list[list[bytes]] = [[] for _ in self._characters]  # rewritten text of each file
-        # fewest decimals of each number of a target, by the index of its notation; filled up with zeros
-        digits = [(*each.decimals, 0, 0, 0, 0)[:NUMBERS] for each in self._targets.notations]
-        self._digits = np.array(digits)
+        # (notations, NUMBERS) fewest decimals of each number of a target; 0 behind the last number
+        self._digits = np.zeros((len(self._targets.notations), NUMBERS), dtype=np.intp)
+        for digits, notation in zip(self._digits, self._targets.notations, strict=True):
+            digits[: len(notation.decimals)] = notation.decimals
 
     def blocks(self, indices: IndexArray) -> Iterator[IndexArray]:
         """Divide targets into blocks that `replace` can write one after the other.
@@ -279,11 +291,13 @@ class Rewriting:
         `indices` are indices of targets. Each yielded array has positions in `indices`, of targets of one
         file in the order of the file's text.
         """
+        sources = self._targets.source[indices]
+        places = self._targets.spans[indices, 0, 0]  # first character of each target's first number
         for source in range(len(self._characters)):
-            positions = np.flatnonzero(self._targets.source[indices] == source)
-            positions = positions[np.argsort(self._targets.spans[indices[positions], 0, 0], kind="stable")]
-            for start in range(0, len(positions), BLOCK):
-                yield positions[start : start + BLOCK]
+            in_file = np.flatnonzero(sources == source)
+            in_order = in_file[np.argsort(places[in_file], kind="stable")]
+            for start in range(0, len(in_order), BLOCK):
+                yield in_order[start : start + BLOCK]
 
     def replace(
         self, rows: IndexArray, values: FloatArray, words: Sequence[tuple[int, Edit]] = ()
@@ -300,63 +314,89 @@ class Rewriting:
             (m, 7) the numbers as they are written.
         """
         source = int(self._targets.source[rows[0]])
-        begin, end = self._rewritten[source], int(self._targets.spans[rows].max())
-        end = max([end, *self._own_spans[self._find_own(source, np.array([end - 1])), 1].tolist()])
+        begin, end = self._rewritten[source], self._find_end(source, rows)
         characters = self._characters[source][begin:end]
         written = self._targets.values[rows, :NUMBERS]
         row, column = np.nonzero(np.isfinite(values) & (values != written))
         spans = self._targets.spans[rows[row], column] - begin
-        least = self._digits[self._targets.notation[rows[row]], column]
         texts, differ = format_new_numbers(
-            characters, spans, values[row, column], written[row, column], least
+            characters,
+            spans,
+            new=values[row, column],
+            old=written[row, column],
+            digits=self._digits[self._targets.notation[rows[row]], column],
         )
-        if not differ.all():
-            texts, spans = list(compress(texts, differ)), spans[differ]
-            row, column = row[differ], column[differ]
-        written[row, column] = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
-        texts = [text.replace(".", ",") for text in texts] if self._commas else texts
+        texts, spans = list(compress(texts, differ)), spans[differ]
+        written[row[differ], column[differ]] = np.fromiter(map(float, texts), np.float64, count=len(texts))
+        if self._has_decimal_commas:
+            texts = [text.replace(".", ",") for text in texts]
         edits = [(start - begin, stop - begin, text) for _, (start, stop, text) in words]
-        replaced = begin + np.array([*spans[:, 0].tolist(), *(edit[0] for edit in edits)], dtype=np.intp)
-        self._is_own_replaced[self._find_own(source, replaced)] = True
+        starts = [*spans[:, 0].tolist(), *(start for start, _, _ in edits)]
+        self._is_own_replaced[self._find_own(source, begin + np.array(starts, dtype=np.intp))] = True
         edits += self._restore_names(source, begin, end)
-        if self._aligned:  # edits with blanks take the place of all new numbers
-            edits += [pad_number(characters, *edit) for edit in zip(*spans.T.tolist(), texts, strict=True)]
+        if self._keeps_columns:  # edits with blanks take the place of all new numbers
+            for (start, stop), text in zip(spans.tolist(), texts, strict=True):
+                edits.append(pad_number(characters, start, stop, text))
             texts, spans = [], spans[:0]
-        if edits:
-            spans = np.vstack([spans, np.array([edit[:2] for edit in edits], dtype=np.int32)])
-            texts += [edit[2] for edit in edits]
-        if (np.diff(spans[:, 0]) < 0).any():
-            order = np.argsort(spans[:, 0], kind="stable")
-            texts, spans = [texts[i] for i in order.tolist()], spans[order]
+        spans, texts = _merge_edits(spans, texts, edits)
         self._pieces[source].append(splice_texts(characters, spans, texts))
         self._rewritten[source] = end
         return written
 
+    def _find_end(self, source: int, rows: IndexArray) -> int:
+        """Return the index behind the last number of targets of a file, and behind own numbers around it."""
+        end = int(self._targets.spans[rows].max())
+        last_own = self._find_own(source, np.array([end - 1]))
+        ends_of_own: list[int] = self._own_spans[last_own, 1].tolist()
+        return max([end, *ends_of_own])
+
     def _find_own(self, source: int, places: IndexArray) -> IndexArray:
-        """Return the indices of the own numbers, in the first file, in which some places of a file are."""
-        if source or not len(self._own):
+        """Return the indices of the own numbers that contain some of the characters at `places` of a file.
+
+        Own numbers, in place of the name of a declared target, are in the first file only.
+        """
+        if source > 0 or len(self._own) == 0:
             return np.zeros(0, dtype=np.intp)
         starts, ends = self._own_spans.T
-        found = np.searchsorted(starts, places, side="right") - 1
-        return np.unique(found[(found >= 0) & (places < ends[found])])
+        index = np.searchsorted(starts, places, side="right") - 1  # the last own numbers that begin before
+        is_inside = (index >= 0) & (places < ends[index])
+        return np.unique(index[is_inside])
 
     def _restore_names(self, source: int, begin: int, end: int) -> list[Edit]:
-        """Return the edits of the text between two indices that bring names back where no number changed."""
-        if source:
+        """Return the edits that put the names of declared targets back in place of unchanged own numbers.
+
+        The edits concern the text of a file between two indices, and count characters from `begin`.
+        """
+        if source > 0:  # own numbers are in the first file only
             return []
         starts = self._own_spans[:, 0]
-        kept = np.flatnonzero((starts >= begin) & (starts < end) & ~self._is_own_replaced)
-        spans = (self._own_spans[kept] - begin).tolist()
-        return [(start, stop, self._own[i].name) for (start, stop), i in zip(spans, kept, strict=True)]
+        is_in_text = (starts >= begin) & (starts < end)
+        edits: list[Edit] = []
+        for index in np.flatnonzero(is_in_text & ~self._is_own_replaced).tolist():
+            start, stop = self._own_spans[index].tolist()
+            edits.append((start - begin, stop - begin, self._own[index].name))
+        return edits
 
     def files(self) -> list[bytes]:
         """Return the bytes of all files, with the numbers that were replaced so far."""
         files = list[bytes]()
-        for source, (pieces, characters, count) in enumerate(
-            zip(self._pieces, self._characters, self._rewritten, strict=True)
-        ):
-            names = self._restore_names(source, count, len(characters))
-            spans = np.array([edit[:2] for edit in names], dtype=np.int32).reshape(-1, 2)
-            rest = splice_texts(characters[count:], spans, [edit[2] for edit in names])
-            files.append(b"".join([*pieces, rest]))
+        for source, characters in enumerate(self._characters):
+            begin_of_rest = self._rewritten[source]
+            names = self._restore_names(source, begin_of_rest, len(characters))
+            spans = np.array([(start, stop) for start, stop, _ in names], dtype=np.int32).reshape(-1, 2)
+            rest = splice_texts(characters[begin_of_rest:], spans, [name for _, _, name in names])
+            files.append(b"".join([*self._pieces[source], rest]))
         return files
+
+
+def _merge_edits(spans: Places, texts: list[str], edits: list[Edit]) -> tuple[Places, list[str]]:
+    """Add edits to spans (m, 2) of characters and their m new texts, and sort all of them by their places."""
+    if edits:
+        spans = np.vstack([spans, np.array([(start, stop) for start, stop, _ in edits], dtype=np.int32)])
+        texts = [*texts, *(text for _, _, text in edits)]
+    starts = spans[:, 0]
+    is_sorted = bool((np.diff(starts) >= 0).all())
+    if is_sorted:
+        return spans, texts
+    order = np.argsort(starts, kind="stable")
+    return spans[order], [texts[index] for index in order.tolist()]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Iterator
 from functools import partial
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -117,19 +119,25 @@ _FRAMES_OF: Final = {"WOBJDATA": (".UFRAME", ".OFRAME"), "TOOLDATA": (".TFRAME",
 
 
 def _translate_routine(line: Line) -> list[Op]:
-    """Return the operations that begin a routine and declare its parameters."""
-    return ir.begin_routine(
-        line["name"], re.findall(rf"({_WORD})(?=,|\||$|\{{)", line["parameters"]), _REMEDY
-    )
+    """Translate the head of a routine, which begins the routine and declares its parameters."""
+    # A parameter ends before a comma, the sign `|`, the brackets of an array, or the end.
+    parameters = re.findall(rf"({_WORD})(?=,|\||$|\{{)", line["parameters"])
+    return ir.begin_routine(line["name"], parameters, _REMEDY)
 
 
 def _translate_test(line: Line) -> list[Op]:
-    """Return the operations of TEST up to its first CASE, DEFAULT or ENDTEST."""
+    """Translate TEST (the switch statement of RAPID) up to its first CASE, DEFAULT or ENDTEST."""
     subject = ir.pass_uses(line.read_expression(line["subject"]), ir.CONDITION)
-    cases = ir.mark_anytime(line.read_expression(line["first"])) if line["first"] else []
-    first_case = ir.pass_uses(cases, ir.CONDITION)
-    # CASE and DEFAULT end with a colon, ENDTEST does not.
-    kind = "close" if line.text[-1] != ":" else "branch" if line["first"] else "default"
+    first_case = list[Op]()
+    if line["first"]:
+        values = ir.mark_anytime(line.read_expression(line["first"]))
+        first_case = ir.pass_uses(values, ir.CONDITION)
+    if not line.text.endswith(":"):  # ENDTEST
+        kind = "close"
+    elif line["first"]:  # CASE
+        kind = "branch"
+    else:
+        kind = "default"
     return [*subject, ir.Flow("if"), *first_case, ir.Flow(kind)]
 
 
@@ -141,59 +149,71 @@ _END_OF_OPERAND: Final = re.compile(
 
 
 def _translate_compact_if(line: Line) -> list[Op]:
-    """Return the operations of an IF without THEN, whose one statement may be skipped.
+    """Translate an IF without THEN, such as `IF flag MoveL p1,v100,fine,tool1`.
 
     Source: ABB's manual, *Compact IF*: the statement behind the condition is the branch.
 
     Raises:
         Misread: there is no condition, or no statement behind the condition.
     """
-    begin = line.span("rest")[0]
+    begin, _ = line.span("rest")
     end = _END_OF_OPERAND.search(line.text, begin)
-    if end is None or line.text.startswith("IF", end.end()):  # no IF within an IF: it would nest without end
+    # An IF within an IF is not read, because such statements would nest without end.
+    if end is None or line.text.startswith("IF", end.end()):
         raise Misread(UNKNOWN_STATEMENT)
-    statement = Line(line.language, line.text[end.end() :], line.ordinals_in(end.end(), len(line.text)))
     condition = line.read_expression(line.text[begin : end.start()])
-    decides = ir.pass_uses(condition, ir.CONDITION)
-    return [*decides, ir.Flow("if"), *line.language.apply_rules(statement), ir.Flow("close")]
+    branch = Line(line.language, line.text[end.end() :], line.ordinals_in(end.end(), len(line.text)))
+    return [
+        *ir.pass_uses(condition, ir.CONDITION),
+        ir.Flow("if"),
+        *line.language.apply_rules(branch),
+        ir.Flow("close"),
+    ]
 
 
 def _translate_instruction(line: Line) -> list[Op]:
-    """Return the operations of an instruction of the controller, or of the call of a routine."""
+    """Translate an instruction of the controller, or the call of a routine."""
     name = line["name"]
     found = _read_arguments(line)
     names = _find_names(found)
     if _CHANGES_ARGUMENTS.fullmatch(name):
         return [*found, ir.MakeUnknown(names, f"{name} changes the value while the program runs", _REMEDY)]
     if name == "SINGAREA" and "WRIST" in line["arguments"]:
-        note = ir.Note("SingArea \\Wrist: near singularities the tool turns away from its stated orientation")
-        return [*found, note]
+        note = "SingArea \\Wrist: near singularities the tool turns away from its stated orientation"
+        return [*found, ir.Note(note)]
     if re.fullmatch(_HARMLESS, name):
         uses = ir.pass_uses(found, ir.CONDITION) if name == "WAITUNTIL" else ir.omit_uses(found)
         return [*uses, ir.Call(name, names, harmless=True)]
-    if match := _PROCESS_MOVE.fullmatch(name):
-        return _translate_process_move(line, match["letter"] or match["first"] or "L", found)
-    if match := _SEARCH.fullmatch(name):
-        return _translate_search(line, found, 1 - bool(match["smart"]))
+    if process_move := _PROCESS_MOVE.fullmatch(name):
+        letter = process_move["letter"] or process_move["first"] or "L"
+        return _translate_process_move(line, letter, found)
+    if search := _SEARCH.fullmatch(name):
+        index_of_result = 0 if search["smart"] else 1
+        return _translate_search(line, found, index_of_result)
     if _FORCE_MOVE.fullmatch(name):
         return _translate_force_move(line, found)
     if lasting := _translate_lasting(name, names):
         return [*found, *lasting]
-    # If a routine of the program has the name, the program states what the routine changes.
-    own = ir.Call(name, names, harmless=True)
-    return [*ir.pass_uses(found, name), own, ir.Call(name, names - _find_frames_of_move(line))]
+    # If a routine of the program has the name, the program states what the routine changes. A routine that
+    # the program does not define may change its arguments, apart from tool and work object.
+    own_routine = ir.Call(name, names, harmless=True)
+    other_routine = ir.Call(name, names - _find_frames_of_move(line))
+    return [*ir.pass_uses(found, name), own_routine, other_routine]
 
 
 def _translate_speeds(line: Line) -> list[Op]:
-    """Return the operations by which VelSet changes the speeds of all moves behind it."""
+    """Translate VelSet, which sets a percentage of the speeds and the greatest speed of moves behind it."""
     found = _read_arguments(line)
     ops = [*ir.omit_uses(found), ir.Call("VELSET", _find_names(found), harmless=True)]
     spans = list(split_outside_brackets(line.text, line.span("arguments")[0]))
-    for i, name in enumerate((_PERCENTAGE, _GREATEST)):
-        start, end = spans[i] if i < len(spans) else (0, 0)
-        is_number = line.text[start:end].strip() == "\0"
-        number = Literal(_NUMBERS, line.ordinals_in(start, end))
-        ops.append(ir.Assign(name, number if is_number else ir.Unknown("VelSet is computed", _REMEDY)))
+    for index, name in enumerate((_PERCENTAGE, _GREATEST)):
+        value: ir.Value = ir.Unknown("VelSet is computed", _REMEDY)
+        if index < len(spans):
+            start, end = spans[index]
+            is_number = line.text[start:end].strip() == "\0"
+            if is_number:
+                value = Literal(_NUMBERS, line.ordinals_in(start, end))
+        ops.append(ir.Assign(name, value))
     return ops
 
 
@@ -201,119 +221,160 @@ _MOVE_NAME: Final = re.compile(r"(?!.*(?:CAL|MEAS|TCP|TOOL|WOBJ))\w*[LJC](?:STAR
 
 
 def _find_frames_of_move(line: Line) -> frozenset[str]:
-    """Return tool and work object of an instruction in the form of a move, which only uses them.
+    """Return tool and work object of an unknown instruction in the form of a move, which only uses them.
 
-    Its name ends as those of moves do; a speed, a zone and the tool are its last arguments.
+    The instruction has the form of a move if its name ends as those of moves do, and its last arguments are
+    a speed, a zone and the tool. For any other instruction the set is empty.
     """
+    any_option = re.compile(r"\w*")
     try:
-        spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], re.compile(r"\w*"))
+        spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], any_option)
     except Misread:  # the work object is computed
         return frozenset()
-    arguments = [line.text[slice(*each)] for each in spans]
-    if len(arguments) < 4 or not (_MOVE_NAME.fullmatch(line["name"]) and re.fullmatch(_ZONE, arguments[-2])):
+    arguments = [line.text[begin:end] for begin, end in spans]
+    if len(arguments) < 4 or not _MOVE_NAME.fullmatch(line["name"]):
         return frozenset()
-    return frozenset({arguments[-1], work_object})
+    zone, tool = arguments[-2:]
+    return frozenset({tool, work_object}) if re.fullmatch(_ZONE, zone) else frozenset()
 
 
 def _read_arguments(line: Line) -> list[Op]:
-    """Return the operations of the arguments of an instruction.
+    """Translate the arguments of an instruction into uses of names and calls of functions.
 
     Raises:
         Misread: the arguments are not expressions.
     """
     # Options such as \WObj:=frame become arguments of their own.
     text = re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])
-    arguments = (text[begin:end] for begin, end in split_outside_brackets(text))
-    return [op for each in arguments if each.strip() for op in line.read_expression(each.strip())]
+    found = list[Op]()
+    for begin, end in split_outside_brackets(text):
+        argument = text[begin:end].strip()
+        if argument:
+            found += line.read_expression(argument)
+    return found
 
 
 def _find_names(found: list[Op]) -> frozenset[str]:
-    """Return the names that operations of expressions use."""
-    used = (each for op in found if isinstance(op, ir.Use) for each in op.names)
-    return frozenset(each for each in used if isinstance(each, str))
+    """Return the names that operations of expressions use, apart from elements of arrays."""
+    names = set[str]()
+    for op in found:
+        if isinstance(op, ir.Use):
+            names.update(name for name in op.names if isinstance(name, str))
+    return frozenset(names)
 
 
 def _translate_late_call(line: Line) -> list[Op]:
-    """Return the operations of a call of a routine whose name is computed while the program runs."""
-    text = line["routine"] or f"{line['variable']}+N"  # CallByVar "sub",n calls sub1, sub2 and so on
-    name, prefix = _read_routine(text)
-    found = [*(line.read_expression(text) if prefix is not None else []), *_read_arguments(line)]
-    found += line.read_expression(line["more"]) if line["more"] else []
+    """Translate a call of a routine whose name is computed: `%"sub"+name%` or `CallByVar "sub",number`."""
+    routine = line["routine"] or f"{line['variable']}+N"  # CallByVar "sub",n calls sub1, sub2 and so on
+    name, prefix = _read_routine(routine)
+    is_computed = prefix is not None
+    found = line.read_expression(routine) if is_computed else []
+    found = [*found, *_read_arguments(line)]
+    if line["more"]:
+        found += line.read_expression(line["more"])
     return [*found, ir.Call(name, _find_names(found), prefix=prefix)]
 
 
 def _read_routine(text: str) -> tuple[str, str | None]:
-    """Return the name of a routine in quotations; of a computed name the text, and its beginning if known."""
+    """Return the name of a routine that is called by a text, and with what the name begins if it is computed.
+
+    For `"sub"` the result is `sub` and None; for the computed `"sub"+n` it is the expression and `sub`.
+    """
     if re.fullmatch(rf'"{_WORD}"', text):
         return text.strip('"'), None
-    begin = re.match(r'"(\w*)"', text)
-    return text.replace("\0", "n"), begin[1] if begin else ""
+    beginning = re.match(r'"(\w*)"', text)
+    prefix = beginning[1] if beginning else ""
+    return text.replace("\0", "n"), prefix
 
 
 def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op]:
-    """Return the operations of a move of a process such as welding, whose last argument is the tool.
+    """Translate a move of a process such as welding, whose last argument is the tool.
 
     The move is not corrected if it has an option that may move the target, such as the one of tracking.
-    `found` are the operations of its arguments.
+
+    Args:
+        line: the move.
+        letter: kind of the motion: L, J or C.
+        found: operations of the arguments.
     """
-    name, count = line["name"], 1 + (letter == "C")
+    name = line["name"]
     remedy = "write the move as MoveL, MoveJ or MoveC"
     try:
         spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], _PROCESS_OPTIONS)
     except Misread as fault:
         return _leave_instruction(line, found, f"{name}: {fault.reason}", remedy)
-    arguments = [line.text[slice(*each)] for each in spans]
-    targets = [
-        each if re.fullmatch(_WORD, each) else _read_target(line, *span)
-        for each, span in zip(arguments[:count], spans, strict=False)
-    ]
-    known = tuple(each for each in targets if each is not None)
-    # behind the targets come at least speed, data of the process or zone, and the tool
-    if len(arguments) < count + 3 or len(known) < count or not re.fullmatch(_WORD, arguments[-1]):
+    arguments = [line.text[begin:end] for begin, end in spans]
+    count = 2 if letter == "C" else 1  # count of the targets
+    targets = _read_targets(line, spans[:count])
+    # Behind the targets come at least speed, data of the process or zone, and the tool.
+    is_complete = len(arguments) >= count + 3 and re.fullmatch(_WORD, arguments[-1]) is not None
+    if not is_complete or len(targets) < count:
         reason = f"{name}: target or tool is not given by numbers"
         return _leave_instruction(line, found, reason, remedy)
-    others = [op for each in arguments[count:] for op in line.read_expression(each)]
+    uses = [op for argument in arguments[count:] for op in line.read_expression(argument)]
     if ir.calls_routine(found):
         return ir.make_uncorrected_move(found, f"{name}: an argument of the move is computed", remedy)
-    base, tool = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(arguments[-1], "TOOLDATA")
-    approaches = re.search(r"\\ON\b", line["arguments"]) is not None
-    has_process_speed = _HAS_PROCESS_SPEED.fullmatch(name) and not approaches
+    base = _multiply_frames(work_object, "WOBJDATA")
+    tool = _multiply_frames(arguments[-1], "TOOLDATA")
+    # With the option \On, the move approaches the begin of the process at its own speed.
+    is_approach = re.search(r"\\ON\b", line["arguments"]) is not None
+    has_process_speed = _HAS_PROCESS_SPEED.fullmatch(name) and not is_approach
     feed = None if has_process_speed else _read_feed(line, *spans[count])
-    return [*others, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count, feed=feed)]
+    move = ir.Move(_MOTIONS[letter], targets, (base,) * count, (tool,) * count, feed=feed)
+    return [*uses, move]
+
+
+def _read_targets(line: Line, spans: list[tuple[int, int]]) -> tuple[Literal | ir.Name, ...]:
+    """Return the targets in the text at these spans, names or numbers; other forms are left out."""
+    targets: list[Literal | ir.Name] = []
+    for begin, end in spans:
+        argument = line.text[begin:end]
+        is_name = re.fullmatch(_WORD, argument) is not None
+        target = argument if is_name else _read_target(line, begin, end)
+        if target is not None:
+            targets.append(target)
+    return tuple(targets)
 
 
 def _translate_search(line: Line, found: list[Op], index: int) -> list[Op]:
-    """Return the operations of a search, which gives the place of a signal to its argument at an index.
+    """Translate a search, which moves until a signal comes and writes the place to one of its arguments.
 
-    `found` are the operations of its arguments.
+    Args:
+        line: the instruction.
+        found: operations of its arguments.
+        index: index of the argument that gets the place, counted without options.
     """
     reason, remedy = f"{line['name']} moves until a signal comes", "omit the statement"
-    plain = [each for each in line["arguments"].split(",") if not each.lstrip().startswith("\\")]
-    name = re.match(_WORD, plain[index].strip()) if len(plain) > index else None
-    names = frozenset({name[0]}) if name else _find_names(found)
-    return [ir.MakeUnknown(names, reason, remedy), *_leave_instruction(line, found, reason, remedy)]
+    arguments = [part for part in line["arguments"].split(",") if not part.lstrip().startswith("\\")]
+    result = re.match(_WORD, arguments[index].strip()) if index < len(arguments) else None
+    changed_names = frozenset({result[0]}) if result else _find_names(found)
+    return [ir.MakeUnknown(changed_names, reason, remedy), *_leave_instruction(line, found, reason, remedy)]
 
 
 def _translate_force_move(line: Line, found: list[Op]) -> list[Op]:
-    """Return the operations of a move under force control, which the last of such moves ends."""
-    reason = f"{line['name']} may move targets or frames"
-    is_end = line["name"] == "FCPRESSEND"
-    change = ir.end_lasting("FC") if is_end else ir.begin_lasting("FC", reason, "omit the statement")
-    return [*_leave_instruction(line, found, reason, "omit the statement"), change]
-
-
-def _leave_instruction(line: Line, found: list[Op], reason: str, remedy: str) -> list[Op]:
-    """Return the operations of an instruction that moves and is not corrected; its last argument is the tool.
+    """Translate a move under force control (FCPress...), which FCPressEnd ends.
 
     `found` are the operations of its arguments.
     """
+    reason, remedy = f"{line['name']} may move targets or frames", "omit the statement"
+    ends_control = line["name"] == "FCPRESSEND"
+    change = ir.end_lasting("FC") if ends_control else ir.begin_lasting("FC", reason, remedy)
+    return [*_leave_instruction(line, found, reason, remedy), change]
+
+
+def _leave_instruction(line: Line, found: list[Op], reason: str, remedy: str) -> list[Op]:
+    """Translate an instruction that moves the robot and is not corrected; its last argument is the tool.
+
+    `found` are the operations of its arguments.
+    """
+    any_option = re.compile(r"\w*")
     try:
-        spans, work_object, options = _split_arguments(line, line.span("arguments")[0], re.compile(r"\w*"))
+        spans, work_object, uses = _split_arguments(line, line.span("arguments")[0], any_option)
     except Misread:  # the work object is computed
         return ir.make_uncorrected_move(found, reason, remedy)
-    arguments = [line.text[slice(*each)] for each in spans] or [""]
-    move = _leave_move(line, arguments[:-1], arguments[-1], work_object, (reason, remedy))
-    return [*options, *move]
+    arguments = [line.text[begin:end] for begin, end in spans] or [""]
+    *others, tool = arguments
+    return [*uses, *_leave_move(line, others, tool, work_object, (reason, remedy))]
 
 
 _OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\(({_WORD}),(.+)\)")
@@ -327,78 +388,108 @@ def _leave_move(
     words: tuple[str, str],
     motion: Motion = Motion.LINEAR,
 ) -> list[Op]:
-    """Return the operations of a move that is not corrected; `words` are reason and remedy.
+    """Translate a move that is not corrected; `words` are reason and remedy.
 
-    The move ends at the points that its arguments name, or at offsets from them: their corrections shift it.
+    The move ends at the points that its arguments name, or at offsets from them such as `Offs(p1,0,0,50)`:
+    corrections of these points shift the move.
     """
-    offsets = [_OFFSET.fullmatch(each) for each in arguments]
-    points = frozenset(
-        offset[1] if offset else each
-        for offset, each in zip(offsets, arguments, strict=True)
-        if offset or re.fullmatch(_WORD, each)
-    )
-    texts = [offset[2] if offset else each for offset, each in zip(offsets, arguments, strict=True)]
-    uses = [op for each in (*texts, tool) if each for op in line.read_expression(each) if each not in points]
-    if not re.fullmatch(_WORD, tool):
-        return ir.make_uncorrected_move([*uses, ir.Use(points)], *words, motion)
-    frames = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(tool, "TOOLDATA")
     reason, remedy = words
-    move = ir.Move(motion, (), frames[:1], frames[1:], reason=reason, remedy=remedy)
+    points = set[str]()
+    texts = list[str]()  # expressions of the arguments, apart from the points
+    for argument in arguments:
+        if offset := _OFFSET.fullmatch(argument):
+            point, numbers = offset[1], offset[2]
+            points.add(point)
+            texts.append(numbers)
+        elif re.fullmatch(_WORD, argument):
+            points.add(argument)
+        else:
+            texts.append(argument)
+    uses = list[Op]()
+    for text in (*texts, tool):
+        if text and text not in points:
+            uses += line.read_expression(text)
+    if not re.fullmatch(_WORD, tool):
+        return ir.make_uncorrected_move([*uses, ir.Use(frozenset(points))], reason, remedy, motion)
+    base_frame, tool_frame = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(tool, "TOOLDATA")
+    move = ir.Move(motion, (), (base_frame,), (tool_frame,), reason=reason, remedy=remedy)
     return [*uses, move._replace(offset_from=tuple(sorted(points)))]
 
 
 def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
-    """Return the operations of an instruction that begins or ends what lasts; [] for any other one."""
+    """Translate an instruction that begins or ends something that lasts, such as force control or an offset.
+
+    `names` are the names in its arguments. The list is empty for any other instruction.
+    """
+    remedy = "omit the statement"
     if name in _END_OF_LASTING:
         return [ir.end_lasting(_END_OF_LASTING[name])]
+    may_move = f"{name} may move targets or frames"
     if _WRITES_DATA.fullmatch(name):
-        return [ir.MakeUnknown(each, f"{name} may move targets or frames", "omit the statement")
-                for each in (names, frozenset({ir.MODE}))]  # fmt: skip
-    if match := _LASTING.fullmatch(name):
-        return [ir.begin_lasting(match[1], f"{name} may move targets or frames", "omit the statement")]
-    if match := _SHIFT.match(name):
-        reason = f"{name} moves targets or frames"
-        if match[0] == "WAITWOBJ":  # a conveyor moves this work object, and no other one
-            return [ir.MakeUnknown(names, reason, "omit the statement", anytime=True)]
-        return [ir.begin_lasting(match[0], reason, "omit the statement")]
-    return []
+        return [
+            ir.MakeUnknown(names, may_move, remedy),
+            ir.MakeUnknown(frozenset({ir.MODE}), may_move, remedy),
+        ]
+    if control := _LASTING.fullmatch(name):
+        return [ir.begin_lasting(control[1], may_move, remedy)]
+    shift = _SHIFT.match(name)
+    if shift is None:
+        return []
+    moves = f"{name} moves targets or frames"
+    if shift[0] == "WAITWOBJ":  # a conveyor moves this work object, and no other one
+        return [ir.MakeUnknown(names, moves, remedy, anytime=True)]
+    return [ir.begin_lasting(shift[0], moves, remedy)]
 
 
 def _read_target(line: Line, start: int, end: int) -> Literal | None:
-    """Return the robtarget or jointtarget between two indices of the text; None if neither is there."""
-    numbers = line.ordinals_in(start, end)
-    if match := _LITERALS["ROBTARGET"].fullmatch(line.text, start, end):
-        count = 11 if match[1][0] == "[" else 7  # a variable may hold the configuration
-        words = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:count], strict=False))
-        return Literal(POSE, numbers[:7], numbers[count:], words, axes_name=match["axes"] or "")
-    if match := _LITERALS["JOINTTARGET"].fullmatch(line.text, start, end):
-        return Literal(JOINTS, numbers[:6], numbers[6:], axes_name=match["axes"] or "")
+    """Return the robtarget or jointtarget between two indices of the text; None if neither is there.
+
+    The numbers of a robtarget are position (3), quaternion (4), configuration (4) and axes (6); those
+    of a jointtarget angles (6) and external axes (6). A variable may hold configuration or external axes.
+    """
+    ordinals = line.ordinals_in(start, end)
+    if robtarget := _LITERALS["ROBTARGET"].fullmatch(line.text, start, end):
+        has_configuration = robtarget[1].startswith("[")
+        begin_of_axes = 11 if has_configuration else 7
+        configuration = tuple(zip(("cf1", "cf4", "cf6", "cfx"), ordinals[7:begin_of_axes], strict=False))
+        axes_name = robtarget["axes"] or ""
+        return Literal(POSE, ordinals[:7], ordinals[begin_of_axes:], configuration, axes_name=axes_name)
+    if jointtarget := _LITERALS["JOINTTARGET"].fullmatch(line.text, start, end):
+        return Literal(JOINTS, ordinals[:6], ordinals[6:], axes_name=jointtarget["axes"] or "")
     return None
 
 
 def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> list[ir.Assign]:
-    """Return the assignments of the numbers between two indices of the text to data of one of these kinds.
+    """Translate the assignment of numbers between two indices of the text to data of one of these kinds.
 
-    A target and a tool give one assignment; a work object gives two, one for each of its frames. Return []
-    if the text is not data in numbers.
+    `kinds` are types of RAPID, such as ROBTARGET and TOOLDATA. A target and a tool give one assignment; a
+    work object gives two, one for each of its frames. The list is empty if the text is not data in numbers.
     """
+    ordinals = line.ordinals_in(start, end)
     target = _read_target(line, start, end)
     # A variable with external axes may change, or mean another one, before the target is used.
-    if target is not None and not target.axes_name and {"ROBTARGET", "JOINTTARGET"} & set(kinds):
+    is_fixed = target is not None and not target.axes_name
+    if target is not None and is_fixed and {"ROBTARGET", "JOINTTARGET"} & set(kinds):
         return [ir.Assign(name, target)]
     if "EXTJOINT" in kinds and _LITERALS["EXTJOINT"].fullmatch(line.text, start, end):
-        return [ir.Assign(name, Literal(_AXES, line.ordinals_in(start, end)))]
+        return [ir.Assign(name, Literal(_AXES, ordinals))]
     if "SPEEDDATA" in kinds and _LITERALS["SPEEDDATA"].fullmatch(line.text, start, end):
-        return [ir.Assign(name, Literal(_NUMBERS, line.ordinals_in(start, end)[:1]))]
-    for kind, frames in _FRAMES_OF.items():
-        match = _LITERALS[kind].fullmatch(line.text, start, end) if kind in kinds else None
-        if match and not (match.re.groups and ir.calls_routine(line.read_expression(match[1]))):
-            numbers = line.ordinals_in(start, end)
-            return [
-                ir.Assign(name + frame, Literal(POSE, numbers[7 * k : 7 * k + 7]))
-                for k, frame in enumerate(frames)
-            ]
+        return [ir.Assign(name, Literal(_NUMBERS, ordinals[:1]))]
+    if "WOBJDATA" in kinds and _LITERALS["WOBJDATA"].fullmatch(line.text, start, end):
+        return _assign_frames(name, "WOBJDATA", ordinals)
+    tool = _LITERALS["TOOLDATA"].fullmatch(line.text, start, end) if "TOOLDATA" in kinds else None
+    if tool and not ir.calls_routine(line.read_expression(tool[1])):  # group 1 is the load of the tool
+        return _assign_frames(name, "TOOLDATA", ordinals)
     return []
+
+
+def _assign_frames(name: str, kind: str, ordinals: tuple[int, ...]) -> list[ir.Assign]:
+    """Return the assignments to the frames of a work object or a tool, which have seven numbers each."""
+    assignments = list[ir.Assign]()
+    for index, frame in enumerate(_FRAMES_OF[kind]):
+        pose = ordinals[7 * index : 7 * (index + 1)]
+        assignments.append(ir.Assign(name + frame, Literal(POSE, pose)))
+    return assignments
 
 
 def _multiply_frames(name: str, kind: str) -> ir.Product:
@@ -407,33 +498,31 @@ def _multiply_frames(name: str, kind: str) -> ir.Product:
 
 
 def _translate_declaration(line: Line) -> list[Op]:
-    """Return the operations of a declaration, which gives numbers or an unknown value to a name."""
-    name, value = line["name"], line["value"]
-    found: list[Op] = [
-        ir.Local(frozenset({name})),
-        *line.read_expression(line["array"]),
-    ]
-    assigned = []
-    if value and not line["array"]:
-        assigned = _assign_data(line, name, *line.span("value"), line["type"])
-    if assigned:
+    """Translate a declaration `CONST robtarget p1:=[...]`: the name gets numbers or an unknown value."""
+    name, value, is_array = line["name"], line["value"], bool(line["array"])
+    ops: list[Op] = [ir.Local(frozenset({name})), *line.read_expression(line["array"])]
+    assignments = []
+    if value and not is_array:
+        assignments = _assign_data(line, name, *line.span("value"), line["type"])
+    if assignments:
         declares = "constant" if line["kind"] == "CONST" else "variable"
-        private = line["scope"] == "LOCAL"
-        return [*found, *(each._replace(declares=declares, private=private) for each in assigned)]
-    found += ir.pass_uses(line.read_expression(value), name)
+        is_private = line["scope"] == "LOCAL"
+        return [*ops, *(each._replace(declares=declares, private=is_private) for each in assignments)]
+    ops += ir.pass_uses(line.read_expression(value), name)
     kind = "frame" if "DATA" in line["type"] else "target"
     reason = f"{name} is not a fixed {kind} in numbers, or changes while the program runs"
-    return [*found, ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
+    return [*ops, ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Return the operations of an assignment, which gives numbers or an unknown value to a name."""
+    """Translate an assignment, which gives numbers or an unknown value to a name or to one of its parts."""
     name, part, value = line["name"], line["part"], line["value"]
-    assigned = [] if part else _assign_data(line, name, *line.span("value"), *_LITERALS)
-    if part in {".UFRAME", ".OFRAME", ".TFRAME"} and re.fullmatch(_POSE_PATTERN, value):
-        assigned = [ir.Assign(name + part, Literal(POSE, line.ordinals_in(*line.span("value"))))]
-    if assigned:
-        return list(assigned)
+    is_frame = part in {".UFRAME", ".OFRAME", ".TFRAME"}
+    if not part and (assignments := _assign_data(line, name, *line.span("value"), *_LITERALS)):
+        return [*assignments]
+    if is_frame and re.fullmatch(_POSE_PATTERN, value):
+        return [ir.Assign(name + part, Literal(POSE, line.ordinals_in(*line.span("value"))))]
+    # The index of an array, `{i,j}`, is an expression as well.
     index = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
     uses = [*line.read_expression(index), *line.read_expression(value)]
     reason = f"{name} changes while the program runs"
@@ -441,107 +530,123 @@ def _translate_assignment(line: Line) -> list[Op]:
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Return the operations of a move; it is not corrected without target in numbers or with other options.
+    """Translate a move; it is not corrected without target in numbers or with other options.
 
     Raises:
         Misread: its arguments are not expressions.
     """
-    called = list[Op]()
+    calls = list[Op]()
     if line["process"] == "SYNC":  # the last argument is the name of a routine that is called at the target
-        name, prefix = _read_routine(line["arguments"].rsplit(",", 1)[-1].strip())
-        called.append(ir.Call(name, anytime=True, event="\0target", prefix=prefix))
+        last_argument = line["arguments"].rsplit(",", 1)[-1].strip()
+        name, prefix = _read_routine(last_argument)
+        calls.append(ir.Call(name, anytime=True, event="\0target", prefix=prefix))
     try:
-        return [*called, *_translate_plain_move(line)]
+        return [*calls, *_translate_plain_move(line)]
     except Misread as fault:
-        if not fault.remedy:
+        if not fault.remedy:  # the text is no move at all
             raise
-        return [*called, *_leave_instruction(line, _read_arguments(line), fault.reason, fault.remedy)]
+        uncorrected = _leave_instruction(line, _read_arguments(line), fault.reason, fault.remedy)
+        return [*calls, *uncorrected]
 
 
 def _translate_plain_move(line: Line) -> list[Op]:
-    """Return the operations of a move whose arguments are complete.
+    r"""Translate a move whose arguments are complete, such as `MoveC p1,p2,v100,z10,tool1\WObj:=wobj1`.
 
     Raises:
         Misread: arguments are missing, unknown or computed.
     """
-    has_trigger = bool(line["trigger"])
-    letter = line["letter"] or line["trigger"] or "J"
-    count = 1 + (letter == "C")  # count of the targets
-    tool_index = count + 2 + has_trigger  # the tool is behind targets, speed, trigger and zone
-    after_tool = _ARGUMENTS_AFTER_TOOL.get(line["process"], 0) - ("\\VALUE:=" in line.text)
+    letter = line["letter"] or line["trigger"] or "J"  # MoveAbsJ has no letter of its own
+    motion = _MOTIONS[letter]
+    count = 2 if letter == "C" else 1  # count of the targets
+    # Behind the targets come speed, perhaps a trigger, zone and tool.
+    tool_index = count + (3 if line["trigger"] else 2)
+    count_after_tool = _ARGUMENTS_AFTER_TOOL.get(line["process"], 0)
+    if "\\VALUE:=" in line.text:  # this option takes the place of the second argument
+        count_after_tool -= 1
     spans, work_object, found = _split_arguments(line, line.span("arguments")[0])
-    arguments = [line.text[slice(*each)] for each in spans]
-    if len(arguments) != tool_index + 1 + after_tool or not re.fullmatch(_WORD, arguments[tool_index]):
+    arguments = [line.text[begin:end] for begin, end in spans]
+    is_complete = len(arguments) == tool_index + 1 + count_after_tool
+    if not is_complete or not re.fullmatch(_WORD, arguments[tool_index]):
         reason = "the target is not given by numbers, or the move names no speed, zone and tool"
-        raise Misread(
-            reason, "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
-        )
-    targets = [
-        each if re.fullmatch(_WORD, each) else _read_target(line, *span)
-        for each, span in zip(arguments[:count], spans, strict=False)
-    ]
-    known = tuple(each for each in targets if each is not None)
-    if len(known) < count:
+        remedy = "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
+        raise Misread(reason, remedy)
+    targets = _read_targets(line, spans[:count])
+    tool_name = arguments[tool_index]
+    if len(targets) < count:
         words = "the target is not given by numbers", _REMEDY
-        left = _leave_move(
-            line, arguments[:count], arguments[tool_index], work_object, words, _MOTIONS[letter]
-        )
-        return [*found, *left]
-    found += [op for each in arguments[count:] for op in line.read_expression(each)]
+        return [*found, *_leave_move(line, arguments[:count], tool_name, work_object, words, motion)]
+    for argument in arguments[count:]:
+        found += line.read_expression(argument)
     if ir.calls_routine(found):
         raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
-    base, tool = (
-        _multiply_frames(work_object, "WOBJDATA"),
-        _multiply_frames(arguments[tool_index], "TOOLDATA"),
-    )
+    base, tool = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(tool_name, "TOOLDATA")
     feed = _read_feed(line, *spans[count])
-    return [*found, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count, feed=feed)]
+    return [*found, ir.Move(motion, targets, (base,) * count, (tool,) * count, feed=feed)]
 
 
 def _read_feed(line: Line, start: int, end: int) -> ir.Feed | None:
-    """Return the feed of a move whose data of a speed are between two indices; None if it is computed."""
+    """Return the feed of a move; None if it is computed.
+
+    The speed of the move (speeddata) is the text between two indices. VelSet limits the feeds of all moves.
+    """
     feed = _read_own_feed(line, start, end)
-    return feed and feed._replace(percentage=_PERCENTAGE, greatest=_GREATEST)
+    if feed is None:
+        return None
+    return feed._replace(percentage=_PERCENTAGE, greatest=_GREATEST)
 
 
 def _read_own_feed(line: Line, start: int, end: int) -> ir.Feed | None:
-    """Return the feed of a move, without what VelSet sets for all moves; None if it is computed."""
-    own = _OWN_SPEED.search(line.text, line.span("arguments")[0])
-    if own is not None:  # a time in place of a speed gives no feed
-        numbers = line.ordinals_in(*own.span("number")) if own["option"] == "V" and own["number"] else ()
+    r"""Return the feed of a move, without what VelSet sets for all moves; None if the feed is computed.
+
+    The speed of the move (speeddata) is the text between two indices: numbers, or a name such as `v100`. The
+    option `\V` takes its place, and so does `\T`, the time of the move, which gives no feed.
+    """
+    option = _OWN_SPEED.search(line.text, line.span("arguments")[0])
+    if option is not None:
+        is_speed = option["option"] == "V" and option["number"]
+        numbers = line.ordinals_in(*option.span("number")) if is_speed else ()
         return ir.Feed(Literal(_NUMBERS, numbers)) if numbers else None
-    text = line.text[start:end]
-    if _LITERALS["SPEEDDATA"].fullmatch(text):
-        return ir.Feed(Literal(_NUMBERS, line.ordinals_in(start, end)[:1]))
-    if not re.fullmatch(_WORD, text):
+    speed = line.text[start:end]
+    if _LITERALS["SPEEDDATA"].fullmatch(speed):
+        speed_of_tool = line.ordinals_in(start, end)[:1]
+        return ir.Feed(Literal(_NUMBERS, speed_of_tool))
+    if not re.fullmatch(_WORD, speed):
         return None
-    known = _SPEED.fullmatch(text)
-    return ir.Feed(ir.Copy(text), otherwise=float(known[1]) if known else np.nan)
+    of_controller = _SPEED.fullmatch(speed)  # v100 is 100 mm/s, unless the program declares the name
+    return ir.Feed(ir.Copy(speed), otherwise=float(of_controller[1]) if of_controller else np.nan)
 
 
 def _split_arguments(
     line: Line, start: int, known_options: re.Pattern[str] = _OPTIONS
 ) -> tuple[list[tuple[int, int]], str, list[Op]]:
-    """Return the spans of a move's arguments, the name of its work object, and its options' operations.
+    r"""Split the arguments of a move such as `p1,v100\T:=3,z10,tool1\WObj:=wobj1`.
 
-    `known_options` is the pattern of options that do not move the target.
+    Args:
+        line: the move.
+        start: index of its first argument.
+        known_options: pattern of the names of options that do not move the target.
+
+    Returns:
+        First and last + 1 character of each argument; name of the work object; operations of the options.
 
     Raises:
         Misread: an option may move the target, or the work object is computed.
     """
     text, work_object = line.text, "WOBJ0"
-    found, spans = list[Op](), list[tuple[int, int]]()
-    for i, (first, last) in enumerate(split_outside_brackets(text, start)):
+    spans, found = list[tuple[int, int]](), list[Op]()
+    for number, (first, last) in enumerate(split_outside_brackets(text, start)):
         (begin, end), *options = split_outside_brackets(text[:last], first, "\\")
+        is_blank = not text[begin:end].strip()
         # A part that has only options is not an argument; nor is an empty text before the first comma.
-        if text[begin:end].strip() or (i and not options):
-            spans.append((begin + (text[begin : begin + 1] == " "), end))
-        for option in options:
-            name, _, value = text[slice(*option)].partition(":=")
+        is_no_argument = is_blank and (number == 0 or bool(options))
+        if not is_no_argument:
+            begin += text[begin : begin + 1] == " "
+            spans.append((begin, end))
+        for option_begin, option_end in options:
+            name, _, value = text[option_begin:option_end].partition(":=")
             if not known_options.fullmatch(name):
-                raise Misread(
-                    f"the argument \\{name} moves the target, or is not known", "omit the statement"
-                )
+                reason = f"the argument \\{name} moves the target, or is not known"
+                raise Misread(reason, "omit the statement")
             found += line.read_expression(value)
             if name == "WOBJ":
                 if not re.fullmatch(_WORD, value):
@@ -571,29 +676,56 @@ def read_rapid(statements: Statements, sources: tuple[Source, ...]) -> None:
     files are not corrected.
     """
     statements.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
-    texts, parts = list[str](), list[tuple[int, IndexArray, IndexArray]]()
-    for index, source in enumerate(sources):
-        starts, ends, heads = _find_statements(source.text)
-        for begin, end in pairwise((0, *heads[1:], len(source.text))):
-            first, last = np.searchsorted(starts, (begin, end)).tolist()
-            texts.append(capitalise(source.text[begin:end]))
-            parts.append((index, starts[first:last], ends[first:last]))
-    names = [set(re.findall(_LOCAL, _TEXT_OR_COMMENT.sub(" ", text))) for text in texts]
-    words = [set(re.findall(_WORD, text)) if len(texts) > 1 else set[str]() for text in texts]
-    for k, (index, starts, ends) in enumerate(parts):
-        # The first module keeps its names, so that messages have them.
-        elsewhere = set[str]().union(*words[:k], *words[k + 1 :]) if names[k] else set[str]()
-        renamed = {name: f"{name}{IN_MODULE}0" for name in names[0] & words[k] if k}
-        renamed |= {name: f"{name}{IN_MODULE}{k}" for name in names[k] & elsewhere if k}
+    modules = [module for index, source in enumerate(sources) for module in _split_modules(index, source)]
+    for module, renamed in zip(modules, _rename_local_names(modules), strict=True):
         translate = partial(_translate_renamed, renamed=renamed) if renamed else None
-        statements.add_statements(index, starts, ends, translate=translate)
-    routines = {
-        name for text in texts for name in re.findall(_ROUTINE, text) if _PROCESS_MOVE.fullmatch(name)
-    }
-    if routines:
-        name = min(routines)
+        statements.add_statements(module.source, module.starts, module.ends, translate=translate)
+    routines = [routine for module in modules for routine in re.findall(_ROUTINE, module.text)]
+    ambiguous = [routine for routine in routines if _PROCESS_MOVE.fullmatch(routine)]
+    if ambiguous:
+        name = min(ambiguous)
         reason = f"the program has its own routine {name}, but a move of a process has the same name"
         statements.forget_anytime(frozenset({ir.MODE}), reason, "give the routine another name")
+
+
+class _Module(NamedTuple):
+    """A module of a file: its text in capitals, and its statements."""
+
+    source: int  # index of the file
+    text: str
+    starts: IndexArray  # (n,) first character of each statement in the file
+    ends: IndexArray  # (n,) last character + 1 of each statement
+
+
+def _split_modules(index: int, source: Source) -> Iterator[_Module]:
+    """Yield the modules of a file, which has the given index among the files."""
+    starts, ends, heads = _find_statements(source.text)
+    # Text before the second head belongs to the first module.
+    for begin, end in pairwise((0, *heads[1:], len(source.text))):
+        first, last = np.searchsorted(starts, (begin, end)).tolist()
+        yield _Module(index, capitalise(source.text[begin:end]), starts[first:last], ends[first:last])
+
+
+def _rename_local_names(modules: list[_Module]) -> list[dict[str, str]]:
+    """Return for each module new names of those that mean something else elsewhere.
+
+    A name that is LOCAL in one module means something else in the others. The first module keeps its names,
+    so that messages have them.
+    """
+    if len(modules) < 2:
+        return [{} for _ in modules]
+    local = [set(re.findall(_LOCAL, _TEXT_OR_COMMENT.sub(" ", module.text))) for module in modules]
+    words = [set(re.findall(_WORD, module.text)) for module in modules]
+    modules_with = Counter(word for words_of_module in words for word in words_of_module)
+    renamed: list[dict[str, str]] = [{}]
+    for k in range(1, len(modules)):
+        new_names = {name: f"{name}{IN_MODULE}0" for name in local[0] & words[k]}
+        for name in local[k]:
+            is_elsewhere = modules_with[name] > 1
+            if is_elsewhere:
+                new_names[name] = f"{name}{IN_MODULE}{k}"
+        renamed.append(new_names)
+    return renamed
 
 
 _ROUTINE: Final = rf"\bPROC\s++({_WORD})"
@@ -603,15 +735,17 @@ _TEXT_OR_NAME: Final = re.compile(rf'"({_WORD})"|"[^"\r\n]*+"|(?<![\w.\\])({_WOR
 
 
 def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, Op]]:
-    """Return the operations of a statement in which names of one module have other names.
+    """Translate a statement after names got new names that are unique among the modules.
 
-    A name that is LOCAL in one module means something else in the others. Routines that are called by texts
-    are renamed, too.
+    Routines that are called by texts, such as `%"sub"%`, are renamed, too. `masked` is the statement with NUL
+    in place of each number. Each operation is given with its number of lines below the first line.
     """
 
     def rename(match: re.Match[str]) -> str:
-        name = match[1] or match[2] or ""
-        return match[0].replace(name, renamed.get(capitalise(name), name)) if name else match[0]
+        name = match[1] or match[2]  # name in quotations, or name
+        if not name:  # another text
+            return match[0]
+        return match[0].replace(name, renamed.get(capitalise(name), name))
 
     return LANGUAGE.translate(_TEXT_OR_NAME.sub(rename, masked))
 

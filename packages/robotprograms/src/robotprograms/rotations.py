@@ -22,40 +22,44 @@ def normalise(quaternions: FloatArray) -> FloatArray:
 
 
 def matrices_from_quaternions(quaternions: FloatArray) -> FloatArray:
-    """Return the rotation matrices (m, 3, 3) of quaternions (m, 4) of any length but zero."""
+    """Return the rotation matrices (m, 3, 3) of quaternions (m, 4), scalar first, of any length but zero."""
     w, x, y, z = normalise(quaternions).T
     matrices = np.empty((len(quaternions), 3, 3))
-    matrices[:, 0] = np.stack(
-        [w * w + x * x - y * y - z * z, 2 * (x * y - z * w), 2 * (x * z + y * w)], axis=1
-    )
-    matrices[:, 1] = np.stack(
-        [2 * (x * y + z * w), w * w - x * x + y * y - z * z, 2 * (y * z - x * w)], axis=1
-    )
-    matrices[:, 2] = np.stack(
-        [2 * (x * z - y * w), 2 * (y * z + x * w), w * w - x * x - y * y + z * z], axis=1
-    )
+    matrices[:, 0, 0] = w * w + x * x - y * y - z * z
+    matrices[:, 0, 1] = 2 * (x * y - z * w)
+    matrices[:, 0, 2] = 2 * (x * z + y * w)
+    matrices[:, 1, 0] = 2 * (x * y + z * w)
+    matrices[:, 1, 1] = w * w - x * x + y * y - z * z
+    matrices[:, 1, 2] = 2 * (y * z - x * w)
+    matrices[:, 2, 0] = 2 * (x * z - y * w)
+    matrices[:, 2, 1] = 2 * (y * z + x * w)
+    matrices[:, 2, 2] = w * w - x * x - y * y + z * z
     return matrices
 
 
 def quaternions_from_matrices(matrices: FloatArray) -> FloatArray:
-    """Return unit quaternions (m, 4) of rotation matrices (m, 3, 3), from the greatest component of each."""
+    """Return unit quaternions (m, 4), scalar first, of rotation matrices (m, 3, 3).
+
+    The matrix 4 q qᵀ of a quaternion q follows from sums and differences of the rotation matrix' entries.
+    Each of its rows is a multiple of q; the row of q's greatest component is the most exact one.
+    """
     r = matrices
-    # 4 q qᵀ of a unit quaternion q, with the differences and sums of the matrix' entries
-    products = np.empty((len(r), 4, 4))
+    products = np.empty((len(r), 4, 4))  # 4 q qᵀ
     trace = np.trace(r, axis1=1, axis2=2)
     products[:, 0, 0] = 1 + trace
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         products[:, i + 1, i + 1] = 1 - trace + 2 * r[:, i, i]
         products[:, 0, i + 1] = products[:, i + 1, 0] = r[:, k, j] - r[:, j, k]
         products[:, i + 1, j + 1] = products[:, j + 1, i + 1] = r[:, j, i] + r[:, i, j]
-    diagonals = np.stack([r[:, 0, 0], r[:, 1, 1], r[:, 2, 2], trace], axis=1)
-    greatest = (np.argmax(diagonals, axis=1) + 1) % 4
+    sizes = np.stack([r[:, 0, 0], r[:, 1, 1], r[:, 2, 2], trace], axis=1)  # rise with those of x, y, z, w
+    greatest = (np.argmax(sizes, axis=1) + 1) % 4
     return normalise(products[np.arange(len(r)), greatest])
 
 
 def matrices_from_vectors(vectors: FloatArray) -> FloatArray:
     """Return the rotation matrices (m, 3, 3) of rotation vectors (m, 3) [rad]."""
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
+    # The quaternion has the vector part sin(angle / 2) / angle · vector; near zero by its Taylor series.
     is_small = angle <= _SMALL
     series = 0.5 - angle**2 / 48 + angle**4 / 3840
     scale = np.where(is_small, series, np.sin(angle / 2) / np.where(is_small, 1.0, angle))
@@ -68,6 +72,7 @@ def vectors_from_matrices(matrices: FloatArray) -> FloatArray:
     quaternions = np.where(quaternions[:, :1] < 0.0, -quaternions, quaternions)
     scalar, vector = quaternions[:, :1], quaternions[:, 1:]
     angle = 2 * np.arctan2(np.linalg.norm(vector, axis=1, keepdims=True), scalar)
+    # The rotation vector is angle / sin(angle / 2) · vector part; near zero by its Taylor series.
     is_small = angle <= _SMALL
     series = 2 + angle**2 / 12 + 7 * angle**4 / 2880
     scale = np.where(is_small, series, angle / np.where(is_small, 1.0, np.sin(angle / 2)))

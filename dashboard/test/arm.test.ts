@@ -1,0 +1,35 @@
+import { expect, it } from "vitest";
+import type { MeasurementSet, RunResult } from "../src/api/types";
+import { shownOf } from "../src/features/run/arm";
+
+const set = { observations: [{ label: "a" }, { label: "b" }] } as MeasurementSet;
+const residual = (observation: string, length: number) => ({
+  observation,
+  deflection: [length, 0, 0],
+  residual: [0, 0, 0],
+});
+const result = {
+  residuals: [residual("a", 1e-3), residual("b", 3e-3)],
+  joints: [
+    { name: "seen", compliance: 1e-6 },
+    { name: "unseen", compliance: null },
+  ],
+  contributions: [
+    { joint: "seen", by_observation: [1e-3, -3e-3] },
+    { joint: "unseen", by_observation: [0, 0] },
+  ],
+} as unknown as RunResult;
+
+it("shows the configuration that deflects most, or the one that is asked for", () => {
+  expect(shownOf(set, result, null)?.observation.label).toBe("b");
+  expect(shownOf(set, result, "a")?.deflection).toBe(1e-3);
+  expect(shownOf(set, result, "elsewhere")).toBeNull();
+});
+
+it("gives no contribution to a joint that the readings do not show", () => {
+  expect(shownOf(set, result, null)?.parts).toEqual([3e-3, null]);
+});
+
+it("shows no arm where no target was read", () => {
+  expect(shownOf(set, { ...result, residuals: [] }, null)).toBeNull();
+});

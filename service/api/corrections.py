@@ -1,0 +1,139 @@
+"""Routes of corrected poses: few rows are answered at once, more rows and files are jobs."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Final
+
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, File, Form, Response, UploadFile
+from pydantic import Json
+from starlette.datastructures import Headers
+from starlette.routing import Match
+from starlette.types import Scope
+
+from jointstiff.schemas.correction import (
+    MAX_ROWS,
+    CorrectionJob,
+    CorrectionRequest,
+    CorrectionResult,
+    CorrectionTableRequest,
+)
+from jointstiff.schemas.run import Run
+from jointstiff.service.api.answers import describe_post_responses, json_response
+from jointstiff.service.api.bodies import Key, KeyText, json_body, limiter_of_large_work
+from jointstiff.service.api.examples import EXAMPLES
+from jointstiff.service.api.jobs import InjectedPost, JobRoute
+from jointstiff.service.api.runs import BINARY, answer_form
+from jointstiff.service.jobs import Jobs, Parts
+from jointstiff.service.kinds.correction.kind import CORRECTION
+from jointstiff.service.kinds.correction.work import pack_columns, pack_file
+from jointstiff.service.runs.correction.answer import correct_request
+from jointstiff.service.runs.verdicts import find_accepted_run
+from jointstiff.service.security.access import OPERATOR
+from jointstiff.service.store.tables import JobRecord
+from jointstiff.solver.mechanics.robot import Robot
+
+router = APIRouter(tags=["corrections"], route_class=JobRoute)
+
+_ADDRESS: Final = f"/v1/{CORRECTION.collection}"
+_TWO_ROWS: Final = CORRECTION.examples["two rows"]
+_Table = Annotated[list[UploadFile], File(min_length=1, max_length=1)]
+_Options = Annotated[Json[CorrectionTableRequest], Form()]
+_FORM: Final[dict[str, Any]] = {
+    "schema": {
+        "type": "object",
+        "required": ["files", "options"],
+        "properties": {
+            "files": {
+                "type": "array",
+                "items": BINARY,
+                "minItems": 1,
+                "maxItems": 1,
+                "description": "The table, CSV or Parquet; headers have units, as `x [mm]`.",
+                "examples": [_TWO_ROWS["files"]],
+            },
+            "options": {
+                "type": "string",
+                "contentMediaType": "application/json",
+                "contentSchema": {"$ref": "#/components/schemas/CorrectionTableRequest"},
+                "examples": [json.dumps(_TWO_ROWS["options"])],
+            },
+        },
+    }
+}
+"""Description of a form with a table, which has the same address as columns."""
+_JOB_ANSWERS: Final[dict[int | str, dict[str, Any]]] = {
+    status: answer | {"model": CorrectionJob}
+    for status, answer in describe_post_responses(CorrectionJob).items()
+}
+
+
+class _FormRoute(JobRoute):
+    """Route for forms alone: a request with another body goes to the route of columns, of the same address."""
+
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        """Return whether the route answers a request, by its address, method and media type."""
+        media_type = Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower()
+        return super().matches(scope) if media_type == "multipart/form-data" else (Match.NONE, {})
+
+
+_forms = APIRouter(route_class=_FormRoute)
+
+
+@_forms.post(_ADDRESS, dependencies=[OPERATOR], status_code=201, include_in_schema=False)
+async def correct_file(
+    posted: InjectedPost, files: _Table, options: _Options, idempotency_key: KeyText = None
+) -> Response:
+    """Correct a file of poses."""
+    return await answer_form(posted, CorrectionJob, files, options, idempotency_key, pack_file)
+
+
+router.include_router(_forms)  # before the route of columns, which takes all other bodies
+
+
+@router.post(
+    _ADDRESS,
+    dependencies=[OPERATOR],
+    description=CORRECTION.description,
+    response_model=CorrectionResult,
+    responses=_JOB_ANSWERS,
+    openapi_extra={"requestBody": {"content": {"multipart/form-data": _FORM}}},
+)
+async def compute_corrections(
+    posted: InjectedPost, body: Annotated[CorrectionRequest, json_body(EXAMPLES["corrections"])], key: Key
+) -> Response:
+    """Correct poses."""
+    limiter = limiter_of_large_work(posted.request)
+    if max(map(len, body.columns.values())) <= MAX_ROWS:
+        return json_response(await run_sync(_correct_as_json, posted.parts, body, limiter=limiter))
+
+    def create(jobs: Jobs) -> JobRecord:
+        """Store the job with the columns as a table."""
+        table = pack_columns(body.columns, body, _find_source(posted.parts, body)[0])
+        stated = body.model_dump(exclude={"columns"}, exclude_unset=True)
+        return jobs.create(CorrectionTableRequest(**stated, files=[table]), key, posted.by)
+
+    return await posted.answer(CORRECTION.name, create, limiter)
+
+
+def _correct_as_json(parts: Parts, body: CorrectionRequest) -> str:
+    """Correct poses with the model of a stored run, or of a robot; return the result as JSON text.
+
+    Raises:
+        RequestError: run or robot do not exist, or the request cannot be carried out.
+    """
+    return correct_request(*_find_source(parts, body), body).model_dump_json()
+
+
+def _find_source(parts: Parts, body: CorrectionRequest) -> tuple[Robot, Run | None]:
+    """Return the robot of a request, and its run if the request names one.
+
+    Raises:
+        RequestError: run or robot do not exist.
+        VerdictError: the run's verdict is not accepted.
+    """
+    if body.run_id is None:
+        return parts.robot(body.robot_id or "", "robot_id")[0], None
+    run = find_accepted_run(parts, body.run_id, body.accept_verdict)
+    return run.prepared.robot, run.run
