@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -100,7 +100,7 @@ def simulate(design: Design, repeatability: float, seed: int, *, encoders: bool 
     unloaded = deflections(arm, plan.joints, *true.wrenches, points)[0]
     loaded = deflections(arm, plan.joints + turns, *true.wrenches, points)[1]
     noise = SIGMA * generator.standard_normal((2, *loaded.shape))
-    stated = {"sigma": SIGMA, "common_uncertainty": _ASSUMED, "moment": plan.moments}
+    stated: dict[str, Any] = {"sigma": SIGMA, "common_uncertainty": _ASSUMED, "moment": plan.moments}
     if encoders:
         bent = turns + equilibrium(arm, plan.joints + turns, *true.wrenches)
         stated["encoders"] = _read_encoders(bent, generator)
