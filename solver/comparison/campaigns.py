@@ -251,23 +251,36 @@ def models_differ(first: Robot, second: Robot) -> bool:
 def _compute_pair_covariance(sides: Sequence[Side], *, same_load_point: bool) -> PairCovariance:
     """Compute the covariance of both campaigns' estimates without the errors that cancel in a comparison.
 
-    An assumed error of the load cell's scale cancels. Each campaign has its own error of the load point,
-    because a load that is hung anew hangs elsewhere, unless the load hung at the same point.
+    If the uncertainty of the load cell's scale is assumed, not stated, for both campaigns, the error is the
+    same in both, and cancels. Each campaign has its own error of the load point, because a load that is hung
+    anew hangs elsewhere, unless the load hung at the same point.
 
     Raises:
         RequestError: the campaigns cannot share a load point.
     """
     first_assumed, second_assumed = (side.measurements.common_uncertainty.assumed for side in sides)
     cancelling_terms = (first_assumed & second_assumed) - {"load_point"}
-    own = []
-    for side in sides:
-        free = side.free
-        cancelling = sum(free.assumed[term] for term in cancelling_terms if term in free.assumed)
-        own.append(None if free.readings is None else free.covariance - cancelling)
+    own: list[FloatArray | None] = []
+    for estimate in (side.free for side in sides):
+        if estimate.readings is None:  # sigma is unknown
+            own.append(None)
+            continue
+        parts = [estimate.assumed[term] for term in cancelling_terms if term in estimate.assumed]
+        own.append(estimate.covariance - sum(parts))
     n = sides[0].robot.n
-    if not same_load_point:
-        return PairCovariance(own, cross=np.zeros((n, n)))
-    if not all(side.free.load_point.any() for side in sides):
+    cross = _compute_covariance_by_load_point(sides) if same_load_point else np.zeros((n, n))
+    return PairCovariance(own, cross)
+
+
+def _compute_covariance_by_load_point(sides: Sequence[Side]) -> FloatArray:
+    """Return the covariance (n, n) of both campaigns' estimates if they share the error of the load point.
+
+    Raises:
+        RequestError: the campaigns cannot share a load point.
+    """
+    # Changes (n, 3) of an estimate by one standard uncertainty of the load point along each axis.
+    first_changes, second_changes = (side.free.load_point for side in sides)
+    if not first_changes.any() or not second_changes.any():
         raise RequestError(
             "one of the runs states no uncertainty of its load point, so the sets cannot share an error of "
             "the load point",
@@ -276,9 +289,7 @@ def _compute_pair_covariance(sides: Sequence[Side], *, same_load_point: bool) ->
             "`noise.load_point` above zero and without a fitted load point",
         )
     check_same_load_point([side.measurements for side in sides])
-    # Columns: changes of the estimates by the same independent errors of one standard uncertainty.
-    by_load_point_first, by_load_point_second = (side.free.load_point for side in sides)
-    return PairCovariance(own, cross=by_load_point_first @ by_load_point_second.T)
+    return np.asarray(first_changes @ second_changes.T)
 
 
 def check_same_load_point(campaigns: Sequence[Measurements]) -> None:
