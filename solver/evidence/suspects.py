@@ -125,7 +125,7 @@ def _search_suspects(
         always_fitted: terms that are fitted in any case.
         terms_of_set: terms that may have moved the targets of all observations.
         later: terms that may set in at a later observation, by name.
-        labels: labels of all observations, of which some are tested.
+        labels: labels of all observations; some of these observations are tested.
     """
     fitted_names = [term.name for term in (JOINTS, *always_fitted)]
     other_terms = [term for term in (*terms_of_set, FORCE_SCALE) if term.name not in fitted_names]

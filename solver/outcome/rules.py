@@ -208,7 +208,7 @@ def _report_root_mistakes(findings: Sequence[Finding]) -> list[Finding]:
 
 @dataclass(frozen=True, eq=False)
 class _Explanation:
-    """What explains the readings better than the joints with the data as given."""
+    """Explanation of the readings that is better than the joints with the data as given."""
 
     noticed: Sequence[Finding]  # findings of the integrity checks
     has_gross_error: bool  # whether one of these findings forbids the use of the data
@@ -743,7 +743,7 @@ def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator
     positions = np.where(part.in_flange[..., None], part.position, targets_in_flange(robot, part))
     distances = np.linalg.norm(positions - part.load_point[:, None], axis=2)  # (N, T)
     largest_distance = distances.max(axis=0)
-    # Targets of which three coordinates were never read have no known position.
+    # A target has a known position if all three coordinates were read in an observation.
     is_known = (part.coordinates == 3).any(axis=0)
     largest_distance[~is_known] = np.inf
     nearest = int(largest_distance.argmin())
