@@ -80,7 +80,7 @@ class Triangle:
         flat = rows.reshape(-1, width)
         if not self.rows and len(flat) >= width:
             self.R = compute_triangular_factor(flat)
-        else:  # the factor of the earlier rows stands for these rows
+        else:  # the factor of the earlier rows replaces these rows
             self.R = compute_triangular_factor(np.concatenate([self.R, compute_triangular_factor(flat)]))
         self.rows += len(flat) if count is None else count
 
