@@ -80,6 +80,11 @@ BENCHMARKS = {
     "weight_steps": Benchmark(
         "studies.weight_steps", "gearboxes from two encoders: 600 steps, mistakes; 5 minutes", in_parts=True
     ),
+    "gearbox_pairs": Benchmark(
+        "studies.gearbox_pairs",
+        "gearbox and structure by one fit of motor and secondary runs; 10 minutes",
+        in_parts=True,
+    ),
     "encoders": Benchmark(
         "studies.encoders", "tracker and encoders, with play in the gears; 5 minutes", in_parts=True
     ),

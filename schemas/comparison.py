@@ -264,6 +264,14 @@ class ComparisonResult(Result):
         default_factory=list,
         description="First side's compliance less the second's, such as a gearbox's.",
     )
+    gearboxes: list[JointResult] = Field(
+        default_factory=list,
+        description="Gearboxes in front of the encoders that were read on one side and close the loop on the "
+        "other, by one fit.",
+    )
+    structures: list[JointResult] = Field(
+        default_factory=list, description="Structure behind these encoders, by the same fit."
+    )
     avoided: AvoidedDeflection | None = Field(
         description="Fraction of the deflection that the second side avoids; null for one side."
     )

@@ -260,6 +260,7 @@ FindingCode = Literal[
     # in two results side by side
     "no_common_configuration",
     "configurations_differ",
+    "encoder_against_difference",
     "robot_models_differ",
 ]
 

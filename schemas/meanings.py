@@ -114,6 +114,8 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "no_common_configuration": "Two compared sets have no configuration in common, so the avoided "
             "deflection is predicted, not measured.",
             "configurations_differ": "Configurations of one label differ in posture, load or load point.",
+            "encoder_against_difference": "An encoder behind a gearbox does not show the deflection that the "
+            "encoders in the loop remove (p < 0.001). *Use with care.*",
             "robot_models_differ": "The robots of the two sets have different kinematics.",
         },
         "Prediction, map, plan": {

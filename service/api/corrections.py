@@ -70,7 +70,7 @@ _JOB_ANSWERS: Final[dict[int | str, dict[str, Any]]] = {
 
 
 class _FormRoute(JobRoute):
-    """Route for forms alone: a request with another body goes to the route of columns at the same address."""
+    """Route for forms alone: a request with another body goes to the route of columns at this address."""
 
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
         """Return whether the route answers a request, by its address, method and media type."""

@@ -776,6 +776,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         # Without sigma, the first fit tells how the scatter compares to the noise of the readings.
         scatter=Scatter(joints=repeatability / sigma if repeatability and sigma else 0.0),
         encoders=encoders,
+        closed_on_links=header.encoders == "secondary",
         common_uncertainty=common_uncertainty,
         present=readings.present & ~unloaded_only,
     )

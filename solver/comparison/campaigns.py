@@ -38,6 +38,7 @@ from jointstiff.schemas.robot import Estimate
 from jointstiff.schemas.run import JointResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.evidence.structure import Apart, TargetsEstimate, take_two_runs_apart
 from jointstiff.solver.fit.estimate import (
     compute_profile_ends,
     invert_compliance,
@@ -110,6 +111,9 @@ class Comparison(NamedTuple):
 
     joints: list[JointRatio]  #: ratio of the stiffnesses of each of the n joints
     differences: list[JointResult]  #: compliance of each joint in the first campaign less that in the second
+    #: gearboxes and structure by one fit; None unless one campaign has readings of encoders behind the
+    #: gearboxes, and in the other these encoders close the position loop
+    apart: Apart | None
     ordered: OrderedResult | None  #: fit of both campaigns in one problem; None if not requested
     avoided: AvoidedDeflection  #: share of the deflection that the second campaign avoids
     #: labels of both campaigns whose observations differ in posture or load, or share no target
@@ -210,6 +214,7 @@ def compare_sides(
     return Comparison(
         joints=ratios,
         differences=differences,
+        apart=_take_apart(sides, confidence, same_load_point=same_load_point),
         ordered=ordered_result,
         avoided=compute_avoided_deflection(sides, matches, compliances),
         unlike=matches.unlike,
@@ -414,6 +419,24 @@ def _subtract_joint(
         interval=(max(low, 0.0), high),
         reason=None,
     )
+
+
+def _take_apart(sides: Sequence[Side], confidence: float, *, same_load_point: bool) -> Apart | None:
+    """Return gearboxes and structure by one fit of both campaigns; None unless their encoders allow it."""
+    motor, secondary = sorted(sides, key=lambda side: side.measurements.closed_on_links)
+    if motor.measurements.closed_on_links or not secondary.measurements.closed_on_links:
+        return None
+    estimates = []
+    for side in (motor, secondary):
+        free = side.free
+        sigma = side.measurements.sigma or free.sigma
+        if sigma is None:
+            return None
+        balanced = side.compliance if side.complementary_stiffness else None
+        rows = Rows(side.robot, side.measurements, balanced)
+        estimates.append(TargetsEstimate(rows, side.compliance, ~free.unseen, sigma, free.degrees_of_freedom))
+    of_motor, of_secondary = estimates
+    return take_two_runs_apart(of_motor, of_secondary, confidence, same_load_point=same_load_point)
 
 
 def _make_difference(

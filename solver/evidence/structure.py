@@ -1,30 +1,38 @@
 """Gearboxes and structure apart: compliances in front of encoders and behind them (method.md §18).
 
 An encoder behind the gearbox of joint j sees the gearbox alone, targets see gearbox and structure, such as
-bearings and housings:
+bearings and housings. While the encoders behind the gearboxes close the position loop, gearboxes do
+not move the targets:
 
-    twist_j = c_gear,j τ_j        δp_X = Σ_j J_j (c_gear,j + c_rest,j) τ_j.
+    twist_j = c_gear,j τ_j      δp_X = Σ_j J_j (c_gear,j + c_rest,j) τ_j      δp_X' = Σ_j J_j c_rest,j τ_j.
 
-Both are unknowns of one fit, together with what is stated of the load. Noise, and turns that tracker and
-encoders both see, are those of the residuals with both unknowns free: structure is not taken for noise.
+All are unknowns of one fit, together with what is stated of the loads. Noise, and turns that tracker and
+encoders both see, are those of the residuals with all unknowns free: structure is not taken for noise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
-from typing import Final
+from math import isfinite
+from typing import Final, Literal
 
 import numpy as np
 from scipy import special
 from scipy.optimize import nnls
 
+from jointstiff.schemas.run import JointResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence.scatter import find_scatter_of_terms
-from jointstiff.solver.fit.estimate import Estimate, compute_interval_ends
+from jointstiff.solver.fit.estimate import (
+    Estimate,
+    compute_interval_ends,
+    invert_compliance,
+    stiffness_interval,
+)
 from jointstiff.solver.fit.observability import Excitation
 from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationProblem
 from jointstiff.solver.fit.rows import Rows
@@ -33,14 +41,16 @@ from jointstiff.solver.fit.stages import Likelihood, student_quantile
 from jointstiff.solver.fit.statements import list_stated_terms
 from jointstiff.solver.fit.triangle import Triangle
 from jointstiff.solver.mechanics.block import BlockRows, Term, build_rows, fitted_errors
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS, STRUCTURE
-from jointstiff.solver.mechanics.terms import FORCE_SCALE
+from jointstiff.solver.mechanics.terms import FORCE_SCALE, LOAD_POINT
 
 STRUCTURE_LEVEL: Final = 0.05
 """Significance level of the test for structure that bends: of joints whose encoders see all, one campaign in
 twenty gets wider intervals for nothing."""
 _AGAINST_LEVEL: Final = 1e-3
-"""Significance level of the test whether encoders see more than the targets, which no structure explains."""
+"""Significance level of the tests whether encoders see more than the targets, which no structure explains,
+and whether they see something else than the difference of two runs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +66,9 @@ class Apart:
         FloatArray  #: (m,) standard uncertainty of an angle of each encoder, as the residuals show it [rad]
     )
     p_value: float  #: of the test that nothing behind the encoders bends
+    #: (m,) by how much more an encoder shows than the difference of two runs, in standard uncertainties;
+    #: zeros for a single run
+    excess: FloatArray
 
     @property
     def shows_structure(self) -> bool:
@@ -69,6 +82,66 @@ class Apart:
         p_values = len(self.joints) * special.ndtr(standardised)
         return np.asarray(self.joints[p_values < _AGAINST_LEVEL])
 
+    @cached_property
+    def differing(self) -> IndexArray:
+        """Indices of the joints whose encoders see something else than the difference of two runs."""
+        p_values = 2.0 * len(self.joints) * special.ndtr(-np.abs(self.excess))
+        return np.asarray(self.joints[p_values < _AGAINST_LEVEL])
+
+
+def build_parts(apart: Apart | None, part: int, names: Sequence[str]) -> list[JointResult]:
+    """Build one message for each joint that is taken apart.
+
+    Args:
+        apart: gearboxes and structure; None without any.
+        part: 0 for gearboxes, 1 for structure.
+        names: names of the n joints.
+    """
+    if apart is None:
+        return []
+    messages = []
+    for k, joint in enumerate(apart.joints.tolist()):
+        compliance = float(apart.compliance[part, k])
+        lower, upper = apart.interval[part, k].tolist()
+        excludes_zero = lower > 0.0
+        status: Literal["identified", "uncertain", "at_bound"]
+        if excludes_zero:
+            status = "identified"
+        elif compliance > 0.0:
+            status = "uncertain"
+        else:
+            status = "at_bound"
+        messages.append(
+            JointResult(
+                name=names[joint],
+                status=status,
+                verdict="use" if excludes_zero else "use_with_care",
+                compliance=compliance,
+                stiffness=invert_compliance(compliance),
+                standard_uncertainty=float(apart.uncertainty[part, k]),
+                compliance_interval=(lower, upper),
+                stiffness_interval=stiffness_interval((lower, upper)),
+                reason=None,
+            )
+        )
+    return messages
+
+
+@dataclass(frozen=True, eq=False)
+class TargetsEstimate:
+    """Compliances of n joints by the targets of N observations."""
+
+    rows: Rows  #: N observations
+    compliance: FloatArray  #: (n,) at which the columns of errors are computed; NaN without one [rad/(N·m)]
+    is_seen: BoolArray  #: (n,) mask of the joints that the targets show
+    sigma: float  #: standard uncertainty of a coordinate of a reading [m]
+    degrees_of_freedom: float = np.inf  #: degrees of freedom of sigma; inf if it was given
+
+    @property
+    def linearisation(self) -> FloatArray:
+        """Compliances (n,) of at least zero, at which columns are computed [rad/(N·m)]."""
+        return np.maximum(np.nan_to_num(self.compliance), 0.0)
+
 
 def take_apart(rows: Rows, of_targets: Estimate, confidence: float) -> Apart | None:
     """Return the compliances of gearboxes and of structure; None if no joint shows both.
@@ -79,114 +152,274 @@ def take_apart(rows: Rows, of_targets: Estimate, confidence: float) -> Apart | N
         confidence: level of the intervals.
     """
     measurements = rows.measurements
-    encoders, sigma = measurements.encoders, measurements.sigma
-    if encoders is None or sigma is None:
+    if measurements.encoders is None or measurements.sigma is None:
         return None
-    rows = rows.at(of_targets.balanced)
-    # Readings of targets, and a torque on the gearbox, both show a compliance.
     is_seen = ~of_targets.observability.null
-    is_apart = is_seen & ~Excitation.of(rows).observability().null & encoders.present.any(axis=0)
-    joints = np.flatnonzero(is_apart)
+    rows = rows.at(of_targets.balanced)
+    run = TargetsEstimate(rows, of_targets.compliance, is_seen, measurements.sigma)
+    joints = _find_joints(run, is_seen)
     if not len(joints):
         return None
+    scale = FORCE_SCALE.prior(measurements.common_uncertainty)
     try:
-        problem = _Problem.of(rows, np.maximum(of_targets.compliance, 0.0), joints, is_seen, sigma)
-        return problem.solve(confidence)
+        equations = _state_motor_run(run, joints, _list_errors(measurements))
+        is_behind = np.isin(np.arange(rows.robot.n), joints)
+        return _Problem.of(equations, joints, is_seen, is_behind).solve(confidence, sum(scale))
     except (SolverError, np.linalg.LinAlgError):
         return None
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Rows of all readings and statements; joints' compliances come first, then those of structure."""
+def take_two_runs_apart(
+    motor: TargetsEstimate, secondary: TargetsEstimate, confidence: float, *, same_load_point: bool
+) -> Apart | None:
+    """Return gearboxes and structure by one fit of two runs; None if no joint shows both.
 
-    rows: Rows  # with the scatter of the fit
-    triangle: Triangle  # of all readings and statements, in units of sigma
-    columns: IndexArray  # (K,) fitted columns: joints that are seen, structure of m joints, errors
-    joints: IndexArray  # (m,) joints that are taken apart
-    of_gearboxes: IndexArray  # (m,) positions of their compliances among the fitted columns
-    of_structure: IndexArray  # (m,) positions of the compliances of their structure
-    sigma: float
+    A scale of all loads that both runs assume is one error, as in a comparison; stated scales are two errors.
+
+    Args:
+        motor: run with readings of encoders, in which the encoders of the motors close the position loop.
+        secondary: run in which the encoders behind the gearboxes close the position loop.
+        confidence: level of the intervals.
+        same_load_point: whether the error of the load point is the same in both runs.
+    """
+    joints = _find_joints(motor, motor.is_seen & secondary.is_seen)
+    if not len(joints):
+        return None
+    measured = [run.rows.measurements for run in (motor, secondary)]
+    shares_scale = all("force_scale" in each.common_uncertainty.assumed for each in measured)
+    scale = measured[0].common_uncertainty.scale if shares_scale else 0.0
+    errors = [_list_errors(each, with_scale=not shares_scale) for each in measured]
+    shared = [LOAD_POINT.name] if same_load_point else []
+    freedom = min(motor.degrees_of_freedom, secondary.degrees_of_freedom)
+    try:
+        first = _state_motor_run(motor, joints, errors[0])
+        second = _state_secondary_run(secondary, errors[1], shared)
+        problem = _Problem.of(first.join(second, shared), joints, motor.is_seen, secondary.is_seen)
+        return problem.solve(confidence, scale, freedom)
+    except (SolverError, np.linalg.LinAlgError):
+        return None
+
+
+def _find_joints(motor: TargetsEstimate, is_seen: BoolArray) -> IndexArray:
+    """Return the joints (m,) whose compliance both the targets and an encoder under a torque show."""
+    encoders = motor.rows.measurements.encoders
+    if encoders is None:
+        return np.zeros(0, np.intp)
+    is_loaded = ~Excitation.of(motor.rows).observability().null
+    return np.flatnonzero(is_seen & is_loaded & encoders.present.any(axis=0))
+
+
+def _list_errors(measurements: Measurements, *, with_scale: bool = False) -> list[Term]:
+    """Return the errors that are fitted; `with_scale` adds an uncertain scale of all loads."""
+    errors = [*fitted_errors(measurements).terms, *list_stated_terms(measurements)]
+    if with_scale and any(FORCE_SCALE.prior(measurements.common_uncertainty)):
+        errors.append(FORCE_SCALE)
+    return errors
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """Rows of all readings and statements of a run, in units of their noise."""
+
+    matrix: FloatArray  # (k, K) columns of joints, of structure, then of errors
+    rhs: FloatArray  # (k,)
+    span: dict[str, IndexArray]  # name of a term → its columns
+    noise: FloatArray  # (n,) noise of the encoders, as the residuals show it [rad]
+    #: (k, n) columns that only a second run has, of compliances behind the encoders; None for one run
+    second: FloatArray | None = None
 
     @classmethod
     def of(
-        cls, rows: Rows, whole: FloatArray, joints: IndexArray, is_seen: BoolArray, sigma: float
-    ) -> _Problem:
-        """State the problem.
+        cls,
+        rows: Rows,
+        generated: Iterable[BlockRows],
+        errors: Sequence[Term],
+        unstated: Collection[str] = (),
+    ) -> _Equations:
+        """Compress whitened rows, and add what is stated of errors.
 
         Args:
-            rows: N observations.
-            whole: (n,) compliances as the targets show them, at which columns of errors are computed.
-            joints: (m,) joints that are taken apart.
-            is_seen: (n,) mask of the joints that the targets show.
-            sigma: standard uncertainty of a coordinate of a reading [m].
+            rows: N observations, with the scatter of the fit and with sigma.
+            generated: whitened rows of the blocks.
+            errors: terms of errors.
+            unstated: names of errors that are stated elsewhere.
         """
         measurements = rows.measurements
-        errors = [*fitted_errors(measurements).terms, *list_stated_terms(measurements)]
-        terms = [JOINTS, STRUCTURE, *errors]
-        gear = _fit_gearboxes(rows, whole, joints)
-        n, seen = rows.robot.n, np.flatnonzero(is_seen)
-        first_error = 2 * n
-
-        def list_columns(width: int) -> IndexArray:
-            return np.concatenate([seen, n + joints, np.arange(first_error, width)])
-
-        scatter = find_scatter_of_terms(rows, terms, whole, list_columns)
-        rows = rows.with_scatter(scatter)
-        generated = _generate(rows, terms, whole, gear)
+        sigma = measurements.sigma or 1.0
+        generated = iter(generated)
         first = next(generated)
         triangle = Triangle(**first.widths)
         for of_block in chain([first], generated):
             triangle.add(of_block.flat, count=int(of_block.read.sum()))
-        for term in list_stated_terms(measurements):
-            uncertainty = np.resize(
-                term.prior(measurements.common_uncertainty), len(triangle.span[term.name])
-            )
-            triangle = triangle.state(term.name, uncertainty, sigma)
-        of_gearboxes = np.searchsorted(seen, joints)
-        of_structure = len(seen) + np.arange(len(joints))
-        columns = list_columns(triangle.matrix.shape[1])
-        return cls(rows, triangle, columns, joints, of_gearboxes, of_structure, sigma)
+        unit = np.ones(triangle.matrix.shape[1])
+        for term in errors:
+            uncertainty = term.prior(measurements.common_uncertainty)
+            if not any(uncertainty):
+                continue  # fitted without a statement
+            columns = triangle.span[term.name]
+            if term.name in unstated:
+                unit[columns] = np.resize(uncertainty, len(columns))
+            else:
+                triangle = triangle.state(term.name, np.resize(uncertainty, len(columns)), sigma)
+        encoders = measurements.encoders
+        stated_noise = 0.0 if encoders is None else encoders.sigma
+        noise = stated_noise * np.array(measurements.scatter.encoders or (1.0,) * rows.robot.n)
+        return cls(triangle.matrix * unit / sigma, triangle.rhs / sigma, triangle.span, noise)
 
-    def solve(self, confidence: float) -> Apart:
-        """Fit compliances of at least zero; return them with intervals at a confidence."""
-        matrix = self.triangle.matrix[:, self.columns] / self.sigma
-        rhs = self.triangle.rhs / self.sigma
+    def join(self, second: _Equations, shared: Collection[str]) -> _Equations:
+        """Return the equations of two runs; the joints of the second run are structure of the first.
+
+        Args:
+            second: equations of the second run.
+            shared: names of errors that are the same in both runs.
+        """
+        height, width = self.matrix.shape
+        places = np.full(second.matrix.shape[1], -1)
+        places[second.span[JOINTS.name]] = self.span[STRUCTURE.name]
+        for name in shared:
+            places[second.span[name]] = self.span[name]
+        is_own = places < 0
+        places[is_own] = width + np.arange(is_own.sum())
+        matrix = np.zeros((height + len(second.matrix), width + is_own.sum()))
+        matrix[:height, :width] = self.matrix
+        matrix[height:, places] = second.matrix
+        of_second = np.zeros((len(matrix), len(self.noise)))
+        of_second[height:] = second.matrix[:, second.span[JOINTS.name]]
+        rhs = np.concatenate([self.rhs, second.rhs])
+        return _Equations(matrix, rhs, self.span, self.noise, of_second)
+
+
+def _state_motor_run(run: TargetsEstimate, joints: IndexArray, errors: Sequence[Term]) -> _Equations:
+    """Return the equations of a run with readings of encoders.
+
+    Args:
+        run: the run.
+        joints: (m,) joints that are taken apart.
+        errors: terms of errors.
+    """
+    terms, whole, n = [JOINTS, STRUCTURE, *errors], run.linearisation, run.rows.robot.n
+    gear = _fit_gearboxes(run.rows, whole, joints)
+    seen = np.flatnonzero(run.is_seen)
+
+    def list_columns(width: int) -> IndexArray:
+        return np.concatenate([seen, n + joints, np.arange(2 * n, width)])
+
+    rows = run.rows.with_scatter(find_scatter_of_terms(run.rows, terms, whole, list_columns))
+    return _Equations.of(rows, _generate(rows, terms, whole, gear), errors)
+
+
+def _state_secondary_run(
+    run: TargetsEstimate, errors: Sequence[Term], unstated: Collection[str]
+) -> _Equations:
+    """Return the equations of a run without gearboxes; `unstated` are errors that the other run states."""
+    terms, compliance, n = [JOINTS, *errors], run.linearisation, run.rows.robot.n
+    rows = run.rows.of(replace(run.rows.measurements, sigma=run.sigma, encoders=None))
+    seen = np.flatnonzero(run.is_seen)
+
+    def list_columns(width: int) -> IndexArray:
+        return np.concatenate([seen, np.arange(n, width)])
+
+    rows = rows.with_scatter(find_scatter_of_terms(rows, terms, compliance, list_columns))
+    return _Equations.of(rows, rows.generate(terms, compliance), errors, unstated)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Equations of the unknowns that the readings show: compliances come first, then errors."""
+
+    equations: _Equations
+    columns: IndexArray  # (K,) fitted columns
+    joints: IndexArray  # (m,) joints that are taken apart
+    compliance_count: int  # number of compliances among the unknowns
+    of_gearboxes: IndexArray  # (m,) positions of their compliances among the fitted columns
+    of_structure: IndexArray  # (m,) positions of the compliances of their structure
+
+    @classmethod
+    def of(
+        cls, equations: _Equations, joints: IndexArray, is_seen: BoolArray, is_behind: BoolArray
+    ) -> _Problem:
+        """Choose the unknowns.
+
+        Args:
+            equations: rows of readings and statements.
+            joints: (m,) joints that are taken apart.
+            is_seen: (n,) mask of the joints that the run with encoders shows.
+            is_behind: (n,) mask of the joints with structure behind encoders.
+        """
+        n = len(is_seen)
+        seen, behind = np.flatnonzero(is_seen), np.flatnonzero(is_behind)
+        errors = np.arange(2 * n, equations.matrix.shape[1])
+        return cls(
+            equations,
+            np.concatenate([seen, n + behind, errors]),
+            joints,
+            len(seen) + len(behind),
+            np.searchsorted(seen, joints),
+            len(seen) + np.searchsorted(behind, joints),
+        )
+
+    def solve(self, confidence: float, scale: float, degrees_of_freedom: float = np.inf) -> Apart:
+        """Fit compliances of at least zero; return them with intervals.
+
+        Args:
+            confidence: level of the intervals.
+            scale: standard uncertainty of a scale of all loads, which is none of the unknowns.
+            degrees_of_freedom: degrees of freedom of the noise; inf if it was given.
+        """
+        matrix, rhs = self.equations.matrix[:, self.columns], self.equations.rhs
         unit = 1.0 / np.linalg.norm(matrix, axis=0)
-        compliances = np.concatenate([np.arange(self.of_structure[-1] + 1)])
-        lower = np.full(len(unit), -np.inf)
-        lower[compliances] = 0.0
-        bounds = Bounds(lower, np.full(len(unit), np.inf))
+        is_compliance = np.arange(len(unit)) < self.compliance_count
+        bounds = Bounds(np.where(is_compliance, 0.0, -np.inf), np.full(len(unit), np.inf))
         scaled = matrix * unit
         best = solve(IdentificationProblem(scaled, rhs, bounds)).compliance
-        free = np.asarray(np.linalg.lstsq(scaled, rhs, rcond=None)[0])
-        inverse = np.linalg.inv(np.linalg.qr(scaled)[1])
-        covariance = inverse @ inverse.T
-        structure = self.of_structure
-        likelihood = Likelihood(np.arange(len(free)), free, covariance)
+        free, covariance = _fit_freely(scaled, rhs)
         # A scale of all loads changes all compliances alike, which no reading shows.
-        scale = FORCE_SCALE.prior(self.rows.measurements.common_uncertainty)
-        if any(scale):
-            response = np.where(lower == 0.0, free, 0.0) * scale[0]
-            likelihood = likelihood.add_common_errors(response[:, None])
-        wanted = np.concatenate([self.of_gearboxes, structure])
-        radius = np.array([student_quantile(0.5 * (1.0 + confidence), None)])
+        response = np.where(is_compliance, free, 0.0) * scale
+        likelihood = Likelihood(np.arange(len(free)), free, covariance).add_common_errors(response[:, None])
+        wanted = np.concatenate([self.of_gearboxes, self.of_structure])
+        freedom = degrees_of_freedom if isfinite(degrees_of_freedom) else None
+        radius = np.array([student_quantile(0.5 * (1.0 + confidence), freedom)])
         functions = np.eye(len(free))[wanted]
         ends = compute_interval_ends(likelihood, Constraints(bounds), functions, radius, best[wanted])[0]
         deviation = np.sqrt(np.diagonal(likelihood.covariance)[wanted])
         shape = (2, len(self.joints))
-        measurements = self.rows.measurements
-        noise = np.array(measurements.scatter.encoders or (1.0,) * self.rows.robot.n)[self.joints]
-        stated = 0.0 if measurements.encoders is None else measurements.encoders.sigma
+        structure = self.of_structure
         return Apart(
             joints=self.joints,
             compliance=(unit[wanted] * best[wanted]).reshape(shape),
             free_compliance=(unit[wanted] * free[wanted]).reshape(shape),
             uncertainty=(unit[wanted] * deviation).reshape(shape),
             interval=(unit[wanted][:, None] * ends).reshape(*shape, 2),
-            noise=noise * stated,
+            noise=self.equations.noise[self.joints],
             p_value=_test_for_structure(free[structure], covariance[np.ix_(structure, structure)]),
+            excess=self._compare_runs(scaled),
         )
+
+    def _compare_runs(self, scaled: FloatArray) -> FloatArray:
+        """Return how much more than the difference of two runs the encoders show [standard uncertainties].
+
+        Each joint may have another compliance behind its encoder in the second run: zero if both agree.
+
+        Args:
+            scaled: (k, K) columns of the unknowns, of unit norm.
+
+        Returns:
+            (m,) zeros for a single run.
+        """
+        second = self.equations.second
+        if second is None:
+            return np.zeros(len(self.joints))
+        further = second[:, self.joints]
+        further = further / np.linalg.norm(further, axis=0)
+        free, covariance = _fit_freely(np.concatenate([further, scaled], axis=1), self.equations.rhs)
+        return (free / np.sqrt(np.diagonal(covariance)))[: len(self.joints)]
+
+
+def _fit_freely(matrix: FloatArray, rhs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the unknowns (K,) of equations without constraints, and their covariance (K, K)."""
+    free = np.asarray(np.linalg.lstsq(matrix, rhs, rcond=None)[0])
+    inverse = np.linalg.inv(np.linalg.qr(matrix)[1])
+    return free, inverse @ inverse.T
 
 
 def _test_for_structure(free: FloatArray, covariance: FloatArray) -> float:

@@ -448,6 +448,7 @@ class Measurements:
     #: readings of secondary encoders; None without encoders. They require `sigma`, which weights them
     #: relative to the targets.
     encoders: EncoderReadings | None = None
+    closed_on_links: bool = False  #: whether encoders behind the gearboxes close the position loop
     returned: ReturnReadings | None = None  #: readings after the load was removed; None without any
     #: repeatability as stated: standard deviation of each joint's angle from one posture to the next, which
     #: moves all targets of a posture together [rad]; None if not stated

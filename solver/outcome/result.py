@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,15 +15,13 @@ from jointstiff.schemas.model import IdentifiedModel
 from jointstiff.schemas.run import RunResult
 from jointstiff.solver.evidence.reliability import LeastMistake
 from jointstiff.solver.evidence.scatter import Repeatability
-from jointstiff.solver.evidence.structure import Apart
+from jointstiff.solver.evidence.structure import Apart, build_parts
 from jointstiff.solver.fit.estimate import (
     ComplementaryStiffness,
     Estimate,
     JointCompliance,
     Prediction,
     UncertaintyBudget,
-    invert_compliance,
-    stiffness_interval,
 )
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.messages import build_messages, finite_or_none, list_joint_kinds
@@ -273,9 +271,7 @@ def _build_residuals(prediction: Prediction, measurements: Measurements) -> list
 def _build_parts(
     apart: Apart | None, part: int, names: Sequence[str], assessment: Assessment
 ) -> list[runs.JointResult]:
-    """Build messages of the compliances of either gearboxes or structure.
-
-    Encoders behind the gearboxes tell these two parts of a joint's compliance apart.
+    """Build one message for each joint that is taken apart, with a verdict no better than the run's.
 
     Args:
         apart: compliances of gearboxes and structure of some joints; None without encoders.
@@ -283,36 +279,12 @@ def _build_parts(
         names: names of the n joints.
         assessment: assessment of the run, whose reasons concern these numbers, too.
     """
-    if apart is None:
-        return []
     messages = []
-    for k, joint in enumerate(apart.joints.tolist()):
-        compliance = float(apart.compliance[part, k])
-        lower, upper = apart.interval[part, k].tolist()
-        excludes_zero = lower > 0.0
-        status: Literal["identified", "uncertain", "at_bound"]
-        if excludes_zero:
-            status = "identified"
-        elif compliance > 0.0:
-            status = "uncertain"
-        else:
-            status = "at_bound"
-        verdict: Verdict = "use" if excludes_zero and assessment.verdict == "use" else "use_with_care"
-        if "do_not_use" in (assessment.verdict, assessment.joints[joint]):
-            verdict = "do_not_use"
-        messages.append(
-            runs.JointResult(
-                name=names[joint],
-                status=status,
-                verdict=verdict,
-                compliance=compliance,
-                stiffness=invert_compliance(compliance),
-                standard_uncertainty=float(apart.uncertainty[part, k]),
-                compliance_interval=(lower, upper),
-                stiffness_interval=stiffness_interval((lower, upper)),
-                reason=None,
-            )
-        )
+    for message in build_parts(apart, part, names):
+        of_joint = assessment.joints[names.index(message.name)]
+        worst = assessment.verdict == "do_not_use" or of_joint == "do_not_use"
+        careful: Verdict = message.verdict if assessment.verdict == "use" else "use_with_care"
+        messages.append(message.model_copy(update={"verdict": "do_not_use" if worst else careful}))
     return messages
 
 

@@ -11,11 +11,18 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from jointstiff.simulator import SpringArm
+from jointstiff.schemas.options import RunOptions
+from jointstiff.simulator import SpringArm, default_arm
 from jointstiff.simulator.campaign import TARGETS, Experiment
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.mechanics.measurements import EncoderReadings, Measurements
+from jointstiff.solver.comparison.campaigns import Comparison, FreeEstimate, Side, compare_sides
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderReadings, Measurements
+
+from .springs import robot_of
 
 _STREAM: Final = 93
 SIGMA: Final = 2e-5
@@ -56,6 +63,98 @@ class EncoderCampaign:
 
     arm: SpringArm
     measurements: Measurements
+
+
+@dataclass(frozen=True, eq=False)
+class EncoderPair:
+    """Campaigns of the same postures and pulls by both position loops, with what is true."""
+
+    motor: Measurements  #: with readings of encoders behind three gearboxes
+    secondary: Measurements  #: while these encoders close the position loop
+    gearboxes: FloatArray  #: (3,) compliances in front of the encoders [rad/(N·m)]
+    structure: FloatArray  #: (3,) compliances behind them [rad/(N·m)]
+
+
+MOTOR: Final = default_arm("motor")
+SECONDARY: Final = default_arm("secondary")
+
+
+def simulate_pair(
+    design: Design, common: CommonUncertainty, seed: int, *, same_load_point: bool, play: float = 20e-6
+) -> EncoderPair:
+    """Return campaigns whose loads err as stated.
+
+    Args:
+        design: postures and pulls.
+        common: uncertainties of loads. An assumed scale is one error of both campaigns.
+        seed: of the noise and the errors.
+        same_load_point: whether the load point errs alike in both campaigns.
+        play: lost motion of each gearbox [rad].
+    """
+    generator = np.random.default_rng([seed, _STREAM, 2])
+    scales = common.scale * generator.standard_normal(2)
+    places = common.load_point * generator.standard_normal((2, 3))
+    if "force_scale" in common.assumed:
+        scales[1] = scales[0]
+    if same_load_point:
+        places[1] = places[0]
+    read = list(READ)
+    measured = []
+    for arm, scale, place in zip((MOTOR, SECONDARY), scales, places, strict=True):
+        plan = design.experiment
+        force, moment, point = (np.asarray(each) for each in plan.wrenches)
+        sides = generator.choice([-1.0, 1.0], (2, *plan.joints.shape))
+        unloaded, from_side = plan.joints + 0.5 * play * sides
+        bent = equilibrium(arm, from_side, (1.0 + scale) * force, (1.0 + scale) * moment, point + place)
+        loaded = from_side + bent
+        shape = (len(plan.joints), *_POINTS.shape)
+        positions = [
+            arm.posture(links).targets_to_base(_POINTS) + SIGMA * generator.standard_normal(shape)
+            for links in (unloaded, loaded)
+        ]
+        campaign = replace(design.measurements(*positions, sigma=SIGMA), common_uncertainty=common)
+        if arm is MOTOR:
+            of_gearboxes = bent * (1.0 - SECONDARY.compliances / MOTOR.compliances)
+            noise = np.sqrt(2.0) * STATED * generator.standard_normal(bent.shape)
+            twist = from_side - unloaded + of_gearboxes + noise
+            present = np.zeros(twist.shape, np.bool_)
+            present[:, READ] = True
+            encoders = EncoderReadings(np.where(present, twist, 0.0), present, STATED)
+            campaign = replace(campaign, encoders=encoders)
+        else:
+            campaign = replace(campaign, closed_on_links=True)
+        measured.append(campaign)
+    gearboxes = (MOTOR.compliances - SECONDARY.compliances)[read]
+    return EncoderPair(measured[0], measured[1], gearboxes, SECONDARY.compliances[read])
+
+
+def compare_pair(pair: EncoderPair, *, same_load_point: bool) -> Comparison:
+    """Identify both campaigns of a pair, and compare them."""
+    robot = robot_of(MOTOR)
+    settings = Settings.from_options(RunOptions(), robot)
+    sides = []
+    for measurements in (pair.motor, pair.secondary):
+        estimate = JointsAlone(Rows(robot, measurements), settings).estimate
+        common = estimate.common
+        assert common is not None
+        assert estimate.covariance is not None
+        assumed = {}
+        if "force_scale" in measurements.common_uncertainty.assumed:
+            responses = common.responses_to("assumed_force_scale")
+            assumed["force_scale"] = responses @ responses.T
+        free = FreeEstimate(
+            compliance=estimate.compliance,
+            covariance=estimate.covariance,
+            readings=estimate.covariance,
+            assumed=assumed,
+            load_point=common.responses_to("load_point"),
+            sigma=estimate.sigma,
+            degrees_of_freedom=np.inf,
+            reasons=[None] * robot.n,
+            unseen=estimate.observability.null,
+        )
+        sides.append(Side(robot, measurements, estimate.compliance, settings.constraints, True, free))
+    return compare_sides(*sides, confidence=0.95, same_load_point=same_load_point)
 
 
 def simulate(design: Design, errors: Errors, seed: int) -> EncoderCampaign:

@@ -23,7 +23,7 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.robot import Estimate
 from jointstiff.schemas.run import JointResult, ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.kind import File, Kind
-from jointstiff.service.kinds.run.kind import compute_mean_and_deviation
+from jointstiff.service.kinds.run.kind import compute_mean_and_deviation, parts_table
 from jointstiff.service.tables.estimate import (
     ShownEstimate,
     estimate_columns,
@@ -111,6 +111,8 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
     ]
     if result.differences:
         parts += [Line(""), _differences_table(result, unit)]
+    if result.gearboxes:
+        parts.append(parts_table(result, result.confidence, unit))
     if result.ordered is not None:
         parts.append(_ordered_table(result.ordered, unit))
     avoided = result.avoided

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import inf
@@ -36,10 +36,12 @@ from jointstiff.solver.comparison.campaigns import (
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.fitted_causes import fit_causes
 from jointstiff.solver.evidence.refuted import leave_out, list_refuted
+from jointstiff.solver.evidence.structure import Apart, build_parts
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.models import JointModel
+from jointstiff.solver.text import figure
 
 _NO_FIT: Final = Finding(
     code="no_joint_identified",
@@ -221,6 +223,24 @@ def _list_comparison_reasons(side_comparison: Comparison) -> list[Finding]:
     return reasons
 
 
+def _report_differing_encoders(apart: Apart | None, names: Sequence[str]) -> Iterator[Finding]:
+    """Yield a finding for each joint whose encoder does not show what the second loop removes."""
+    if apart is None:
+        return
+    for joint in apart.differing.tolist():
+        excess = float(apart.excess[apart.joints.tolist().index(joint)])
+        sense = "more" if excess > 0.0 else "less"
+        yield Finding(
+            code="encoder_against_difference",
+            weight="use_with_care",
+            message=f"the encoder of {names[joint]} shows {sense} deflection than the encoders in the loop "
+            f"remove, by {figure(abs(excess), '.2g')} standard uncertainties",
+            remedy="check that this encoder closes the loop, that its angles are those of the model's joint, "
+            "and that the loads of both sets are stated alike",
+            where=names[joint],
+        )
+
+
 def _add_comparison_of_sides(
     inputs: Inputs,
     request: ComparisonRequest,
@@ -271,13 +291,20 @@ def _add_comparison_of_sides(
         each.model_copy(update={"reasons": [_add_side_to_place(reason, name) for reason in each.reasons]})
         for name, each in run_assessments.items()
     ]
-    reasons = _list_comparison_reasons(side_comparison)
+    names, apart = sides[0].robot.joint_names, side_comparison.apart
+    reasons = [*_list_comparison_reasons(side_comparison), *_report_differing_encoders(apart, names)]
     assessment = assess_with_run("comparison", reasons, combine_assessments(assessments))
+    gearboxes, structures = (
+        [_limit_verdict(each, assessment.verdict) for each in build_parts(apart, part, names)]
+        for part in range(2)
+    )
     return result.model_copy(
         update={
             "assessment": assessment,
             "joints": side_comparison.joints,
             "differences": [_limit_verdict(each, assessment.verdict) for each in side_comparison.differences],
+            "gearboxes": gearboxes,
+            "structures": structures,
             "avoided": side_comparison.avoided,
             "ordered": side_comparison.ordered,
             "warnings": warnings,

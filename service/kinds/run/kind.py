@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from math import sqrt
 from typing import TYPE_CHECKING, Any, Final
 
+from jointstiff.schemas.comparison import ComparisonResult
 from jointstiff.schemas.finding import ROOT_MISTAKES
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.model import ElasticCompliance, LinksResult, ScoredModel
@@ -81,7 +82,7 @@ def _make_report(run: Run, result: RunResult, view: View) -> Report:
     reasons = joint_reason_lines((joint.name, joint.reason) for joint in result.joints)
     parts: list[Part] = [joints_table, *reasons]
     if result.gearboxes:
-        parts += [Line(""), _parts_table(run, result, view.unit)]
+        parts += [Line(""), parts_table(result, run.request.confidence, view.unit)]
     further: list[Part] = [_fit_summary(result)]
     if result.weight is not None:
         further += _weight_lines(result.weight)
@@ -144,9 +145,8 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
     )
 
 
-def _parts_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
+def parts_table(result: RunResult | ComparisonResult, confidence: float, unit: StiffnessUnit) -> Table:
     """Return the table of gearboxes and of structure behind their encoders, whose compliances add up."""
-    confidence = run.request.confidence
     gearboxes = [unit.show_joint(joint) for joint in result.gearboxes]
     structures = [unit.show_joint(joint) for joint in result.structures]
     return Table(

@@ -4,6 +4,7 @@ import copy
 import json
 
 import pytest
+from support.readings import with_encoders
 
 import jointstiff as js
 from jointstiff.service.kinds.comparison.kind import make_charts
@@ -52,3 +53,42 @@ def test_the_example_campaigns_of_motor_and_secondary_encoders_share_their_postu
         each["measurement_set"]["observations"][0]["readings"][0]["unloaded"] for each in (first, second)
     )
     assert one != two  # each has noise of its own
+
+
+def with_gearboxes_read(motor, secondary):
+    """Return pulls by both loops; encoders of joints 1 to 3 read what the second loop removes."""
+    first = with_encoders(motor, simulate_campaign(motor, load="pull", seed=5), joints=(0, 1, 2))
+    part = 1.0 - secondary.compliances / motor.compliances
+    for observation in first["measurement_set"]["observations"]:
+        for reading, share in zip(observation["encoder_readings"], part[:3], strict=True):
+            reading["loaded"] = reading["unloaded"] + share * (reading["loaded"] - reading["unloaded"])
+    return first, simulate_campaign(secondary, load="pull", seed=5, noise_seed=6, encoders="secondary")
+
+
+def test_encoders_that_close_the_other_loop_give_gearbox_and_structure():
+    motor, secondary = default_arm("motor"), default_arm("secondary")
+    comparison = js.compare(*with_gearboxes_read(motor, secondary), methods=[])
+    names = ["joint_1", "joint_2", "joint_3"]
+    truth = {"gearboxes": motor.compliances - secondary.compliances, "structures": secondary.compliances}
+    for field, compliances in truth.items():
+        parts = getattr(comparison.result, field)
+        assert [part.name for part in parts] == names
+        for part, c in zip(parts, compliances.tolist(), strict=False):
+            assert part.compliance_interval[0] <= c <= part.compliance_interval[1]
+    assert "Gearbox and structure apart" in comparison.summary()
+    alone = js.compare(simulate_campaign_of(seed=3), simulate_campaign_of(seed=3, noise_seed=1), methods=[])
+    assert alone.result.gearboxes == alone.result.structures == []
+
+
+def test_an_encoder_that_does_not_show_what_the_loop_removes_is_a_reason():
+    first, second = with_gearboxes_read(default_arm("motor"), default_arm("secondary"))
+    for observation in first["measurement_set"]["observations"]:
+        reading = observation["encoder_readings"][1]
+        reading["loaded"] = reading["unloaded"] + 0.6 * (reading["loaded"] - reading["unloaded"])
+    assessment = js.compare(first, second, methods=[]).result.assessment
+    (reason,) = [each for each in assessment.reasons if each.code == "encoder_against_difference"]
+    assert reason.where == "joint_2"
+    assert reason.message.startswith(
+        "the encoder of joint_2 shows less deflection than the encoders in the loop"
+    )
+    assert assessment.verdict == "use_with_care"

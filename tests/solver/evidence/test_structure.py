@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.encoder_campaigns import READ, STATED, EncoderCampaign, Errors
+from support.encoder_campaigns import READ, STATED, EncoderCampaign, Errors, compare_pair, simulate_pair
 from support.encoder_campaigns import simulate as simulate_on
 from support.springs import SpringCampaign, robot_of
 
@@ -14,7 +14,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.mechanics.measurements import Measurements, Scatter
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements, Scatter
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.run import run
 
@@ -132,6 +132,56 @@ def test_columns_of_encoders_are_in_the_stack():
     expected = measurements.sigma / STATED / np.sqrt(2.0) * rows.block.torque[..., None] * np.eye(6)
     expected[:, 3:] = 0.0
     np.testing.assert_allclose(of_encoders, expected)
+
+
+STATED_LOADS = CommonUncertainty(scale=0.002, load_point=0.002)
+
+
+def test_two_runs_give_gearbox_and_structure_in_one_fit():
+    """Errors are within 3.5 standard uncertainties; joint 2 has at most 0.6 of the difference's width."""
+    ratios = []
+    for seed in range(3):
+        pair = simulate_pair(SpringCampaign.of(ARM, seed=seed), STATED_LOADS, seed, same_load_point=True)
+        compared = compare_pair(pair, same_load_point=True)
+        apart = compared.apart
+        assert apart.joints.tolist() == list(READ)
+        truth = np.stack([pair.gearboxes, pair.structure])
+        assert (np.abs(apart.free_compliance - truth) < 3.5 * apart.uncertainty).all()
+        assert not len(apart.differing)
+        difference = np.ptp(compared.differences[1].compliance_interval)
+        ratios.append(np.ptp(apart.interval[0, 1]) / difference)
+    assert np.median(ratios) <= 0.6
+
+
+def test_structure_is_sharper_by_two_runs_than_by_one():
+    pair = simulate_pair(SpringCampaign.of(ARM, seed=4), STATED_LOADS, 4, same_load_point=True)
+    by_two = compare_pair(pair, same_load_point=True).apart
+    by_one = joints_of(pair.motor).apart
+    assert (np.ptp(by_two.interval[1], axis=1) < 0.9 * np.ptp(by_one.interval[1], axis=1)).all()
+
+
+def test_an_encoder_that_is_not_the_one_in_the_loop_is_named():
+    """The loop removes all of the gearbox, but the encoder read on joint 2 sees three quarters of it."""
+    pair = simulate_pair(SpringCampaign.of(ARM, seed=5), STATED_LOADS, 5, same_load_point=True)
+    factor = np.array([1.0, 0.75, 1.0, 1.0, 1.0, 1.0])
+    encoders = replace(pair.motor.encoders, deflection=factor * pair.motor.encoders.deflection)
+    wrong = replace(pair, motor=replace(pair.motor, encoders=encoders))
+    apart = compare_pair(wrong, same_load_point=True).apart
+    assert apart.differing.tolist() == [1]
+    assert apart.excess[1] < 0.0
+
+
+def test_without_encoders_in_the_loop_of_one_run_nothing_is_taken_apart():
+    pair = simulate_pair(SpringCampaign.of(ARM, seed=4), STATED_LOADS, 4, same_load_point=True)
+    repeated = replace(pair, secondary=replace(pair.secondary, closed_on_links=False))
+    assert compare_pair(repeated, same_load_point=True).apart is None
+
+
+def test_the_order_of_the_two_runs_does_not_matter():
+    pair = simulate_pair(SpringCampaign.of(ARM, seed=4), STATED_LOADS, 4, same_load_point=True)
+    swapped = replace(pair, motor=pair.secondary, secondary=pair.motor)
+    first, second = (compare_pair(each, same_load_point=True).apart for each in (pair, swapped))
+    np.testing.assert_allclose(first.interval, second.interval, rtol=1e-9)
 
 
 def test_a_repeatability_may_be_stated_with_encoders():
