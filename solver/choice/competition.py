@@ -219,14 +219,16 @@ class Competition:
             JointstiffError: joints alone cannot be identified, or no optimum is certified.
         """
         paths = self._collect_paths(parts)
-        near = self._list_near_models(paths)
-        for candidate in near:
+        near_the_best = self._list_near_models(paths)
+        for candidate in near_the_best:
             self._refine_squares(candidate, paths)
         if "huber" in self._losses:
-            paths |= self._fit_huber(near, paths)
-        selection, held_out = self._choose_model(paths)
-        elastic = None if held_out.model == "joints" else self._fit_whole_set(held_out, selection, paths)
-        return Winner(selection, held_out, elastic, self._requested is not None)
+            paths |= self._fit_huber(near_the_best, paths)
+        selection, chosen = self._choose_model(paths)
+        elastic = None
+        if chosen.model != "joints":
+            elastic = self._fit_whole_set(chosen, selection, paths)
+        return Winner(selection, chosen, elastic, given=self._requested is not None)
 
     def _collect_paths(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
         """Return the fits by squares with each fold held out; keys are pairs of model and loss.

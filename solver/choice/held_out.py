@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Final, Literal
 
 import numpy as np
@@ -521,18 +522,17 @@ def select_model(
 def _list_paths_to_compare(
     paths: Mapping[tuple[ModelName, Loss], PenaltyPath], requested: ModelName | None
 ) -> dict[tuple[ModelName, Loss], PenaltyPath]:
-    """Return the fits of each model and loss with a certified weight, models from simple to rich.
+    """Return the fits of each model and loss that have a certified optimum, models from simple to rich.
 
     If the requested model has none, its fits are returned all the same: `choose_weight_index` then raises the
     error that no fit is certified.
     """
-    in_order = {
-        (name, loss): paths[name, loss] for name in _NAMES for loss in LOSSES if (name, loss) in paths
-    }
-    certified = {key: path for key, path in in_order.items() if find_certified_weights(path.errors).any()}
-    if any(name == requested for name, _ in certified):
-        return certified
-    return {key: path for key, path in in_order.items() if key in certified or key[0] == requested}
+    in_order = {key: paths[key] for key in product(_NAMES, LOSSES) if key in paths}
+    compared = {key: path for key, path in in_order.items() if find_certified_weights(path.errors).any()}
+    requested_is_certified = any(name == requested for name, _ in compared)
+    if not requested_is_certified:
+        compared |= {(name, loss): path for (name, loss), path in in_order.items() if name == requested}
+    return compared
 
 
 def _average_by_posture(folds: Folds, norms: FloatArray) -> FloatArray:

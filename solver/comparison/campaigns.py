@@ -256,23 +256,36 @@ def models_differ(first: Robot, second: Robot) -> bool:
 def _compute_pair_covariance(sides: Sequence[Side], *, same_load_point: bool) -> PairCovariance:
     """Compute the covariance of both campaigns' estimates without the errors that cancel in a comparison.
 
-    An assumed error of the load cell's scale cancels. Each campaign has its own error of the load point,
-    because a load that is hung anew hangs elsewhere, unless the load hung at the same point.
+    If the uncertainty of the load cell's scale is assumed, not stated, for both campaigns, the error is the
+    same in both, and cancels. Each campaign has its own error of the load point, because a load that is hung
+    anew hangs elsewhere, unless the load hung at the same point.
 
     Raises:
         RequestError: the campaigns cannot share a load point.
     """
     first_assumed, second_assumed = (side.measurements.common_uncertainty.assumed for side in sides)
     cancelling_terms = (first_assumed & second_assumed) - {"load_point"}
-    own = []
-    for side in sides:
-        free = side.free
-        cancelling = sum(free.assumed[term] for term in cancelling_terms if term in free.assumed)
-        own.append(None if free.readings is None else free.covariance - cancelling)
+    own: list[FloatArray | None] = []
+    for estimate in (side.free for side in sides):
+        if estimate.readings is None:  # sigma is unknown
+            own.append(None)
+            continue
+        parts = [estimate.assumed[term] for term in cancelling_terms if term in estimate.assumed]
+        own.append(estimate.covariance - sum(parts))
     n = sides[0].robot.n
-    if not same_load_point:
-        return PairCovariance(own, cross=np.zeros((n, n)))
-    if not all(side.free.load_point.any() for side in sides):
+    cross = _compute_covariance_by_load_point(sides) if same_load_point else np.zeros((n, n))
+    return PairCovariance(own, cross)
+
+
+def _compute_covariance_by_load_point(sides: Sequence[Side]) -> FloatArray:
+    """Return the covariance (n, n) of both campaigns' estimates if they share the error of the load point.
+
+    Raises:
+        RequestError: the campaigns cannot share a load point.
+    """
+    # Changes (n, 3) of an estimate by one standard uncertainty of the load point along each axis.
+    first_changes, second_changes = (side.free.load_point for side in sides)
+    if not first_changes.any() or not second_changes.any():
         raise RequestError(
             "one of the runs states no uncertainty of its load point, so the sets cannot share an error of "
             "the load point",
@@ -281,9 +294,7 @@ def _compute_pair_covariance(sides: Sequence[Side], *, same_load_point: bool) ->
             "`noise.load_point` above zero and without a fitted load point",
         )
     check_same_load_point([side.measurements for side in sides])
-    # Columns: changes of the estimates by the same independent errors of one standard uncertainty.
-    by_load_point_first, by_load_point_second = (side.free.load_point for side in sides)
-    return PairCovariance(own, cross=by_load_point_first @ by_load_point_second.T)
+    return np.asarray(first_changes @ second_changes.T)
 
 
 def check_same_load_point(campaigns: Sequence[Measurements]) -> None:
@@ -561,43 +572,28 @@ def fit_ordered(
         SolverError: optimality could not be certified.
     """
     free, n = [side.free for side in sides], sides[0].robot.n
-    noise = [each.readings for each in free if each.readings is not None]
-    if len(noise) < len(sides):
-        raise RequestError(
-            "sigma is neither stated nor determined by the residuals, so the two sets cannot be weighted "
-            "against each other",
-            where="ordered",
-            remedy="state `noise.sigma`, or add observations",
-        )
-    first_constraints, second_constraints = (side.constraints for side in sides)
-    bounds = Bounds(
-        np.concatenate([first_constraints.bounds.lower, second_constraints.bounds.lower]),
-        np.concatenate([first_constraints.bounds.upper, second_constraints.bounds.upper]),
-    )
-    # In an order, (i, j) states c_i ≤ c_j; the compliances of the second campaign have the numbers n to 2 n −
-    # 1.
-    order: Order = (*first_constraints.order, *((n + i, n + j) for i, j in second_constraints.order))
-    separate = Constraints(bounds, order)
-    together = Constraints(bounds, (*((n + j, j) for j in range(n)), *order))
-    centre = np.concatenate([each.compliance for each in free])
-    known = np.flatnonzero(np.isfinite(centre))
-    c, ends = np.full(2 * n, np.nan), np.full((2 * n, 2), np.nan)
-    estimated = [np.flatnonzero(np.isfinite(each.compliance)) for each in free]
-    blocks = [part[np.ix_(j, j)] for part, j in zip(noise, estimated, strict=True) if len(j)]
-    R = block_diag(*map(invert_to_root, blocks))
-    fits = [
-        StageFit.from_rows(R, R @ centre[known], known, constraints.select(known)).solution
+    R = _compute_weights(free)
+    separate, together = _combine_constraints(sides)
+    estimates = np.concatenate([estimate.compliance for estimate in free])
+    known = np.flatnonzero(np.isfinite(estimates))
+    estimates = estimates[known]
+    ordered_fit, separate_fit = (
+        StageFit.from_rows(R, R @ estimates, known, constraints.select(known)).solution
         for constraints in (together, separate)
-    ]
-    c[known] = fits[0].compliance
-    squares = [float(np.square(R @ (fit.compliance - centre[known])).sum()) for fit in fits]
+    )
+    compliance = np.full(2 * n, np.nan)
+    compliance[known] = ordered_fit.compliance
+    chi_square_of_ordered, chi_square_of_separate = (
+        float(np.square(R @ (fit.compliance - estimates)).sum()) for fit in (ordered_fit, separate_fit)
+    )
     quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free))
-    likelihood = Likelihood(np.arange(len(known)), centre[known], covariance.stack()[np.ix_(known, known)])
-    every = np.eye(len(known))
-    low, high = compute_profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
-    ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
-    first, second = c.reshape(2, n)
-    stiffness = [[invert_compliance(value) for value in part] for part in (first, second)]
+    likelihood = Likelihood(np.arange(len(known)), estimates, covariance.stack()[np.ix_(known, known)])
+    each_compliance = np.eye(len(known))
+    (ends,) = compute_profile_ends(likelihood, together.select(known), each_compliance, np.array([quantile]))
+    intervals = np.full((2 * n, 2), np.nan)
+    intervals[known, 0] = np.minimum(ends[:, 0], ordered_fit.compliance)
+    intervals[known, 1] = np.maximum(ends[:, 1], ordered_fit.compliance)
+    first, second = compliance.reshape(2, n)
     message = OrderedResult(
         joints=build_messages(
             OrderedJoint,
@@ -605,16 +601,58 @@ def fit_ordered(
             kind=sides[0].robot.joint_kinds,
             compliance_first=first,
             compliance_second=second,
-            stiffness_first=stiffness[0],
-            stiffness_second=stiffness[1],
-            compliance_interval_first=ends[:n],
-            compliance_interval_second=ends[n:],
+            stiffness_first=[invert_compliance(value) for value in first],
+            stiffness_second=[invert_compliance(value) for value in second],
+            compliance_interval_first=intervals[:n],
+            compliance_interval_second=intervals[n:],
             equal=first == second,
         ),
-        chi_square_increase=max(0.0, squares[0] - squares[1]),
-        certificate=greatest_violations([fits[0].certificate]),
+        chi_square_increase=max(0.0, chi_square_of_ordered - chi_square_of_separate),
+        certificate=greatest_violations([ordered_fit.certificate]),
     )
-    return message, c.reshape(2, n)
+    return message, compliance.reshape(2, n)
+
+
+def _combine_constraints(sides: Sequence[Side]) -> tuple[Constraints, Constraints]:
+    """Return constraints on the 2 n compliances of both campaigns: their own ones, and also in order.
+
+    The compliances of the second campaign have the numbers n to 2 n − 1. In an order, (i, j) states
+    c_i ≤ c_j.
+
+    Raises:
+        RequestError: the constraints contradict each other.
+    """
+    n = sides[0].robot.n
+    first, second = (side.constraints for side in sides)
+    bounds = Bounds(
+        np.concatenate([first.bounds.lower, second.bounds.lower]),
+        np.concatenate([first.bounds.upper, second.bounds.upper]),
+    )
+    order_of_second = [(n + i, n + j) for i, j in second.order]
+    own_order: Order = (*first.order, *order_of_second)
+    second_is_stiffer = [(n + j, j) for j in range(n)]
+    return Constraints(bounds, own_order), Constraints(bounds, (*second_is_stiffer, *own_order))
+
+
+def _compute_weights(free: Sequence[FreeEstimate]) -> FloatArray:
+    """Return R with RᵀR = Σ⁻¹, for the noise Σ of the readings in the known compliances of both campaigns.
+
+    Raises:
+        RequestError: the noise of one of the campaigns is unknown.
+    """
+    roots = []
+    for estimate in free:
+        if estimate.readings is None:
+            raise RequestError(
+                "sigma is neither stated nor determined by the residuals, so the two sets cannot be weighted "
+                "against each other",
+                where="ordered",
+                remedy="state `noise.sigma`, or add observations",
+            )
+        known = np.flatnonzero(np.isfinite(estimate.compliance))
+        if len(known):
+            roots.append(invert_to_root(estimate.readings[np.ix_(known, known)]))
+    return np.asarray(block_diag(*roots))
 
 
 def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Matches) -> Finding | None:

@@ -111,24 +111,27 @@ def _find_best_alternative(
 
     The compensation is the share of the mean deflection that the joints explain.
     """
-    readings_of_observation = measurements.present.shape[1]
-    affordable = _READINGS // (readings_of_observation * (len(alternatives) + 1))
-    compared = measurements.select_evenly(max(1, min(_MOST_COMPARED_OBSERVATIONS, affordable)))
+    # Some observations suffice, as the mistake is in all of them; many alternatives allow only a few.
+    target_count = measurements.present.shape[1]
+    affordable = _READINGS // (target_count * (len(alternatives) + 1))
+    observation_count = max(1, min(_MOST_COMPARED_OBSERVATIONS, affordable))
+    compared = measurements.select_evenly(observation_count)
     # A rigid flange moves by six coordinates at most.
     coordinates = int(np.minimum(compared.coordinates.sum(axis=1), 6).sum())
-    if coordinates - robot.n < _LEAST_FREEDOM:
+    degrees_of_freedom = coordinates - robot.n
+    if degrees_of_freedom < _LEAST_FREEDOM:
         return None, 1.0
-    largest_ratio = _compute_largest_ratio(robot.n, coordinates - robot.n, len(alternatives))
-    # A few observations exclude most alternatives: only the others are compared on all observations.
+    largest_ratio = _compute_largest_ratio(robot.n, degrees_of_freedom, len(alternatives))
+    # A few of these observations exclude most alternatives; only the others are compared on all of them.
     few = math.ceil(_PRESELECTION_COORDINATES * robot.n * len(compared) / coordinates)
-    rows = _build_alternative_rows(robot, compared.select_evenly(few), alternatives)
-    squares_as_given, compensation_as_given = _fit_nonnegative_compliances(rows[0])
-    can_be_better = _bound_residual_sums(rows[1:]) < squares_as_given
+    as_given, *undone = _build_alternative_rows(robot, compared.select_evenly(few), alternatives)
+    squares_as_given, compensation_as_given = _fit_nonnegative_compliances(as_given)
+    can_be_better = _bound_residual_sums(np.array(undone)) < squares_as_given
     alternatives = [alternatives[k] for k in np.flatnonzero(can_be_better).tolist()]
     if not alternatives:
         return None, compensation_as_given
-    rows = _build_alternative_rows(robot, compared, alternatives)
-    return _select_best_fit(rows[0], rows[1:], alternatives, largest_ratio)
+    as_given, *undone = _build_alternative_rows(robot, compared, alternatives)
+    return _select_best_fit(as_given, np.array(undone), alternatives, largest_ratio)
 
 
 def _compute_largest_ratio(joint_count: int, freedom: int, alternative_count: int) -> float:

@@ -104,16 +104,14 @@ class Screening:
 
     @property
     def links_may_be_base(self) -> bool:
-        """True if the tests do not distinguish bending links from a bending base.
+        """True if a base is suspected, but the tests do not distinguish bending links from a bending base.
 
-        Either of the two explains the readings, and the other then explains nothing more. Held-out postures
-        do not decide, because a pedestal that yields equally about x and y moves targets exactly as link 1
-        does.
+        After either of the two is fitted, the other one explains nothing more. Held-out postures do not
+        decide, because a pedestal that yields equally about x and y moves targets exactly as link 1 does.
         """
-        one_suffices = (
-            self.links_p_value_with_base >= LINKS_LEVEL or self.base_p_value_with_links >= LINKS_LEVEL
-        )
-        return self.base_needs_validation and one_suffices
+        links_are_unnecessary = self.links_p_value_with_base >= LINKS_LEVEL
+        base_is_unnecessary = self.base_p_value_with_links >= LINKS_LEVEL
+        return self.base_needs_validation and (links_are_unnecessary or base_is_unnecessary)
 
 
 def screen_estimate(rows: Rows, estimate: Estimate, scattered: bool = False) -> Screening:

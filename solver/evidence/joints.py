@@ -61,7 +61,7 @@ class JointsAlone:
 
     @cached_property
     def apart(self) -> Apart | None:
-        """Compliance of gearboxes and of the structure behind them, told apart by secondary encoders.
+        """Compliance of gearboxes and of the structure behind them, separated by secondary encoders.
 
         An encoder sees what its gearbox yields; targets see also what bends behind it. None without encoders,
         or if the targets show no joint.

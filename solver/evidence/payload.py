@@ -70,15 +70,15 @@ def inspect_force_unit(
     Yield a finding for each unit that makes the stiffnesses plausible, the likeliest first; if no unit does,
     one finding without an action. For a robot without a payload, yield one finding that requests the payload.
     Nothing is compared where the arm has other joints than six revolute ones, or fewer than `LEAST_JOINTS` of
-    joints 2 to 6 are identified. If some of these joints are not identified, the means of the measured arms
-    are those of the same joints.
+    joints 2 to 6 are identified.
 
     Args:
         robot: n joints.
         measurements: N observations, with the unit of force that was declared.
         joints: result for each joint, of a fit by joints alone.
     """
-    if robot.n != _SIX or robot.prismatic.any() or not measurements.force.any():
+    is_six_axis_arm = robot.n == _SIX and not robot.prismatic.any()
+    if not is_six_axis_arm or not measurements.force.any():
         return
     compared = _ComparedJoints.of(joints)
     if compared.is_known.sum() < LEAST_JOINTS:

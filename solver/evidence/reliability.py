@@ -174,7 +174,7 @@ class _Remaining:
 
 
 class _WorstMistake(NamedTuple):
-    """Of all mistakes of a term that no test finds, the one that moves a joint by most uncertainties."""
+    """Mistake that moves a joint by most uncertainties, among those of a term that no test finds."""
 
     moves: float  # change of the joint's compliance, in its standard uncertainties; 0 if no joint moves
     joint: int  # position of the joint among the joints that were compared

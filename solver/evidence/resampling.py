@@ -440,7 +440,7 @@ def _solve_from_rows(
     spectrum = Spectrum(triangle[:, shown])
     problem = IdentificationProblem(spectrum.determined, readings, scaled_bounds.select(shown))
     solution = solve_step(problem)
-    # Joints of which the readings show only a combination have no value of their own.
+    # If the readings show only a combination of some joints, these joints have no value of their own.
     is_combined = np.isin(shown, list(analyse_spectrum(spectrum, shown).combined))
     parameters = undetermined
     parameters[shown] = np.where(is_combined, np.nan, solution.compliance)

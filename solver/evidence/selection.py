@@ -187,11 +187,14 @@ class _Search:
             start: tests of each cause added to the joints, for these observations.
             scattered: whether the residuals show a scatter of the joints.
         """
-        self._part, self._measurements = part, measurements
-        self._start, self._scattered = start, scattered
+        self._part = part
+        self._measurements = measurements
+        self._start = start
+        self._scattered = scattered
+        # Terms that were fitted to these measurements before remain in every fit.
         self._always: tuple[Term, ...] = fitted_errors(part.measurements).terms
-        self._fits: dict[tuple[Suspect, ...], _Fit | None] = {}
-        self._p_values: dict[Suspect, float] = {}
+        self._fits: dict[tuple[Suspect, ...], _Fit | None] = {}  # by combination; None if no explanation
+        self._p_values: dict[Suspect, float] = {}  # of the latest step in which a suspect was significant
 
     def fit(self, suspects: Sequence[Suspect]) -> _Fit | None:
         """Fit causes together with the joints until convergence; return None if they are no explanation.
@@ -299,12 +302,11 @@ class _Search:
         `chosen` is the fit of the selected causes; the best fit found is returned.
         """
         for _ in range(_MOST_EXCHANGES):
-            previous = chosen
+            before = chosen
             for position in range(len(chosen.suspects)):
-                for fit in self._list_replacements(chosen, position, pool):
-                    if fit.criterion < chosen.criterion:
-                        chosen = fit
-            if chosen is previous:
+                replacements = self._list_replacements(chosen, position, pool)
+                chosen = min([chosen, *replacements], key=_by_criterion)
+            if chosen is before:
                 break
         return chosen
 

@@ -115,7 +115,9 @@ def _search_suspects(
     later: Mapping[str, Term],
     labels: Sequence[str],
 ) -> list[Suspect]:
-    """Return the causes that the readings can show, and the causes that set in later with their best onset.
+    """Return suspects that concern all observations, and suspects that set in at a later observation.
+
+    A later suspect begins at its best onset: the observation from which on it explains the readings best.
 
     Args:
         tested: observations that are tested.
@@ -123,31 +125,30 @@ def _search_suspects(
         always_fitted: terms that are fitted in any case.
         terms_of_set: terms that may have moved the targets of all observations.
         later: terms that may set in at a later observation, by name.
-        labels: labels of all observations, of which some are tested.
+        labels: labels of all observations; some of these observations are tested.
     """
     fitted_names = [term.name for term in (JOINTS, *always_fitted)]
     other_terms = [term for term in (*terms_of_set, FORCE_SCALE) if term.name not in fitted_names]
     stack = tested.stack([JOINTS, *always_fitted, *other_terms], compliance)
     shown_names = list_shown_terms(stack, fitted_names, [term.name for term in terms_of_set])
-    shown_terms = [term for term in terms_of_set if term.name in shown_names]
-    # The scale of all forces cannot be told from the compliances, except if it sets in later.
-    names = [*(term.name for term in shown_terms), FORCE_SCALE.name]
-    fits = _OnsetFits(stack, names, fitted_names)
-    from_first = np.zeros(len(names), np.intp)
-    least_p_values = fits.compute_p_values_without_best_observation(from_first).tolist()
+    # From the first observation on, a scale of all forces looks like other compliances: it can only set in.
+    fits = _OnsetFits(stack, [*shown_names, FORCE_SCALE.name], fitted_names)
+    first_onsets = np.zeros(len(shown_names) + 1, np.intp)
+    *p_values, _ = fits.compute_p_values_without_best_observation(first_onsets).tolist()
+    term_of_name = {term.name: term for term in terms_of_set}
     suspects = [
-        Suspect(term.name, term, least_p=p) for term, p in zip(shown_terms, least_p_values, strict=False)
+        Suspect(name, term_of_name[name], least_p=p) for name, p in zip(shown_names, p_values, strict=True)
     ]
-    onset_count = len(tested) - 2 * _LEAST_PART + 1
-    if onset_count < 1:
+    tried_count = len(tested) - 2 * _LEAST_PART + 1
+    if tried_count < 1:
         return suspects
     onsets = fits.find_onsets()
-    least_p_values = fits.compute_p_values_without_best_observation(onsets).tolist()
-    for name, onset, p in zip(names, onsets.tolist(), least_p_values, strict=True):
+    p_values = fits.compute_p_values_without_best_observation(onsets).tolist()
+    for name, onset, p in zip((*shown_names, FORCE_SCALE.name), onsets.tolist(), p_values, strict=True):
         if name in later:
             term, first = later[name], tested.measurements.labels[onset]
             term_from_onset = limit_to_later(term, labels, first)
-            suspects.append(Suspect(term.name, term_from_onset, first, onset_count, p))
+            suspects.append(Suspect(term.name, term_from_onset, first, tried=tried_count, least_p=p))
     return suspects
 
 

@@ -196,20 +196,22 @@ def _can_both_be_true(best: Interpretation, other: Interpretation, *, is_fitting
 
 
 def _is_shifted(other: Interpretation, tied: Sequence[Interpretation]) -> bool:
-    """Return whether an interpretation takes x, y and z from two states of a target, one column too late.
+    """Return whether an interpretation may take x, y and z from two states of a target, one column too late.
 
     The loaded position is so near to the unloaded one that y and z of the first, and x of the second, are a
-    position in a frame with exchanged axes. Such an interpretation explains fewer columns than the right one.
+    position in a frame with exchanged axes. Such an interpretation has the right joints, or those of the
+    mirrored arm, but other columns for the positions.
 
     Args:
         other: interpretation to check.
-        tied: the best interpretation, then those with the same effect; the joints must be those of one of
-            them, or of its mirror image.
+        tied: the best interpretation, then those with the same effect.
     """
     best = tied[0]
-    if other.points == best.points or other.joints.groups != best.joints.groups:
+    has_other_positions = other.points != best.points
+    has_same_groups = other.joints.groups == best.joints.groups
+    if not has_other_positions or not has_same_groups:
         return False
-    return any(_read_same_joints(other, each) or _read_mirrored_joints(other, each) for each in tied)
+    return any(_read_same_joints(other, right) or _read_mirrored_joints(other, right) for right in tied)
 
 
 def _read_mirrored_joints(first: Interpretation, second: Interpretation) -> bool:

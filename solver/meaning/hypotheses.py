@@ -180,7 +180,7 @@ def _find_angle_units(angles: FloatArray) -> list[AngleUnit]:
 
 
 def find_triples(table: Table) -> list[tuple[int, int, int]]:
-    """Return the columns that can be x, y and z: three columns at equal distances, two of which change."""
+    """Return the columns that can be x, y and z: three columns at equal distances; two or more change."""
     is_moving = find_moving_columns(table.numbers)
     has_numbers = np.isfinite(table.numbers).mean(axis=0) > _LEAST_KNOWN
     excluded = table.others | set(table.joints)

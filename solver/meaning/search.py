@@ -157,7 +157,7 @@ class _Search:
     def screen_all_rows(self) -> list[_Candidate]:
         """Return the interpretations that fit in the screened rows, by their linear fits."""
         all_rows = np.arange(len(self.rows))
-        return list(_fit_rows(self.places, self.joints, self.points, self.rows, all_rows))
+        return list(self._fit_rows(all_rows))
 
     def screen_subsets(self, subset_count: int) -> Iterator[_Candidate]:
         """Yield the interpretations that fit in one of some random halves of the screened rows."""
@@ -168,7 +168,25 @@ class _Search:
         generator = np.random.default_rng(0)
         for _ in range(subset_count):
             chosen = np.sort(generator.choice(row_count, subset_size, replace=False))
-            yield from _fit_rows(self.places, self.joints, self.points, self.rows, chosen)
+            yield from self._fit_rows(chosen)
+
+    def _fit_rows(self, chosen: IndexArray) -> Iterator[_Candidate]:
+        """Yield the interpretations that fit in some of the screened rows, given by their indices.
+
+        Each hypothesis of the joints is fitted to each hypothesis of the positions.
+        """
+        places = FlangePlaces(self.places.rotation[:, chosen], self.places.place[:, chosen])
+        rows = self.rows[chosen]
+        columns_by_target_count: dict[int, FloatArray] = {}
+        for points in self.points:
+            positions = points.points[rows, :_SCREENED_TARGETS]  # (N, K, 3)
+            target_count = positions.shape[1]
+            if target_count not in columns_by_target_count:
+                columns_by_target_count[target_count] = places.stack_columns(target_count)
+            for linear_fit in fit_all(columns_by_target_count[target_count], positions):
+                joints = self.joints[linear_fit.hypothesis]
+                if not _share_columns(joints.columns, points.columns):
+                    yield _Candidate(joints, points, linear_fit)
 
     def refine(self, candidate: _Candidate) -> Interpretation:
         """Fit the frame of a screened interpretation in more rows, and with all K targets."""
@@ -189,35 +207,6 @@ def choose_rows(count: int, most: int) -> IndexArray:
     if count <= most:
         return np.arange(count)
     return np.linspace(0, count - 1, most).astype(np.intp)
-
-
-def _fit_rows(
-    places: FlangePlaces,
-    joints: Sequence[JointHypothesis],
-    points: Sequence[PointHypothesis],
-    rows: IndexArray,
-    chosen: IndexArray,
-) -> Iterator[_Candidate]:
-    """Yield the interpretations that fit in some of the screened rows.
-
-    Args:
-        places: flange in the screened rows, by each hypothesis of the joints.
-        joints: hypotheses, which columns are joints.
-        points: hypotheses, which columns are positions of targets.
-        rows: indices of the screened rows, of the rows of the hypotheses.
-        chosen: indices of the rows to fit, of the screened rows.
-    """
-    chosen_places = FlangePlaces(places.rotation[:, chosen], places.place[:, chosen])
-    columns_by_target_count: dict[int, FloatArray] = {}
-    for point_hypothesis in points:
-        positions = point_hypothesis.points[rows[chosen], :_SCREENED_TARGETS]  # (N, K, 3)
-        target_count = positions.shape[1]
-        if target_count not in columns_by_target_count:
-            columns_by_target_count[target_count] = chosen_places.stack_columns(target_count)
-        for linear in fit_all(columns_by_target_count[target_count], positions):
-            joint_hypothesis = joints[linear.hypothesis]
-            if not _share_columns(joint_hypothesis.columns, point_hypothesis.columns):
-                yield _Candidate(joint_hypothesis, point_hypothesis, linear)
 
 
 def _share_columns(joints: JointColumns, points: PointColumns) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, groupby
+from itertools import groupby
 from typing import Final
 
 import numpy as np
@@ -176,78 +176,123 @@ def assess(
             compared; None without tests.
         unseen: least mistakes that the tests find; empty where more than the joints may bend.
     """
-    robot, measurements, settings = joints.robot, joints.measurements, joints.settings
-    findings: Sequence[Finding] = joints.noticed
     unloading = compare_unloaded_positions(joints.rows, joints.estimate.compliance)
-    notes = tuple(_list_notes(measurements, estimate, unloading)) + tuple(_list_notes_on_encoders(joints))
+    notes = [*_list_notes(joints.measurements, estimate, unloading), *_list_notes_on_encoders(joints)]
     if joints.refuted:
-        notes += (f"The stiffnesses are identified without the refuted {_name_postures(joints.refuted)}.",)
-    root_mistakes = _group_by_code([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
+        notes.append(f"The stiffnesses are identified without the refuted {_name_postures(joints.refuted)}.")
+    root_mistakes = _report_root_mistakes(joints.noticed)
     if root_mistakes:  # after such a mistake no other check means anything
-        reasons: list[Finding] = []
-        for group in root_mistakes:
-            # Findings of one code become one reason; but of several robots that fit, the user chooses one.
-            is_choice = group[0].code == "another_robot_fits"
-            reasons += group if is_choice else [_summarise_findings(group, group[0].action)]
-        reasons += _report_solver(estimate)
-        return replace(derive_assessment(estimate.joints, reasons), notes=notes)
-    better = _find_gross_mistake(joints, estimate)
-    if better is not None:
-        findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
-    # With a gross error in the data, tests of smaller effects mean nothing.
-    gross = any(finding.weight == "do_not_use" for finding in findings)
-    if gross:
-        screening = None
-    causes: Sequence[Cause] = () if screening is None else screening.causes
-    # Postures with a mistake that another finding names need no second finding.
-    named = {finding.observation for finding in findings}
-    wrong = (
-        () if screening is None else tuple(each for each in screening.wrong if causes or each not in named)
-    )
-    fitted = sum(bool(term.words) for term in fitted_errors(measurements).terms)
-    if better is not None:
-        # Report either the mistake in the data or the causes: whichever explains the readings better.
-        if (
-            screening is not None
-            and screening.makes_links_unnecessary
-            and causes[0].ratio < LARGEST_RATIO * better.ratio
-        ):
-            better = None
+        reasons = [*root_mistakes, *_report_solver(estimate)]
+        return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
+    explanation = _choose_explanation(joints, estimate, screening)
+    reasons = list(_list_reasons(joints, estimate, prediction, explanation, unloading))
+    if explanation.screening is not None and not explanation.causes:
+        unseen_note = describe_unseen_mistakes(unseen)
+        if unseen_note is not None:
+            notes.append(unseen_note)
+    return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
+
+
+def _report_root_mistakes(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings of mistakes that spoil all readings, one for each code.
+
+    If several robots fit the readings, all of these findings are returned, so that the user can choose one.
+    """
+    root_findings = [finding for finding in findings if finding.code in ROOT_MISTAKES]
+    reasons: list[Finding] = []
+    for group in _group_by_code(root_findings, "do_not_use"):
+        if group[0].code == "another_robot_fits":
+            reasons += group
         else:
-            screening, causes, wrong = None, (), ()
-    found = chain(
-        () if better is None else [report_alternative(robot, measurements, better)],
-        [report_causes(causes, estimate, wrong, most=MAX_CAUSES - fitted)] if causes else (),
-        report_fitted_causes(measurements),
-        # The measured arms were fitted by joints alone; and a gross error in the data changes the stiffness.
-        ()
-        if gross or better is not None
-        else inspect_force_unit(robot, measurements, joints.estimate.joints),
-        find_reading_problems(
-            robot,
-            measurements,
-            settings,
-            prediction,
-            findings,
-            labels=joints.labels,
-            wrong=wrong,
-            cause_found=bool(causes),
-        ),
-        [report_remaining_deflection(unloading)] if unloading is not None and unloading.remains else (),
-        _report_encoders_against_targets(joints),
-        find_fit_problems(
-            measurements,
-            estimate,
-            prediction,
-            screening,
-            pure_error=measure_pure_error(joints.rows, estimate, prediction),
-            explained=gross or better is not None,
-            cause_found=bool(causes),
-        ),
+            reasons.append(_summarise_findings(group, group[0].action))
+    return reasons
+
+
+@dataclass(frozen=True, eq=False)
+class _Explanation:
+    """Explanation of the readings that is better than the joints with the data as given."""
+
+    noticed: Sequence[Finding]  # findings of the integrity checks
+    has_gross_error: bool  # whether one of these findings forbids the use of the data
+    mistake: BetterAlternative | None  # mistake in the data, such as exchanged columns
+    screening: Screening | None  # tests of smaller effects; None after a gross error or a mistake
+    causes: Sequence[Cause]  # causes that move the targets in addition to the joints
+    wrong: tuple[str, ...]  # labels of single postures whose readings are wrong
+
+
+def _choose_explanation(joints: JointsAlone, estimate: Estimate, screening: Screening | None) -> _Explanation:
+    """Choose either a mistake in the data or causes: whichever explains the readings better."""
+    noticed: Sequence[Finding] = joints.noticed
+    mistake = _find_gross_mistake(joints, estimate)
+    if mistake is not None:  # reports these mistakes, too
+        noticed = [finding for finding in noticed if finding.code not in _SAME_MISTAKES]
+    has_gross_error = any(finding.weight == "do_not_use" for finding in noticed)
+    # With a gross error in the data, tests of smaller effects mean nothing.
+    if screening is None or has_gross_error:
+        return _Explanation(noticed, has_gross_error, mistake, None, (), ())
+    causes = screening.causes
+    if mistake is not None:
+        causes_explain_more = (
+            screening.makes_links_unnecessary and causes[0].ratio < LARGEST_RATIO * mistake.ratio
+        )
+        if not causes_explain_more:
+            return _Explanation(noticed, has_gross_error, mistake, None, (), ())
+    # Postures with a mistake that another finding names need no second finding.
+    named = {finding.observation for finding in noticed}
+    wrong = tuple(label for label in screening.wrong if causes or label not in named)
+    return _Explanation(noticed, has_gross_error, None, screening, causes, wrong)
+
+
+def _list_reasons(
+    joints: JointsAlone,
+    estimate: Estimate,
+    prediction: Prediction,
+    explanation: _Explanation,
+    unloading: Unloading | None,
+) -> Iterator[Finding]:
+    """Yield all findings on the readings and on the fit.
+
+    Args:
+        joints: identification by joints alone.
+        estimate: estimate to be assessed.
+        prediction: prediction of the same measurements by the estimate.
+        explanation: what explains the readings better than the joints with the data as given.
+        unloading: positions after the load was removed; None if none was read.
+    """
+    robot, measurements = joints.robot, joints.measurements
+    mistake, causes, wrong = explanation.mistake, explanation.causes, explanation.wrong
+    if mistake is not None:
+        yield report_alternative(robot, measurements, mistake)
+    if causes:
+        fitted_count = sum(bool(term.words) for term in fitted_errors(measurements).terms)
+        yield report_causes(causes, estimate, wrong, most=MAX_CAUSES - fitted_count)
+    yield from report_fitted_causes(measurements)
+    is_explained = explanation.has_gross_error or mistake is not None
+    if not is_explained:  # a gross error in the data changes the stiffnesses, too
+        # The arms with which the stiffnesses are compared were fitted by joints alone.
+        yield from inspect_force_unit(robot, measurements, joints.estimate.joints)
+    yield from find_reading_problems(
+        robot,
+        measurements,
+        joints.settings,
+        prediction,
+        explanation.noticed,
+        labels=joints.labels,
+        wrong=wrong,
+        cause_found=bool(causes),
     )
-    unseen_note = describe_unseen_mistakes(() if screening is None or causes else unseen)
-    notes += () if unseen_note is None else (unseen_note,)
-    return replace(derive_assessment(estimate.joints, found), notes=notes)
+    if unloading is not None and unloading.remains:
+        yield report_remaining_deflection(unloading)
+    yield from _report_encoders_against_targets(joints)
+    yield from find_fit_problems(
+        measurements,
+        estimate,
+        prediction,
+        explanation.screening,
+        pure_error=measure_pure_error(joints.rows, estimate, prediction),
+        explained=is_explained,
+        cause_found=bool(causes),
+    )
 
 
 def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloading | None) -> Iterator[str]:
@@ -714,7 +759,7 @@ def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator
     positions = np.where(part.in_flange[..., None], part.position, targets_in_flange(robot, part))
     distances = np.linalg.norm(positions - part.load_point[:, None], axis=2)  # (N, T)
     largest_distance = distances.max(axis=0)
-    # Targets of which three coordinates were never read have no known position.
+    # A target has a known position if all three coordinates were read in an observation.
     is_known = (part.coordinates == 3).any(axis=0)
     largest_distance[~is_known] = np.inf
     nearest = int(largest_distance.argmin())
