@@ -16,6 +16,7 @@ from pydantic import PrivateAttr
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.robot import JointMap, RobotDocument
 from jointstiff.service.problems import as_campaign_error
+from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import URDF_ENDINGS, parse_document, read_robot, read_urdf_file
 from jointstiff.solver.errors import RobotError
 
@@ -34,6 +35,7 @@ Result = TypeVar("Result")
 class DescribedRobot(RobotDocument):
     """Robot document that `robot` returns: equal to the plain document, with the work that needs no run."""
 
+    @one_thread()
     def correct(
         self,
         poses: AnyPoses,
@@ -42,9 +44,13 @@ class DescribedRobot(RobotDocument):
         **options: Unpack[CorrectFields],
     ) -> Correction:
         """Correct poses by the prior of this robot; arguments as of `jointstiff.correct`."""
-        from jointstiff.service.library.here import Here
+        from jointstiff.service.kinds.verb import JobMonitor
+        from jointstiff.service.library.correction import correct_here
 
-        return Here().correct(self, poses, joints, **options)
+        with as_campaign_error("robot"):
+            robot = prepare_once(self).robot
+        with JobMonitor() as monitor:
+            return correct_here(robot, poses, joints, options, monitor)
 
     def __eq__(self, other: object) -> bool:
         """Return whether another document, of any class, has the same fields."""

@@ -118,6 +118,8 @@ class JointsAlone:
         test = estimate.sigma_test
         if test is not None and test.result == "residuals_too_large":
             return without_scatter
+        if scatter.is_assumed:
+            estimate = replace(estimate, test_without_allowance=without_scatter.estimate.sigma_test)
         return IdentifiedJoints(settings, estimate, rows)
 
     @property

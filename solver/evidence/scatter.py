@@ -557,7 +557,7 @@ class RestrictedLikelihood:
 
 @dataclass(frozen=True)
 class _Prior:
-    """What is known of a shared error before the readings: half-normal, or log-normal if it is stated."""
+    """Knowledge of a shared error before the readings: half-normal, or log-normal if it is stated."""
 
     scale: float  # of the half-normal; median of the log-normal [rad or m]
     is_stated: bool = False
@@ -592,7 +592,7 @@ class _Axis:
 
     @property
     def is_free(self) -> bool:
-        """Whether the ratio is not known."""
+        """True if the ratio is not known."""
         return self.count > 1
 
     @property

@@ -145,9 +145,9 @@ class FreeLoad:
 
     @cached_property
     def ratios(self) -> FloatArray:
-        """How much better each joint's lever is known than its uncertainty, by the effects on the readings.
+        """Ratios (p,) of each joint's lever to its uncertainty, by the effects on the readings.
 
-        The effect (p,) of the stated load on each joint, divided by the effect of errors of the load of one
+        This is the effect of the stated load on a joint, divided by the effect of errors of the load of one
         standard uncertainty. Infinite where these errors have no effect.
         """
         by_load = np.linalg.norm(self.A, axis=0)

@@ -131,7 +131,7 @@ class View:
 
     @cached_property
     def compares_places(self) -> bool:
-        """Whether targets were read in several observations, so that their places on the flange decide."""
+        """True if targets were read in several observations, so that their places on the flange decide."""
         is_repeated = self.measured.sum(axis=0) > 1
         return int((self.measured & is_repeated).any(axis=1).sum()) > 1
 

@@ -106,11 +106,11 @@ def test_a_report_has_results_with_their_intervals(laboratory, pulled):
         report_of(laboratory, pulled),
         "1 Results",
         "joint | stiffness [10⁶ N·m/rad] | 95 % interval | verdict |",
-        "joint_1 | 3.804 | 3.712 … 3.900 | use |",
-        "joint_4 | 0.451 | 0.405 … 0.509 | use |",
-        "joint_6 | 0.099 | 0.071 … 0.159 | use |",
-        "Fraction of the mean deflection that the model explains 98.4 %",
-        "Root mean square of the residuals' lengths 40.6 µm",
+        "joint_1 | 3.818 | 3.733 … 3.906 | use |",
+        "joint_4 | 0.445 | 0.381 … 0.533 | use |",
+        "joint_6 | 0.0924 | 0.0766 … 0.1129 | use |",
+        "Fraction of the mean deflection that the model explains 98.7 %",
+        "Root mean square of the residuals' lengths 38.8 µm",
         "Standard uncertainty of a coordinate of a reading 20 µm (given)",
         "Stiffness of each joint with its interval 0.01 0.1 1 10 stiffness [10⁶ N·m/rad] joint_1",
         "Deflection before and after compensation, mean length over the targets 0 2.5 5 mm configurations "
@@ -118,11 +118,11 @@ def test_a_report_has_results_with_their_intervals(laboratory, pulled):
         "The arm in the posture of the first observation x y z 1 2 3, 4 5, 6",
         "4 Predicted static compliance of the flange",
         "in brackets: 95 % interval",
-        "X | 0.001210 (0.001179 … 0.001242) | -0.0000829 (-0.0000856 … -0.0000802) | "
-        "0.0000433 (0.0000412 … 0.0000455) | unknown |",
+        "X | 0.0005091 (0.0004976 … 0.0005206) | -0.0001957 (-0.0002016 … -0.0001897) | "
+        "-0.000995 (-0.001016 … -0.000973) | unknown |",
         "Predicted from the identified stiffness, not measured",
-        "Mean deflection, before: as measured 2.378 mm",
-        "Mean deflection, after compensation by the model, computed 0.03811 mm",
+        "Mean deflection, before: as measured 2.762 mm",
+        "Mean deflection, after compensation by the model, computed 0.0357 mm",
     )
 
 
@@ -131,15 +131,15 @@ def test_a_report_has_the_budget_of_each_joint(laboratory, pulled):
         report_of(laboratory, pulled),
         "5 Uncertainty budget Contributions to the standard uncertainty of each compliance "
         "[% of the compliance]",
-        "readings | B | 0.77 | 0.67 | 1.2 | 6.1 | 1.7 | 7.9 |",
-        "assumed force scale | B | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.0 |",
-        "assumed load point | B | 0.28 | 0.050 | 0.55 | 1.3 | 1.9 | 4.8 |",
+        "readings | B | 0.53 | 0.58 | 1.1 | 8.3 | 1.6 | 10 |",
+        "assumed force scale | B | 1.0 | 1.0 | 1.00 | 1.0 | 1.0 | 1.0 |",
+        "assumed load point | B | 0.22 | 0.17 | 0.57 | 1.5 | 1.8 | 2.7 |",
         "model error (not included) | A | 0 | 0 | 0 | 0 | 0 | 0 |",
-        "combined, only sources that the intervals include | | 1.3 | 1.2 | 1.7 | 6.3 | 2.7 | 9.3 |",
-        "combined, all sources | | 1.3 | 1.2 | 1.7 | 6.3 | 2.7 | 9.3 |",
-        "expanded, all sources, k = 2 | | 2.6 | 2.4 | 3.3 | 13 | 5.4 | 19 |",
-        "expanded, of the stiffness [10⁶ N·m/rad] | | 0.098 | 0.075 | 0.082 | 0.057 | 0.014 | 0.016 |",
-        "Greatest correlation coefficient between two joints: 0.68 (joint_1 and joint_3); all are in "
+        "combined, only sources that the intervals include | | 1.2 | 1.2 | 1.6 | 8.5 | 2.6 | 11 |",
+        "combined, all sources | | 1.2 | 1.2 | 1.6 | 8.5 | 2.6 | 11 |",
+        "expanded, all sources, k = 2 | | 2.3 | 2.3 | 3.1 | 17 | 5.3 | 22 |",
+        "expanded, of the stiffness [10⁶ N·m/rad] | | 0.088 | 0.073 | 0.077 | 0.075 | 0.013 | 0.020 |",
+        "Greatest correlation coefficient between two joints: 0.80 (joint_1 and joint_2); all are in "
         "run.json.",
         "The interval of a joint in the results differs from y ± U: the interval contains all "
         "stiffnesses that the likelihood of the readings does not exclude, can be asymmetric, and omits the "
@@ -221,16 +221,16 @@ def test_the_tables_of_a_run_have_its_lines_and_its_evidence(laboratory, weighed
     assert table["legend"] == f"{table['title']}; {table['caption']}"
     assert table["head"] == ["joint", "stiffness", "95 % interval", "verdict"]
     assert table["rows"][0] == ["joint_1", "—", "—", "not observable"]
-    assert table["rows"][1] == ["joint_2", "3.109", "3.078 … 3.141", "well determined"]
+    assert table["rows"][1] == ["joint_2", "3.110", "3.077 … 3.144", "well determined"]
     assert table["texts"] == [0, 3]
     assert answer["lines"] == [
         "joint_1: the load never twists this joint: add loads that twist the joint",
-        "explains 98.8 % of the mean deflection, residual 44.1 µm rms (3-D), sigma of a reading 20 µm "
-        "(given)",
+        "explains 98.8 % of the mean deflection, residual 44.2 µm rms (3-D), sigma of a reading 20 µm "
+        "(given), repeatability 12 µm at the targets (2.7 µrad a joint, allowed for)",
     ]
     assert answer["evidence"][:3] == [
-        "χ²/dof 0.85: consistent with sigma (1 if model and sigma are right; 103 degrees of freedom)",
-        "uncertainty from readings (type B): ± 0.93 to 9.2 % of a compliance",
+        "χ²/dof 0.82: consistent with sigma (1 if model and sigma are right; 103 degrees of freedom)",
+        "uncertainty from readings (type B): ± 0.99 to 9.8 % of a compliance",
         "uncertainty from scale of the force (type B): ± 0.39 % of a compliance",
     ]
 

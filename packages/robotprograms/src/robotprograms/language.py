@@ -207,7 +207,7 @@ class Move(NamedTuple):
 
     @property
     def differs_only_in_target(self) -> bool:
-        """Whether moves with the same text apart from numbers differ only in the numbers of one target."""
+        """True if moves with the same text apart from numbers differ only in the numbers of one target."""
         if len(self.targets) != 1 or not isinstance(self.targets[0], Literal):
             return False
         has_base_in_numbers = any(isinstance(base, Literal) for base in self.bases)
@@ -525,7 +525,7 @@ class Language:
         return [*used, Flow(kind, name)]
 
     def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
-        """Translate a statement of several lines, each of which is a statement without its end.
+        """Translate a statement of several lines, each of them a statement without its end.
 
         Moves in the statement are not corrected. The list is empty if a line is no statement.
 
