@@ -150,15 +150,9 @@ class Noise(Message):
     )
     repeatability: Annotated[float, Field(strict=True, ge=0.0, le=1.0)] | None = Field(
         default=None,
-        description="Standard deviation of a joint's angle from posture to posture, in units.angle, right to "
-        "a factor of two; 0: the arm stood still; absent: estimated.",
+        description="Standard deviation of a joint's angle from posture to posture, in units.angle; "
+        "absent: estimated.",
         examples=[2e-5],
-    )
-    pose_repeatability: Place | None = Field(
-        default=None,
-        description="Pose repeatability RP by the maker (ISO 9283), in units.length, instead of "
-        "`repeatability`.",
-        examples=[5e-5],
     )
     instrument: Instrument | None = Field(
         default=None, description="Uncertainty from the tracker's data sheet, instead of `sigma`."
@@ -202,8 +196,6 @@ class Noise(Message):
         """Refuse a noise that states nothing, or that states sigma and also an instrument."""
         if self.sigma is not None and self.instrument is not None:
             raise ValueError("give either `sigma` or `instrument`, not both")
-        if self.repeatability is not None and self.pose_repeatability is not None:
-            raise ValueError("give either `repeatability` or `pose_repeatability`, not both")
         if not self.states_something:
             raise ValueError("give `sigma`, `instrument` or `force`, or leave `noise` out")
         return self

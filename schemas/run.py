@@ -372,15 +372,13 @@ class Goodness(Message):
     )
     repeatability: Radians[float | None] = Field(
         default=None,
-        description="Standard deviation of a joint's angle from posture to posture that the fit allows for.",
+        description="Standard deviation of a joint's angle from posture to posture; null if the residuals "
+        "show none.",
     )
     repeatability_at_targets: Metres[float | None] = Field(
         default=None, description="Root mean square motion of the targets by `repeatability`."
     )
-    repeatability_source: Literal["given", "residuals", "assumed"] | None = Field(
-        default=None,
-        description="`assumed`: the residuals show none, but usual robots have some.",
-    )
+    repeatability_source: Literal["given", "residuals"] | None = None
 
 
 class ComplementaryStiffness(Message):

@@ -28,7 +28,6 @@ from jointstiff.service.conversion.robots import joint_factors, list_joint_names
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.evidence.scatter import convert_pose_repeatability
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
@@ -766,7 +765,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         covariance = to_noise(None, None, robot, measurements, length=length)[1]
     encoders = _to_encoder_readings(header, readings.encoders, robot)
     common_uncertainty = to_common_uncertainty(header.noise, length)
-    repeatability = _get_repeatability(header, robot, measurements)
+    repeatability = _get_repeatability(header, encoders)
     return replace(
         measurements,
         sigma=sigma,
@@ -830,19 +829,22 @@ def _average_unloaded_readings(
     return mean, ReturnReadings(length * return_difference, was_read)
 
 
-def _get_repeatability(
-    header: MeasurementSetHeader, robot: Robot, measurements: Measurements
-) -> float | None:
-    """Return the stated repeatability of the joints [rad]; None if none is stated."""
-    noise = header.noise
-    if noise is None:
+def _get_repeatability(header: MeasurementSetHeader, encoders: EncoderReadings | None) -> float | None:
+    """Return the stated repeatability of the joints [rad]; None if it is not stated.
+
+    Raises:
+        MeasurementError: the set has encoder readings, too, which show the same turns of the joints.
+    """
+    if header.noise is None or header.noise.repeatability is None:
         return None
-    if noise.repeatability is not None:
-        return noise.repeatability * ANGLE[header.units.angle]
-    if noise.pose_repeatability is not None:
-        stated = noise.pose_repeatability * LENGTH[header.units.length]
-        return convert_pose_repeatability(robot, measurements, stated)
-    return None
+    repeatability = header.noise.repeatability * ANGLE[header.units.angle]
+    if repeatability and encoders is not None:
+        raise MeasurementError(
+            "a repeatability is stated, but encoder readings show the same turns of the joints",
+            where="noise.repeatability",
+            remedy="omit `noise.repeatability`, or the encoder readings",
+        )
+    return repeatability
 
 
 def _to_encoder_readings(

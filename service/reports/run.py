@@ -16,7 +16,7 @@ from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, Goodness, JointResult, RunResult, WeightResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
-from jointstiff.service.kinds.run.kind import REPEATABILITY_SOURCES, format_tested_causes
+from jointstiff.service.kinds.run.kind import format_tested_causes
 from jointstiff.service.reports.document import (
     ASSESSMENT,
     IDENTIFICATION,
@@ -197,7 +197,7 @@ def _repeatability_facts(goodness: Goodness) -> list[tuple[str, str]]:
     at_joint, at_targets = goodness.repeatability, goodness.repeatability_at_targets
     if at_joint is None or at_targets is None:
         return []
-    source = REPEATABILITY_SOURCES[goodness.repeatability_source or "residuals"]
+    source = "stated" if goodness.repeatability_source == "given" else "estimated"
     text = f"{length_text(at_targets)} ({figure(1e6 * at_joint, '.2g')} µrad a joint, {source})"
     return [("Repeatability of the robot at the targets", text)]
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
 _LENGTHS: Final = frozenset(
-    ("sigma", "station", "constant", "load_point", "target_places", "drift", "position", "pose_repeatability")
+    ("sigma", "station", "constant", "load_point", "target_places", "drift", "position")
 )
 """Fields of the request, and of its `noise`, that hold lengths."""
 

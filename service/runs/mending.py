@@ -29,7 +29,6 @@ _OPTION_CHANGES: Final[Mapping[str, Mapping[str, str]]] = {
 
 _USUAL_DISTANCE, _USUAL_SIGMA = 0.2, 2e-5
 """Usual distance of a load point or target from the flange, and uncertainty of a tracker's reading [m]."""
-_LENGTHS_OF_NOISE: Final = ("sigma", "load_point", "target_places", "drift", "pose_repeatability")
 _MAX_NAME_LENGTH: Final = 200
 
 
@@ -284,7 +283,7 @@ def _convert_typed_lengths(measurement_set: _Set, old_metres: float, new_metres:
     noise = measurement_set.noise
     if noise is not None and noise.sigma is not None:
         scale = conversion_factor(noise.sigma, _USUAL_SIGMA)
-        lengths = {name: getattr(noise, name) for name in _LENGTHS_OF_NOISE}
+        lengths = {name: getattr(noise, name) for name in ("sigma", "load_point", "target_places", "drift")}
         noise = noise.model_copy(
             update={name: None if length is None else scale * length for name, length in lengths.items()}
         )

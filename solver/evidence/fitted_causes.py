@@ -29,7 +29,7 @@ from jointstiff.solver.mechanics.block import (
     FittedErrors,
     Term,
 )
-from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
+from jointstiff.solver.mechanics.measurements import Measurements, Scatter
 from jointstiff.solver.mechanics.springs import JOINTS
 
 _REFITS: Final = 6
@@ -280,7 +280,6 @@ def _find_scatter(rows: Rows, fitted: FittedCauses) -> Scatter:
     terms = [JOINTS, *fitted.errors.terms]
     fitted_names = {term.name for term in terms}
     stated_terms = [term for term in list_stated_terms(tested.measurements) if term.name not in fitted_names]
-    tested = tested.with_scatter(NO_SCATTER)
     stack = tested.stack([*terms, *stated_terms], fitted.compliance)
     columns_of_joints, *columns_of_others = stack.span.values()
     visible_columns = columns_of_joints[fitted.visible]

@@ -102,7 +102,7 @@ class JointsAlone:
         """Fit of the joints.
 
         The scatter (errors that the targets of a posture share) is estimated from the residuals of a first
-        fit, and the joints are fitted again.
+        fit; where it is significant, the joints are fitted again.
 
         Raises:
             JointstiffError: the identification fails, for one of the reasons listed at `identify`.
@@ -118,8 +118,6 @@ class JointsAlone:
         test = estimate.sigma_test
         if test is not None and test.result == "residuals_too_large":
             return without_scatter
-        if scatter.is_assumed:
-            estimate = replace(estimate, test_without_allowance=without_scatter.estimate.sigma_test)
         return IdentifiedJoints(settings, estimate, rows)
 
     @property
@@ -135,8 +133,7 @@ class JointsAlone:
     @property
     def shows_scatter(self) -> bool:
         """True if the residuals show errors that the targets of a posture share, beyond those stated."""
-        scatter = self.measurements.scatter
-        return not scatter.is_assumed and scatter != self.given.measurements.scatter
+        return self.measurements.scatter != self.given.measurements.scatter
 
     @property
     def settings(self) -> Settings:

@@ -211,7 +211,7 @@ def find_least_mistakes(
     """Return the least mistake of each suspected term that the tests of causes find, the most moving first.
 
     Args:
-        rows: N observations, with the scatter that the tests account for.
+        rows: N observations, with the scatter of the fit.
         estimate: estimate by joints alone, fitted to these measurements.
         suspects: number of causes that were tested; no mistake is found without tests.
         prior: prior of the fit, in units of sigma.

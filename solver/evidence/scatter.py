@@ -9,14 +9,9 @@ accounts for the residuals that the fit of c takes away (Patterson & Thompson, *
     −log L = ½ (Σ log|V_i| + Σ r_iᵀ V_i⁻¹ r_i / σ² + log|Σ A_iᵀ V_i⁻¹ A_i|)
     V_i = Σ_i + ρ² J_i J_iᵀ + τ² 1 1ᵀ.
 
-Few readings show neither that s is zero nor that it is not, and a fit with s = 0 then has intervals that are
-too narrow. A fit therefore has the root mean square of s and of u, given the likelihood and what is known
-before: where nothing is stated, s and u are half-normal, of 20 µrad and 10 µm, or of the most likely errors
-where the readings are more probable with these; a stated repeatability is right to a factor of two
-(log-normal), as data sheets and earlier tests are.
-
-A likelihood ratio test tells whether the readings alone show shared errors. Zero is a bound of each ratio, so
-that the statistic has the distribution ¼ χ²₀ + ½ χ²₁ + ¼ χ²₂ (Self & Liang, *J. Am. Stat. Assoc.* 82, 1987).
+A ρ that is not stated, and τ, are zero unless a likelihood ratio test is significant. Zero is a bound of
+each ratio, so that the statistic has the distribution ¼ χ²₀ + ½ χ²₁ + ¼ χ²₂ (Self & Liang, *J. Am. Stat.
+Assoc.* 82, 1987).
 
 Encoders behind the gearboxes see the same turns δ_i: their rows are further rows of J_i. The noise of each
 encoder, r_j times the stated noise with r_j ≥ 1, maximises the same likelihood, with and without shared
@@ -26,7 +21,7 @@ errors: a gear's play or an eccentric encoder is no part of what a data sheet st
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, NamedTuple
 
@@ -49,27 +44,13 @@ from jointstiff.solver.mechanics.block import (
     RegressorBlock,
     Term,
     fitted_errors,
-    get_whole_block,
 )
-from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.measurements import Measurements, Scatter
 from jointstiff.solver.mechanics.springs import JOINTS
 
 SCATTER_LEVEL: Final = 0.01
-"""Significance level of the test whether the readings show shared errors."""
-USUAL_REPEATABILITY: Final = 2e-5
-"""Scale of the half-normal distribution of a joint's repeatability that is not stated [rad]."""
-USUAL_STATION_ERROR: Final = 1e-5
-"""Scale of the half-normal distribution of a station's error, common to a posture's targets [m]."""
-DOUBT_OF_STATEMENT: Final = float(np.log(2.0))
-"""Standard deviation of the logarithm of a stated repeatability."""
-_TURNS_POINTS: Final = 12
-_STATION_POINTS: Final = 9
-_PASSES: Final = 6
-_NEGLIGIBLE: Final = 12.0
-"""Logarithm of the ratio to the greatest density below which a point of the grid is left out."""
-_SETTLED: Final = 0.75
-"""Shrinkage of an axis above which the grid is fine enough."""
+"""Significance level of the test for shared errors: of campaigns without any, one in a hundred gets wider
+intervals for nothing."""
 LARGEST_REPEATABILITY: Final = 2e-4
 """Motion of a target by shared errors [m] beyond that of any industrial robot in order: larger residuals are
 a mistake, or something besides the joints bends."""
@@ -97,11 +78,11 @@ _STEP: Final = 1e-8
 
 
 def find_scatter(rows: Rows, estimate: Estimate) -> Scatter:
-    """Return the errors that all targets of a posture share: as statements and residuals together show them.
+    """Return the errors that all targets of a posture share: as stated, or as the residuals show them.
 
-    The stated errors are returned if the residuals show more than a robot in order has. The noise of each
-    encoder is at least the stated noise. The decoupled method fits joints apart whose readings would depend
-    on each other, so that it has no turns that encoders see.
+    The stated errors are returned if the residuals do not show more significantly, or if they show more
+    than a robot in order has. The noise of each encoder is at least the stated noise. The decoupled method
+    fits joints apart whose readings would depend on each other, so that it has no turns that encoders see.
 
     Args:
         rows: N observations, which may state the repeatability.
@@ -111,7 +92,7 @@ def find_scatter(rows: Rows, estimate: Estimate) -> Scatter:
     by_stages = measurements.encoders is not None and len(estimate.compressed.method.stages) > 1
     if by_stages and measurements.scatter:
         return measurements.scatter
-    tested = rows.select_evenly(_MOST_OBSERVATIONS).at(estimate.balanced).with_scatter(NO_SCATTER)
+    tested = rows.select_evenly(_MOST_OBSERVATIONS).at(estimate.balanced)
     terms = [JOINTS, *fitted_errors(measurements).terms, *list_stated_terms(measurements)]
     try:
         stack = tested.stack(terms, np.maximum(estimate.compliance, 0.0))
@@ -125,13 +106,16 @@ def find_scatter(rows: Rows, estimate: Estimate) -> Scatter:
         return scatter
     if measurements.encoders is not None:
         return likelihood.without_further_errors
+    if measurements.repeatability and measurements.sigma is None:
+        # The likelihood tells how large sigma is next to the repeatability that is stated.
+        return Scatter(joints=likelihood.fit_shared_errors()[0].joints)
     return measurements.scatter
 
 
-def find_scatter_of_terms(
+def find_most_likely_scatter(
     rows: Rows, terms: Sequence[Term], compliance: FloatArray, list_columns: Callable[[int], IndexArray]
 ) -> Scatter:
-    """Return the shared errors and the noise of the encoders, given the residuals of some terms.
+    """Return the shared errors and the noise of the encoders that residuals of some terms show.
 
     Args:
         rows: N observations with readings of encoders.
@@ -142,7 +126,7 @@ def find_scatter_of_terms(
     Raises:
         SolverError: a load has no balance.
     """
-    tested = rows.select_evenly(_MOST_OBSERVATIONS).with_scatter(NO_SCATTER)
+    tested = rows.select_evenly(_MOST_OBSERVATIONS)
     stack = tested.stack(terms, compliance)
     likelihood = RestrictedLikelihood(tested.block, stack, list_columns(stack.rows.shape[-1] - 1))
     return likelihood.find_believable(tested.block) or likelihood.without_further_errors
@@ -160,31 +144,13 @@ def compute_target_motion(block: RegressorBlock, scatter: Scatter, sigma: float)
     return sigma * float(np.sqrt(scatter.joints**2 * squared_motion_by_joints + 3.0 * scatter.station**2))
 
 
-def convert_pose_repeatability(robot: Robot, measurements: Measurements, stated: float) -> float:
-    """Return how exactly a joint returns [rad], given the pose repeatability RP of the arm [m] (ISO 9283).
-
-    RP is 2.25 times the root mean square distance by which a point of the flange is off: ``RP = 2.25 g s``,
-    with g² the mean sum of squares of the point's Jacobian. A deflection is the difference of two places to
-    which the arm returned, so that its error has √2 times the standard deviation.
-
-    Args:
-        robot: n joints.
-        measurements: N observations, whose targets are the points.
-        stated: RP by the maker [m].
-    """
-    block = get_whole_block(robot, measurements.select_evenly(_MOST_OBSERVATIONS))
-    squares = np.square(block.jacobian[block.measurements.present]).sum(axis=(1, 2))
-    return float(np.sqrt(2.0) * stated / (2.25 * np.sqrt(squares.mean())))
-
-
 @dataclass(frozen=True)
 class Repeatability:
     """Shared errors of a posture's targets, as stated or as the residuals show them."""
 
     joint: float  #: standard deviation of a joint's angle from one posture to the next [rad]
     targets: float  #: root mean square motion of the targets by all shared errors [m]
-    #: where the number is from; *assumed*: from what robots usually have, as the residuals do not show any
-    source: Literal["given", "residuals", "assumed"]
+    source: Literal["given", "residuals"]
 
     @classmethod
     def from_rows(cls, rows: Rows, sigma: float | None) -> Repeatability | None:
@@ -198,11 +164,11 @@ class Repeatability:
         if not (scatter and sigma):
             return None
         block = rows.at(None).select_evenly(_MOST_OBSERVATIONS).block
-        source: Literal["given", "residuals", "assumed"] = "assumed" if scatter.is_assumed else "residuals"
+        stated = rows.measurements.repeatability
         return cls(
-            joint=scatter.joints * sigma,
+            joint=scatter.joints * sigma if stated is None else stated,
             targets=compute_target_motion(block, scatter, sigma),
-            source=source if rows.measurements.repeatability is None else "given",
+            source="residuals" if stated is None else "given",
         )
 
 
@@ -274,126 +240,15 @@ class RestrictedLikelihood:
         return scatter, p_value
 
     def find_believable(self, block: RegressorBlock) -> Scatter | None:
-        """Return the expected shared errors; None if no robot in order has the most likely ones.
+        """Return the most likely shared errors; None if chance explains them, or no robot in order has them.
 
         Args:
             block: the observations.
         """
-        most_likely, p_value = self.find_significant()
-        is_shown = p_value < SCATTER_LEVEL
-        if is_shown and self._move_targets(block, most_likely) > LARGEST_REPEATABILITY:
-            return None
-        if self._is_noise_of_one_target(most_likely):
-            return None
-        expected = self.find_expected(most_likely)
-        if expected is None or self._move_targets(block, expected) > LARGEST_REPEATABILITY:
-            return None
-        return replace(expected, is_assumed=not is_shown)
-
-    def _is_noise_of_one_target(self, most_likely: Scatter) -> bool:
-        """Return whether a larger sigma explains the readings of one target better than turns of the joints.
-
-        The turns of one target's postures hardly differ from noise.
-        """
-        if self._can_show_station or self._measurements.sigma is None:
-            return False
-        if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
-            return False
-        by_turns = self._minus_log_likelihoods(np.array([self._variances(most_likely)]))[0]
-        likelihood_gain = 2.0 * (float(by_turns) - self._minus_log_likelihood_at_free_sigma())
-        return likelihood_gain > 0.0 and float(special.chdtrc(1, likelihood_gain)) < SCATTER_LEVEL
-
-    def _move_targets(self, block: RegressorBlock, scatter: Scatter) -> float:
-        """Return the root mean square motion of the targets [m] by shared errors."""
-        return compute_target_motion(block, scatter, self._measurements.sigma or self.sigma(scatter))
-
-    def find_expected(self, most_likely: Scatter) -> Scatter | None:
-        """Return the root mean square of the shared errors, given the residuals and what is known before.
-
-        If the residuals are less probable with usual errors than with errors as large as the most likely
-        ones, robot or station is worse than others, and the latter are taken for usual. None if there are too
-        few readings to estimate sigma.
-
-        Args:
-            most_likely: most likely shared errors, whose noise of the encoders is used.
-        """
-        if self._measurements.sigma is None and self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
-            return None
-        stated = self._measurements.repeatability
-        sigma = self._measurements.sigma or self.sigma(most_likely)
-        usual = _Prior(stated or USUAL_REPEATABILITY, is_stated=bool(stated)), _Prior(USUAL_STATION_ERROR)
-        expected, log_evidence = self._average(most_likely, *usual)
-        turns = usual[0] if stated else usual[0].widen(most_likely.joints * sigma)
-        wider = turns, usual[1].widen(most_likely.station * sigma)
-        if wider == usual:
-            return expected
-        others, log_evidence_of_others = self._average(most_likely, *wider)
-        return others if log_evidence_of_others > log_evidence else expected
-
-    def _average(
-        self, most_likely: Scatter, prior_of_turns: _Prior, prior_of_station: _Prior
-    ) -> tuple[Scatter, float]:
-        """Return the root mean square of the shared errors, and the logarithm of the evidence for the priors.
-
-        The mean is taken on a grid of 12 ratios ρ and 9 ratios τ, which is made finer until it spans the
-        values that are probable. The grid is even in arsinh: the density is even in both ratios, so that sums
-        over such a grid are integrals. Without a stated sigma, each point has its own most likely sigma.
-
-        Args:
-            most_likely: most likely shared errors, whose noise of the encoders is used.
-            prior_of_turns: what is known of the turns of the joints [rad].
-            prior_of_station: what is known of the station's error [m].
-        """
-        stated_sigma, stated = self._measurements.sigma, self._measurements.repeatability
-        noise = np.array(self._encoders.logarithms(most_likely))
-        sigma = stated_sigma or self.sigma(NO_SCATTER)
-        largest = np.sqrt(_MOST_VARIANCE)
-        turns = _Axis.reach(
-            largest * self._turns_like_noise,
-            min(self._turns_like_noise, prior_of_turns.scale / sigma),
-            _TURNS_POINTS if self._finds_turns and stated != 0.0 else 1,
-        )
-        station = _Axis.reach(
-            largest,
-            min(1.0, prior_of_station.scale / sigma),
-            _STATION_POINTS if self._can_show_station else 1,
-        )
-        for _ in range(_PASSES):
-            rho, tau = (each.ravel() for each in np.meshgrid(turns.values, station.values, indexing="ij"))
-            of_encoders = np.broadcast_to(noise, (len(rho), len(noise)))
-            variances = np.column_stack([(rho / self._turns_like_noise) ** 2, tau**2, of_encoders])
-            fit = self._fit(variances)
-            sigmas = self._find_most_likely_sigmas(fit)
-            log_density = -self._minus_log_likelihoods_at(fit, sigmas)
-            log_density += prior_of_turns.log_density(rho * sigmas) if turns.is_free else 0.0
-            log_density += prior_of_station.log_density(tau * sigmas) if station.is_free else 0.0
-            # The priors are densities of s = ρ σ and u = τ σ.
-            log_density += (int(turns.is_free) + int(station.is_free)) * np.log(sigmas)
-            shape = (len(turns.points), len(station.points))
-            log_mass = log_density.reshape(shape) + turns.log_weights[:, None] + station.log_weights
-            log_step = np.log(turns.step * station.step)
-            finer = turns.zoom(log_mass.max(axis=1)), station.zoom(log_mass.max(axis=0))
-            if finer == (turns, station):
-                break
-            turns, station = finer
-        mass = np.exp(log_mass - log_mass.max()).ravel()
-        log_evidence = float(log_mass.max() + np.log(mass.sum()) + log_step)
-        mass /= mass.sum()
-        mean_sigma_squared = float(mass @ sigmas**2)
-        joints = np.sqrt(float(mass @ (rho * sigmas) ** 2) / mean_sigma_squared)
-        of_station = np.sqrt(float(mass @ (tau * sigmas) ** 2) / mean_sigma_squared)
-        return Scatter(float(joints), float(of_station), self._encoders.list_noise(noise)), log_evidence
-
-    def _find_most_likely_sigmas(self, fit: _Fit) -> FloatArray:
-        """Return sigma [m] for each of K fits: as stated, or the most likely."""
-        if self._measurements.sigma is not None:
-            return np.full(len(fit.squares), self._measurements.sigma)
-        return np.sqrt(fit.squares / self._degrees_of_freedom)
-
-    def _minus_log_likelihoods_at(self, fit: _Fit, sigma: FloatArray) -> FloatArray:
-        """Return −log L (K,) of K fits at sigma (K,) [m], up to a constant."""
-        squares = fit.squares / sigma**2 + 2.0 * self._degrees_of_freedom * np.log(sigma)
-        return fit.half_log_determinant + 0.5 * (fit.log_variance + squares)
+        scatter, p_value = self.find_significant()
+        sigma = self._measurements.sigma or self.sigma(scatter)
+        motion = compute_target_motion(block, scatter, sigma)
+        return scatter if p_value < SCATTER_LEVEL and motion <= LARGEST_REPEATABILITY else None
 
     def fit_shared_errors(self) -> tuple[Scatter, float]:
         """Fit the errors that all targets of a posture share; return (errors, likelihood ratio statistic).
@@ -402,7 +257,7 @@ class RestrictedLikelihood:
         without shared errors, but with a stated repeatability.
         """
         if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
-            return self._stated_scatter, 0.0
+            return self._measurements.scatter, 0.0
         without = self._without_further_errors
         starts = [
             np.array([joints, station, *noise])
@@ -422,7 +277,7 @@ class RestrictedLikelihood:
     def without_further_errors(self) -> Scatter:
         """Shared errors as stated, with the noise of the encoders that is most likely then."""
         if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
-            return self._stated_scatter
+            return self._measurements.scatter
         return self._scatter(self._without_further_errors)
 
     @cached_property
@@ -432,12 +287,6 @@ class RestrictedLikelihood:
         upper[:2] = lower[0], 0.0
         first = np.array([lower[0], 0.0, *self._encoders.list_starts()[0]])
         return self._minimise(first, lower, upper) if len(first) > 2 else first
-
-    @property
-    def _stated_scatter(self) -> Scatter:
-        """Turns of the joints as stated; none if sigma is not stated."""
-        sigma, repeatability = self._measurements.sigma, self._measurements.repeatability
-        return Scatter(repeatability / sigma) if sigma and repeatability else NO_SCATTER
 
     @property
     def _stated_joint_variance(self) -> float | None:
@@ -553,79 +402,6 @@ class RestrictedLikelihood:
             half_log_determinant=np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1),
             log_variance=log_noise + 2.0 * np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=(1, 2)),
         )
-
-
-@dataclass(frozen=True)
-class _Prior:
-    """Knowledge of a shared error before the readings: half-normal, or log-normal if it is stated."""
-
-    scale: float  # of the half-normal; median of the log-normal [rad or m]
-    is_stated: bool = False
-
-    def widen(self, error: float) -> _Prior:
-        """Return the distribution with at least the scale of an error."""
-        return replace(self, scale=max(self.scale, error))
-
-    def log_density(self, error: FloatArray) -> FloatArray:
-        """Return the logarithm of the density of errors [rad or m]; up to a constant if it is stated."""
-        relative = error / self.scale
-        if not self.is_stated:
-            return np.asarray(-0.5 * np.square(relative) - np.log(self.scale))
-        logarithm = np.log(np.where(relative > 0.0, relative, 1.0))
-        density = -0.5 * np.square(logarithm / DOUBT_OF_STATEMENT) - logarithm
-        return np.where(relative > 0.0, density, -np.inf)
-
-
-@dataclass(frozen=True)
-class _Axis:
-    """Axis of a grid: ratios ``unit · sinh(t)`` with `count` even steps of t."""
-
-    unit: float
-    lower: float  # of t
-    upper: float
-    count: int  # 1: the ratio is zero
-
-    @classmethod
-    def reach(cls, largest: float, unit: float, count: int) -> _Axis:
-        """Return the axis from zero to the largest ratio."""
-        return cls(unit, 0.0, float(np.arcsinh(largest / unit)), count)
-
-    @property
-    def is_free(self) -> bool:
-        """True if the ratio is not known."""
-        return self.count > 1
-
-    @property
-    def points(self) -> FloatArray:
-        """Steps t."""
-        return np.linspace(self.lower, self.upper, self.count) if self.is_free else np.zeros(1)
-
-    @property
-    def step(self) -> float:
-        """Distance of two points; 1 if there is one."""
-        return (self.upper - self.lower) / (self.count - 1) if self.is_free else 1.0
-
-    @property
-    def values(self) -> FloatArray:
-        """Ratios."""
-        return np.asarray(self.unit * np.sinh(self.points))
-
-    @property
-    def log_weights(self) -> FloatArray:
-        """Logarithm of the widths of the steps, up to a constant; half a step at both ends."""
-        weights = np.cosh(self.points)
-        if self.is_free:
-            weights[[0, -1]] *= 0.5
-        return np.asarray(np.log(weights))
-
-    def zoom(self, log_mass: FloatArray) -> _Axis:
-        """Return the axis of the probable points; the same axis if these are most of them."""
-        probable = np.flatnonzero(log_mass > log_mass.max() - _NEGLIGIBLE)
-        points = self.points
-        lower = points[max(probable[0] - 1, 0)]
-        upper = points[min(probable[-1] + 1, len(points) - 1)]
-        is_settled = not self.is_free or upper - lower > _SETTLED * (self.upper - self.lower)
-        return self if is_settled else replace(self, lower=float(lower), upper=float(upper))
 
 
 @dataclass(frozen=True, eq=False)

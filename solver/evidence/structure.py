@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from math import isfinite
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from scipy import special
@@ -26,7 +26,7 @@ from scipy.optimize import nnls
 from jointstiff.schemas.run import JointResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.evidence.scatter import find_scatter_of_terms
+from jointstiff.solver.evidence.scatter import find_most_likely_scatter
 from jointstiff.solver.fit.estimate import (
     Estimate,
     compute_interval_ends,
@@ -103,19 +103,12 @@ def build_parts(apart: Apart | None, part: int, names: Sequence[str]) -> list[Jo
     for k, joint in enumerate(apart.joints.tolist()):
         compliance = float(apart.compliance[part, k])
         lower, upper = apart.interval[part, k].tolist()
-        excludes_zero = lower > 0.0
-        status: Literal["identified", "uncertain", "at_bound"]
-        if excludes_zero:
-            status = "identified"
-        elif compliance > 0.0:
-            status = "uncertain"
-        else:
-            status = "at_bound"
+        is_certain = lower > 0.0
         messages.append(
             JointResult(
                 name=names[joint],
-                status=status,
-                verdict="use" if excludes_zero else "use_with_care",
+                status="identified" if is_certain else "uncertain" if compliance > 0.0 else "at_bound",
+                verdict="use" if is_certain else "use_with_care",
                 compliance=compliance,
                 stiffness=invert_compliance(compliance),
                 standard_uncertainty=float(apart.uncertainty[part, k]),
@@ -304,7 +297,7 @@ def _state_motor_run(run: TargetsEstimate, joints: IndexArray, errors: Sequence[
     def list_columns(width: int) -> IndexArray:
         return np.concatenate([seen, n + joints, np.arange(2 * n, width)])
 
-    rows = run.rows.with_scatter(find_scatter_of_terms(run.rows, terms, whole, list_columns))
+    rows = run.rows.with_scatter(find_most_likely_scatter(run.rows, terms, whole, list_columns))
     return _Equations.of(rows, _generate(rows, terms, whole, gear), errors)
 
 
@@ -319,7 +312,7 @@ def _state_secondary_run(
     def list_columns(width: int) -> IndexArray:
         return np.concatenate([seen, np.arange(n, width)])
 
-    rows = rows.with_scatter(find_scatter_of_terms(rows, terms, compliance, list_columns))
+    rows = rows.with_scatter(find_most_likely_scatter(rows, terms, compliance, list_columns))
     return _Equations.of(rows, rows.generate(terms, compliance), errors, unstated)
 
 

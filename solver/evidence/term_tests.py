@@ -29,7 +29,7 @@ from jointstiff.solver.fit.triangle import (
     unit_columns,
 )
 from jointstiff.solver.mechanics.block import Term
-from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, JOINTS
 
 MISTAKE_LEVEL: Final = 1e-5
@@ -199,7 +199,7 @@ class TermTests:
         terms = [*(term for term in self._terms if term.name in names), *other_stated_terms]
         rows = self.rows
         if self._scattered:
-            stack = rows.with_scatter(NO_SCATTER).stack(terms, self.compliance)
+            stack = rows.stack(terms, self.compliance)
             fitted_columns = np.concatenate([np.flatnonzero(self.visible), *list(stack.span.values())[1:]])
             scatter, _ = RestrictedLikelihood(rows.block, stack, fitted_columns).fit_shared_errors()
             rows = rows.with_scatter(scatter)

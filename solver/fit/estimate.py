@@ -575,8 +575,6 @@ class Estimate:
     second_order: FloatArray | None = None
     #: why stated errors were propagated after the fit, although they could have been fitted; None otherwise
     statements_dropped: str | None = None
-    #: test of the stated sigma without the scatter that the fit only allows for; None without such scatter
-    test_without_allowance: SigmaTest | None = None
 
     @property
     def statements(self) -> FittedStatements:
@@ -650,21 +648,14 @@ class Estimate:
 
     @cached_property
     def sigma_test(self) -> SigmaTest | None:
-        """Chi-square test of a stated sigma; None if sigma was not stated, or without degrees of freedom.
-
-        Scatter that is only allowed for makes residuals look small; they are too small only if they are so
-        without this scatter, too.
-        """
+        """Chi-square test of a stated sigma; None if sigma was not stated, or without degrees of freedom."""
         if not self.sigma_given:
             return None
-        test = sigma_test(
+        return sigma_test(
             self.chi_square,
             self.degrees_of_freedom,
             from_stated_errors=self.compressed.determined_statement_count,
         )
-        if test is not None and test.result == "residuals_too_small":
-            return self.test_without_allowance or test
-        return test
 
 
 _NO_UNCERTAINTY = (

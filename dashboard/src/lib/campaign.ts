@@ -252,7 +252,7 @@ const isStated = (value: unknown): boolean => value !== null && value !== undefi
 export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | null, units: Units): unknown {
   const { length, angle } = factors(units);
   const { sigma, instrument, encoder_sigma: encoder, load_point: point, target_places: places } = asked;
-  const { drift, force, repeatability, pose_repeatability: pose } = asked;
+  const { drift, force, repeatability } = asked;
   const load = stated(force);
   const { station, range, transverse } = (instrument ?? {}) as Record<string, Fields>;
   const part = (of: Fields | undefined) => ({
@@ -271,8 +271,7 @@ export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | nu
     ...(isStated(point) ? { load_point: sized(point, 1 / length) } : {}),
     ...(isStated(places) ? { target_places: sized(places, 1 / length) } : {}),
     ...(isStated(drift) ? { drift: sized(drift, 1 / length) } : {}),
-    ...(isStated(repeatability) ? { repeatability: sized(repeatability, 1 / angle), pose_repeatability: null } : {}),
-    ...(isStated(pose) ? { pose_repeatability: sized(pose, 1 / length), repeatability: null } : {}),
+    ...(isStated(repeatability) ? { repeatability: sized(repeatability, 1 / angle) } : {}),
     ...(isFields(load) && Object.keys(load).length > 0 ? { force: load } : {}),
   };
   const said = Object.entries(noise).filter(([, value]) => value !== null && value !== undefined && value !== false);

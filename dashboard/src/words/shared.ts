@@ -239,10 +239,8 @@ export const en = {
         residuals_too_small: "Residuals are smaller than the stated noise",
         estimated: "Noise estimated from the residuals",
       },
-      repeatability: (joint: string, source: "given" | "residuals" | "assumed") =>
-        `repeatability at the targets (${joint} µrad a joint), ${
-          { given: "as stated", residuals: "estimated", assumed: "allowed for" }[source]
-        }`,
+      repeatability: (joint: string, stated: boolean) =>
+        `repeatability at the targets (${joint} µrad a joint), ${stated ? "stated" : "estimated"}`,
     },
     stiffness: "Joint stiffness",
     stiffnessNote: (level: string) =>
@@ -293,7 +291,6 @@ export const en = {
     "noise.force": "uncertainty of the load",
     "noise.force.scale": "scale of the force",
     "noise.load_point": "uncertainty of the load point",
-    "noise.pose_repeatability": "pose repeatability RP (ISO 9283)",
     "noise.repeatability": "repeatability of a joint",
     "noise.sigma": "σ of one coordinate",
     payload: "largest payload",

@@ -321,8 +321,7 @@ def _describe_noise(source: RobotDocument | Campaign, sigma: float | None) -> di
         if is_in_r0 and (units.length, units.angle, units.force) == ("m", "rad", "N"):
             noise = stated.model_dump(mode="json", exclude_none=True, exclude={"encoder_sigma", "refuted"})
         else:
-            lengths = ("sigma", "load_point", "target_places", "drift", "pose_repeatability")
-            factors = dict.fromkeys(lengths, LENGTH[units.length])
+            factors = dict.fromkeys(("sigma", "load_point", "target_places", "drift"), LENGTH[units.length])
             factors["repeatability"] = ANGLE[units.angle]
             values = {name: getattr(stated, name) for name in factors}
             noise = {name: factors[name] * value for name, value in values.items() if value is not None}

@@ -64,8 +64,6 @@ _VERDICT_CELLS: Final = {
 """Cell in the column of verdicts, by status of the joint or, for an identified joint, by verdict."""
 ASSUMPTIONS: Final = {"assumed_load_point": "load point ± 10 mm", "assumed_force_scale": "force ± 1 %"}
 """Source of uncertainty → what is assumed about it, in a few words."""
-REPEATABILITY_SOURCES: Final = {"given": "as stated", "residuals": "estimated", "assumed": "allowed for"}
-"""Words for the source of the repeatability."""
 _GRADES: Final = {0.05: "well determined", 0.2: "determined"}
 """Words for a good joint, by the greatest half width of the interval relative to the stiffness."""
 
@@ -249,7 +247,7 @@ def _repeatability_text(goodness: Goodness) -> str:
     """Return the end of a sentence with the repeatability at the targets; "" if there is none."""
     if goodness.repeatability is None or goodness.repeatability_at_targets is None:
         return ""
-    source = REPEATABILITY_SOURCES[goodness.repeatability_source or "residuals"]
+    source = "stated" if goodness.repeatability_source == "given" else "estimated"
     return (
         f", repeatability {length_text(goodness.repeatability_at_targets)} at the targets "
         f"({figure(1e6 * goodness.repeatability, '.2g')} µrad a joint, {source})"

@@ -10,13 +10,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import TARGETS, default_arm, deflections
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.evidence.joints import JointsAlone
-from jointstiff.solver.evidence.scatter import (
-    USUAL_REPEATABILITY,
-    USUAL_STATION_ERROR,
-    Repeatability,
-    compute_target_motion,
-    find_scatter,
-)
+from jointstiff.solver.evidence.scatter import Repeatability, compute_target_motion
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
@@ -51,81 +45,10 @@ def test_the_repeatability_of_the_joints_is_found(planted, sigma):
 
 
 @pytest.mark.parametrize("sigma", [SIGMA, None])
-def test_joints_that_repeat_show_no_scatter_and_cost_little_width(sigma):
-    widths = []
+def test_joints_that_repeat_show_no_scatter(sigma):
     for seed in range(6):
-        rows = Rows(ROBOT, scattered(0.0, seed=seed, sigma=sigma))
-        joints = JointsAlone(rows, SETTINGS)
-        assert not joints.shows_scatter
-        assert Repeatability.from_rows(joints.rows, joints.estimate.sigma).source == "assumed"
-        widths.append(np.diag(joints.estimate.covariance) / np.diag(identify(rows, SETTINGS).covariance))
-    assert np.median(np.sqrt(widths)) < 1.1
-
-
-def few(repeatability, *, seed, count=6):
-    """Readings in few postures."""
-    return scattered(repeatability, seed=100 + seed, count=count)
-
-
-def test_what_few_readings_do_not_show_is_allowed_for():
-    """Six postures hardly show 10 µrad: a fit allows for some, between none and what is usual."""
-    found = []
-    for seed in range(8):
-        joints = JointsAlone(Rows(ROBOT, few(1e-5, seed=seed)), SETTINGS)
-        found.append(joints.measurements.scatter.joints * SIGMA)
-    assert min(found) > 2e-6
-    assert np.median(found) == pytest.approx(1e-5, rel=0.4)
-
-
-@pytest.mark.parametrize("factor", [0.5, 2.0])
-def test_readings_correct_a_stated_repeatability(factor):
-    """A stated number is right to a factor of two, so that readings move it towards the truth."""
-    planted, found = 2e-5, []
-    for seed in range(4):
-        stated = factor * planted
-        measurements = replace(
-            few(planted, seed=seed, count=12), repeatability=stated, scatter=Scatter(stated / SIGMA)
-        )
-        found.append(JointsAlone(Rows(ROBOT, measurements), SETTINGS).measurements.scatter.joints * SIGMA)
-    assert np.mean(found) == pytest.approx(planted, rel=0.3)
-
-
-def test_an_arm_that_stood_still_has_no_turns():
-    measurements = replace(few(2e-5, seed=0), repeatability=0.0)
-    assert JointsAlone(Rows(ROBOT, measurements), SETTINGS).measurements.scatter.joints == 0.0
-
-
-def test_the_expected_error_is_the_mean_over_a_dense_grid():
-    """The likelihood by the whole covariance of the readings, summed over 60 by 50 even steps."""
-    for seed in range(3):
-        measurements = few(1.5e-5, seed=seed)
-        rows = Rows(ROBOT, measurements)
-        estimate = identify(rows, SETTINGS)
-        scatter = find_scatter(rows, estimate)
-        block = rows.at(estimate.balanced).block
-        A, J = (each.reshape(len(measurements), -1, ROBOT.n) for each in (block.A, block.jacobian))
-        d = measurements.deflection.reshape(len(measurements), -1)
-        ones = np.tile(np.eye(3), (len(POINTS), 1))
-        turns, shifts = np.linspace(0.0, 1e-4, 61), np.linspace(0.0, 5e-5, 51)
-        log_density = np.empty((len(turns), len(shifts)))
-        for i, s in enumerate(turns):
-            for j, u in enumerate(shifts):
-                V = 2.0 * SIGMA**2 * np.eye(d.shape[1]) + s**2 * J @ J.mT + u**2 * ones @ ones.T
-                inverse = np.linalg.inv(V)
-                N = (A.mT @ inverse @ A).sum(axis=0)
-                c = np.linalg.solve(N, (A.mT @ inverse @ d[..., None]).sum(axis=0))
-                r = d[..., None] - A @ c
-                squares = float((r.mT @ inverse @ r).sum())
-                determinants = np.linalg.slogdet(V)[1].sum() + np.linalg.slogdet(N)[1]
-                before = (s / USUAL_REPEATABILITY) ** 2 + (u / USUAL_STATION_ERROR) ** 2
-                log_density[i, j] = -0.5 * (squares + determinants + before)
-        weight = np.exp(log_density - log_density.max())
-        weight[[0, -1]] *= 0.5
-        weight[:, [0, -1]] *= 0.5
-        s = np.sqrt((weight * turns[:, None] ** 2).sum() / weight.sum())
-        u = np.sqrt((weight * shifts**2).sum() / weight.sum())
-        assert scatter.joints * SIGMA == pytest.approx(s, rel=0.01)
-        assert scatter.station * SIGMA == pytest.approx(u, rel=0.01)
+        measurements = scattered(0.0, seed=seed, sigma=sigma)
+        assert JointsAlone(Rows(ROBOT, measurements), SETTINGS).measurements is measurements
 
 
 def test_the_error_of_a_station_is_not_taken_for_that_of_three_targets():
@@ -206,7 +129,7 @@ def test_a_repeatability_that_is_stated_is_used(sigma):
     joints = JointsAlone(Rows(ROBOT, measurements), SETTINGS)
     found = Repeatability.from_rows(joints.rows, joints.estimate.sigma)
     assert found.source == "given"
-    assert found.joint == pytest.approx(3e-5, rel=0.2)
+    assert found.joint == pytest.approx(3e-5, rel=1e-9 if sigma else 0.1)
 
 
 def test_a_stated_repeatability_excuses_no_larger_errors():

@@ -182,14 +182,3 @@ def test_the_order_of_the_two_runs_does_not_matter():
     swapped = replace(pair, motor=pair.secondary, secondary=pair.motor)
     first, second = (compare_pair(each, same_load_point=True).apart for each in (pair, swapped))
     np.testing.assert_allclose(first.interval, second.interval, rtol=1e-9)
-
-
-def test_a_repeatability_may_be_stated_with_encoders():
-    """Encoders and targets see the same turns, which are stated half as large as they are."""
-    campaign = simulate(PLAY, 0)
-    stated = replace(
-        campaign.measurements, repeatability=3e-6, scatter=Scatter(3e-6 / campaign.measurements.sigma)
-    )
-    joints = joints_of(stated)
-    assert joints.measurements.scatter.encoders
-    assert joints.measurements.scatter.joints * stated.sigma > 5e-6

@@ -50,7 +50,6 @@ export const NOISE: Terms = {
     load_point: [mm, 1e-3],
     target_places: [mm, 1e-3],
     drift: ["µm", 1e-6],
-    pose_repeatability: ["µm", 1e-6],
     "force.direction": ["mrad", 1e-3],
     "instrument.station": [mm, 1e-3],
   },
@@ -123,7 +122,6 @@ export function Advanced({ form: { run, setRun, noise, setNoise, request }, join
                 "drift",
                 "encoder_sigma",
                 "repeatability",
-                "pose_repeatability",
               ]}
               value={noise}
               change={setNoise}

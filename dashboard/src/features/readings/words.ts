@@ -144,6 +144,5 @@ export const settingWords = {
     drift: "Drift from one observation to the next",
     encoder_sigma: "Secondary encoder",
     repeatability: "Repeatability of a joint",
-    pose_repeatability: "Pose repeatability RP by the maker (ISO 9283)",
   },
 };

@@ -306,10 +306,7 @@ function Summary({ result }: { result: RunResult }) {
         figure(
           significant(goodness.repeatability_at_targets * 1e6, 2),
           text.units.micrometre,
-          words.repeatability(
-            significant(goodness.repeatability * 1e6, 2),
-            goodness.repeatability_source ?? "residuals",
-          ),
+          words.repeatability(significant(goodness.repeatability * 1e6, 2), goodness.repeatability_source === "given"),
         )}
     </ul>
   );
