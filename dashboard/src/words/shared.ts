@@ -243,6 +243,7 @@ export const en = {
         `repeatability at the targets (${joint} µrad a joint), ${stated ? "stated" : "estimated"}`,
     },
     stiffness: "Joint stiffness",
+    arm: "The arm in one configuration",
     stiffnessNote: (level: string) =>
       `Point: estimate. Bar: ${level} interval. Arrow: no upper limit. Logarithmic axis.`,
     stiffnessIn: (unit: string) => `Joints in ${unit}.`,

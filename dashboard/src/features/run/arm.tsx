@@ -40,7 +40,7 @@ export function RunArm({ context: { run, set, robot }, result, at }: RunArmProps
   const most = Math.max(0, ...parts.map((part) => part ?? 0));
   const compliances = result.joints.map((joint) => joint.compliance);
   return (
-    <section class="card run-arm" aria-label={words.title}>
+    <>
       <ArmView
         posture={posture}
         measured={arrows?.measured ?? []}
@@ -56,10 +56,9 @@ export function RunArm({ context: { run, set, robot }, result, at }: RunArmProps
         label={sceneWords.canvas(observation.label)}
       />
       <p>
-        <b>{observation.label}</b>{" "}
-        {words.deflects(significant(deflection * 1e3, 3), pulls ? fixed(norm(load.force), 0) : null)}{" "}
-        <span class="soft">{words.drawn(fixed(factor, 0))}</span>
+        <b>{observation.label}</b> {words.deflects(significant(deflection * 1e3, 3))}
       </p>
+      <p class="soft line">{load && words.drawn(pulls ? fixed(norm(load.force), 0) : null, fixed(factor, 0))}</p>
       {most > 0 && <RampLegend scale={[0, most * 1e3]} unit={text.units.mm} label={words.part} />}
       <div class="actions">
         <Button look="quiet" onClick={() => setBends((count) => count + 1)}>
@@ -69,7 +68,7 @@ export function RunArm({ context: { run, set, robot }, result, at }: RunArmProps
           {words.pull}
         </LinkButton>
       </div>
-    </section>
+    </>
   );
 }
 
@@ -77,7 +76,8 @@ export function RunArm({ context: { run, set, robot }, result, at }: RunArmProps
 export function shownOf(set: MeasurementSet, result: RunResult, at: string | null) {
   const rows = byObservation(result.residuals);
   const greatest = Math.max(...rows.map(({ before }) => before));
-  const index = rows.findIndex(({ name, before }) => (at === null ? before === greatest : name === at));
+  const isKnown = rows.some(({ name }) => name === at);
+  const index = rows.findIndex(({ name, before }) => (isKnown ? name === at : before === greatest));
   const row = rows[index];
   const observation = set.observations.find(({ label }) => label === row?.name);
   if (!row || !observation) return null;

@@ -111,7 +111,11 @@ const withArm =
       <div class="parts">
         <Part {...props} />
       </div>
-      <RunArm context={props.context} result={props.result} at={props.query.get("at")} />
+      {props.result.residuals.length > 0 && (
+        <section class="card run-arm" aria-label={text.run.arm}>
+          <RunArm context={props.context} result={props.result} at={props.query.get("at")} />
+        </section>
+      )}
     </div>
   );
 

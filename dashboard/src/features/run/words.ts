@@ -24,10 +24,9 @@ export const deflectionWords = {
 };
 
 export const armWords = {
-  title: "The arm in one configuration",
-  deflects: (length: string, force: string | null) =>
-    force === null ? `deflects by ${length} mm` : `deflects by ${length} mm under ${force} N`,
-  drawn: (factor: string) => `(drawn ×${factor})`,
+  deflects: (length: string) => `deflects by ${length} mm`,
+  drawn: (force: string | null, factor: string) =>
+    force === null ? `drawn ×${factor}` : `under ${force} N, drawn ×${factor}`,
   part: "Contribution of a joint",
   pull: "Pull the tool",
 };
