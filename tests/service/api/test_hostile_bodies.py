@@ -279,7 +279,9 @@ def test_numbers_at_the_edge_of_what_is_allowed_are_never_for_use(force, sigma, 
     }
     made = post(local, "/v1/measurement-sets", stated)
     forbidding = {each["code"] for each in made["warnings"] if each["weight"] == "do_not_use"}
-    assert "target_off_model" in forbidding  # where targets were read, they decide, not the size of the angles
+    assert (
+        "target_off_model" in forbidding
+    )  # where targets were read, they decide, not the size of the angles
     of_set = {"measurement_set_id": made["id"]}
     run = post(local, "/v1/runs", of_set | {"method": "partial_pose"})
     said = run["result"]["assessment"]["verdict"] if run["result"] else run["error"]["detail"]
