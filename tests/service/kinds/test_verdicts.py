@@ -177,12 +177,12 @@ def test_nothing_acts_on_a_robot_unasked(local, post_job, kind):
 
 
 FIRST = {
-    "run": "Do not use: 2 reasons",
-    "comparison": "Do not use this comparison: 4 reasons of its run",
-    "plan": "Do not use this plan: 1 reason of its own, 2 reasons of its run",
-    "map": "Do not use this map: 2 reasons of its run",
+    "run": "Do not use: 1 reason",
+    "comparison": "Do not use this comparison: 2 reasons of its run",
+    "plan": "Do not use this plan: 1 reason of its own, 1 reason of its run",
+    "map": "Do not use this map: 1 reason of its run",
     "fleet": "Do not use 1 of 1 sets",
-    "program": "Do not use this program: 2 reasons of its run",
+    "program": "Do not use this program: 1 reason of its run",
 }
 TABLES = {
     "run": ["joints.csv", "residuals.csv", "model.csv?accept_verdict=do_not_use"],
