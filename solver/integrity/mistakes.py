@@ -19,7 +19,13 @@ import numpy as np
 from jointstiff.schemas.finding import AdvisedAction, Finding, FindingCode, Unit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.integrity.values import OTHER_UNITS, View, median, transform_to_flange
-from jointstiff.solver.meaning.decision import LARGEST_RESIDUAL
+from jointstiff.solver.meaning.decision import (
+    LARGEST_PART,
+    LARGEST_RESIDUAL,
+    LARGEST_SCALE_ERROR,
+    LEAST_FREEDOM,
+    LEAST_SHARE,
+)
 from jointstiff.solver.meaning.proposal import USUAL_RESIDUAL
 from jointstiff.solver.meaning.refinement import RigidFit, fit_frame
 from jointstiff.solver.meaning.screening import FlangePlaces, LinearFit, fit_all
@@ -53,16 +59,11 @@ _MOST_REVERSED: Final = 7
 _MOST_TARGETS: Final = 4
 """Targets that suffice to find a frame: those that were read most often."""
 _SUBSETS: Final = 8
+"""Number of random halves of the rows that are tried if all rows together do not fit."""
 _LEAST_SUBSET: Final = 7
-_LEAST_FREEDOM: Final = 9
-_LARGEST_PART: Final = 0.03
-"""Largest median distance relative to the movement of the targets with which a frame fits."""
-_LEAST_SHARE: Final = 0.7
-"""Least fraction of the positions that fit in a frame."""
+"""Least number of rows of such a half."""
 _SAME_AXES: Final = 0.03
 """Largest difference of a rotation from exchanged axes [rad]."""
-_LARGEST_SCALE_ERROR: Final = 6e-3
-"""Relative difference of all lengths up to which an arm may differ from its model."""
 _SCALE_BY_RESIDUAL: Final = 3.0
 """Least change of the positions by a scale, relative to the residual that is left."""
 _CENTIMETRES_AND_INCHES: Final = (
@@ -478,7 +479,7 @@ def find_scale_mistake(view: View, rows: IndexArray) -> Finding | None:
         return None
     scale = found.factor
     is_clear = abs(scale - 1.0) * found.movement > _SCALE_BY_RESIDUAL * found.fit.typical
-    if abs(scale - 1.0) <= _LARGEST_SCALE_ERROR or not is_clear:
+    if abs(scale - 1.0) <= LARGEST_SCALE_ERROR or not is_clear:
         return None
     is_in_base = np.allclose(found.fit.frame.rotation, np.eye(3), atol=_SAME_AXES)
     if not is_in_base:
@@ -486,7 +487,7 @@ def find_scale_mistake(view: View, rows: IndexArray) -> Finding | None:
     return view.build_finding(
         "lengths_differ",
         f"the lengths of the readings are {figure(1.0 / scale)} times those of the robot's model, all alike "
-        f"within {length_text(found.fit.typical)} in the median; up to {100 * _LARGEST_SCALE_ERROR:.1g} % is "
+        f"within {length_text(found.fit.typical)} in the median; up to {100 * LARGEST_SCALE_ERROR:.1g} % is "
         "plausible",
         "check which robot was measured, and the scale of the tracker: its unit, its scale bar, temperature "
         f"and air pressure; {PAST_CARE}",
@@ -507,7 +508,7 @@ def _fit_frame_of(view: View, rows: IndexArray, *, scale_is_free: bool = False) 
     sample = sample_rows(rows)
     most_read = np.argsort(-view.measured[sample].sum(axis=0), kind="stable")[:_MOST_TARGETS]
     known = view.measured[np.ix_(sample, most_read)]
-    if known.sum() * 3 < _LEAST_FREEDOM + 12 + 3 * len(most_read):
+    if known.sum() * 3 < LEAST_FREEDOM + 12 + 3 * len(most_read):
         return None
     points = np.where(known[..., None], view.measurements.position[np.ix_(sample, most_read)], np.nan)
     points = points[:, known.any(axis=0)]
@@ -524,9 +525,9 @@ def _fit_frame_of(view: View, rows: IndexArray, *, scale_is_free: bool = False) 
     distances = fit.distances[np.isfinite(fit.distances)]
     share = float(np.mean(distances <= 2.0 * LARGEST_RESIDUAL))
     fits = (
-        fit.typical <= min(LARGEST_RESIDUAL, _LARGEST_PART * movement)
-        and share >= _LEAST_SHARE
-        and fit.degrees_of_freedom >= _LEAST_FREEDOM
+        fit.typical <= min(LARGEST_RESIDUAL, LARGEST_PART * movement)
+        and share >= LEAST_SHARE
+        and fit.degrees_of_freedom >= LEAST_FREEDOM
         and fit.unit == "m"
     )
     return _FrameFit(fit, movement, factor) if fits else None

@@ -14,13 +14,15 @@ from jointstiff.solver.meaning.table import PointColumns
 
 LARGEST_RESIDUAL: Final = 5e-3
 """Largest median distance [m] of positions from their places by a nominal model."""
-_LARGEST_PART: Final = 0.03
+LARGEST_PART: Final = 0.03
 """Largest median distance relative to the movement of the targets."""
-_LEAST_SHARE: Final = 0.7
+LEAST_SHARE: Final = 0.7
 """Least fraction of the positions that fit."""
-_LARGEST_SCALE_ERROR: Final = 6e-3
-_LEAST_FREEDOM: Final = 9
-_COMPUTED: Final = 1.5e-4
+LARGEST_SCALE_ERROR: Final = 6e-3
+"""Relative difference of all lengths up to which an arm may differ from its model."""
+LEAST_FREEDOM: Final = 9
+"""Least number of degrees of freedom of a fit that decides."""
+COMPUTED: Final = 1.5e-4
 """Median distance [m] below which a controller has computed the positions: a nominal model is no better."""
 _CLEARLY_WORSE: Final = 4.0
 """Ratio of the distances of a position by two interpretations from which the position is a vote."""
@@ -87,7 +89,7 @@ def _are_same_positions(first: PointColumns, second: PointColumns) -> bool:
 def fits(interpretation: Interpretation) -> bool:
     """Return whether most positions are near the places where the robot would put the targets."""
     typical = interpretation.fit.typical  # median distance [m]
-    return typical < LARGEST_RESIDUAL and measure_share(interpretation) >= _LEAST_SHARE
+    return typical < LARGEST_RESIDUAL and measure_share(interpretation) >= LEAST_SHARE
 
 
 def measure_share(interpretation: Interpretation) -> float:
@@ -100,7 +102,7 @@ def measure_share(interpretation: Interpretation) -> float:
 
 def is_computed(interpretation: Interpretation) -> bool:
     """Return whether positions are nearer to a nominal model than the positions of any real arm."""
-    return interpretation.fit.typical < _COMPUTED
+    return interpretation.fit.typical < COMPUTED
 
 
 def _choose_simplest(measured: Sequence[Interpretation]) -> Interpretation:
@@ -264,11 +266,11 @@ def _find_largest_distances(interpretation: Interpretation) -> FloatArray:
 def _find_obstacle(best: Interpretation, votes: Votes) -> str:
     """Return why the best interpretation is not certain enough; empty if it is."""
     fit = best.fit
-    if fit.degrees_of_freedom < _LEAST_FREEDOM:
-        return f"too few positions: {fit.degrees_of_freedom} degrees of freedom, {_LEAST_FREEDOM} are needed"
-    if fit.typical > _LARGEST_PART * best.movement:
+    if fit.degrees_of_freedom < LEAST_FREEDOM:
+        return f"too few positions: {fit.degrees_of_freedom} degrees of freedom, {LEAST_FREEDOM} are needed"
+    if fit.typical > LARGEST_PART * best.movement:
         return f"the targets move by {best.movement * 1e3:.0f} mm only"
-    if abs(fit.free_scale - 1.0) > _LARGEST_SCALE_ERROR:
+    if abs(fit.free_scale - 1.0) > LARGEST_SCALE_ERROR:
         return f"the lengths of the robot differ by the factor {fit.free_scale:.4f}"
     if votes.margin < _LEAST_VOTES:
         return "two readings of the columns fit"

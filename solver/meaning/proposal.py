@@ -9,7 +9,15 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.meaning.decision import LARGEST_RESIDUAL, Decision, decide, find_doubt
+from jointstiff.solver.meaning.decision import (
+    COMPUTED,
+    LARGEST_PART,
+    LARGEST_RESIDUAL,
+    LEAST_SHARE,
+    Decision,
+    decide,
+    find_doubt,
+)
 from jointstiff.solver.meaning.hypotheses import build_joints, build_points
 from jointstiff.solver.meaning.kinematics import FlangeModel
 from jointstiff.solver.meaning.refinement import FramePlacement, fit_targets
@@ -26,9 +34,6 @@ USUAL_RESIDUAL: Final = 2e-3
 """Median distance [m] up to which arms usually fit their nominal models."""
 _SAME_PLACE: Final = 0.02
 """Distance [m] of places on the flange up to which two readings are states of one target."""
-_LARGEST_PART: Final = 0.03
-_LEAST_SHARE: Final = 0.7
-_COMPUTED: Final = 1.5e-4
 _BASE_ANGLE: Final = float(np.radians(1.0))
 """Angle [rad] of a frame against R0 from which positions are turned."""
 _BASE_DISTANCE: Final = 0.02
@@ -244,15 +249,15 @@ def _fit_as_targets(positions: FloatArray, distances: FloatArray) -> bool:
     but not as near as positions that a controller has computed.
     """
     is_known = np.isfinite(distances)
-    if is_known.mean() < _LEAST_SHARE:
+    if is_known.mean() < LEAST_SHARE:
         return False
     known_distances = distances[is_known]
     typical = float(np.median(known_distances))
     movement = float(np.nanstd(positions, axis=0).max())
-    largest_typical = min(LARGEST_RESIDUAL, _LARGEST_PART * movement)
+    largest_typical = min(LARGEST_RESIDUAL, LARGEST_PART * movement)
     near = min(2.0 * LARGEST_RESIDUAL, max(5.0 * typical, USUAL_RESIDUAL))
     share_of_near = float(np.mean(known_distances < near))
-    return _COMPUTED < typical < largest_typical and share_of_near >= _LEAST_SHARE
+    return COMPUTED < typical < largest_typical and share_of_near >= LEAST_SHARE
 
 
 def _number_targets(readings: Sequence[TargetReading]) -> Iterator[TargetReading]:
