@@ -404,12 +404,13 @@ def _is_accepted(proposed: ProposedImport, *, may_ask: bool, yes: bool) -> bool:
 def _list_robots(robot: RobotDocument | None) -> Sequence[KnownRobot]:
     """Return the stated robot, or without one the arms of the catalogue."""
     from jointstiff.service.conversion.prepared import prepare_robot
+    from jointstiff.service.problems import as_campaign_error
     from jointstiff.service.resources.known_robots import catalogue_robots
     from jointstiff.solver.mechanics.robot import KnownRobot
 
     if robot is None:
         return list(catalogue_robots())
-    with _name_options_in_errors():
+    with _name_options_in_errors(), as_campaign_error("robot"):
         return [KnownRobot(robot.name, prepare_robot(robot).robot)]
 
 

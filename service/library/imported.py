@@ -137,6 +137,15 @@ class ImportedReadings(Presented, ImportAnswer):
         """Campaign of the readings and their robot, without the observations of a column `validation`.
 
         Raises:
+            CampaignError: no robot was given, or something is missing in the files.
+        """
+        with as_campaign_error(""):
+            return self._build_campaign()
+
+    def _build_campaign(self) -> Campaign:
+        """Return the campaign.
+
+        Raises:
             RequestError: no robot was given, or something is missing in the files.
         """
         if self._robot is None:
