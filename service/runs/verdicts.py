@@ -355,7 +355,8 @@ def find_implausible_deflection(greatest: float | None, run: RunResult | None) -
 def find_far_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
     """Return a reason if points on the tool [m, flange frame] are unusually far from the flange, or near.
 
-    [] is returned for usual points. Points in the origin of the flange frame are usual; points nearer than `FLANGE_LENGTHS` are not.
+    [] is returned for usual points, such as the origin of the flange frame. Other points nearer than
+    `FLANGE_LENGTHS` are not usual.
     """
     greatest_distance = max((hypot(*point) for point in points if point is not None), default=0.0)
     least_length, _ = FLANGE_LENGTHS
