@@ -124,7 +124,7 @@ def _split_struct(name: str, array: np.ndarray, depth: int = 0) -> list[tuple[st
 def _join_cell_array(array: np.ndarray) -> np.ndarray | None:
     """Return a MATLAB cell array whose cells are texts as an array of texts; other arrays as they are.
 
-    SciPy reads a cell array as an array of objects, each of which is an array with the cell's content. None
+    SciPy reads a cell array as an array of objects: an array for the content of each cell. None
     is returned for a cell array with a cell that is not one text.
     """
     is_cell_array = array.dtype.kind == "O"

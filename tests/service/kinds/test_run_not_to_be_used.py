@@ -156,7 +156,7 @@ FEWER = "no bound of the model error at 95 %: 19 postures are needed, but the ca
             (
                 "point_implausible",
                 "use_with_care",
-                "the load point or the place is 3 m from the flange; up to 1.5 m is plausible",
+                "the load point or the place is 3 m from the flange; 2 mm to 1.5 m is plausible",
             ),
             [[-0.00013743, 0.0, -0.00010939]],
             [

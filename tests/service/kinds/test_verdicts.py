@@ -340,7 +340,7 @@ def test_the_reasons_of_what_is_absurd_name_its_size(run, by_weights):
     ]
     assert said["prediction, a few metres"][:2] == [
         f"the greatest deflection is 26.5 mm, 5.14 times the greatest of the campaign{PLAUSIBLE}",
-        "the load point or the place is 4 m from the flange; up to 1.5 m is plausible",
+        "the load point or the place is 4 m from the flange; 2 mm to 1.5 m is plausible",
     ]
     assert said["prediction, joint without a number"] == ["none of the 1 cases has a number"]
     assert said["map, no place reached"] == ["none of the 9 places have a number"]
