@@ -185,9 +185,10 @@ class Competition:
         weight_count = len(self._weights)
         spans: list[tuple[int, int]] = []
         for fold in range(self._fold_count):
-            first_pair, end = fold * weight_count, (fold + 1) * weight_count
-            starts = range(first_pair, end, _PENALTIES_PER_STEP)
-            spans += [(start, min(start + _PENALTIES_PER_STEP, end)) for start in starts]
+            first_of_fold, first_of_next_fold = fold * weight_count, (fold + 1) * weight_count
+            for start in range(first_of_fold, first_of_next_fold, _PENALTIES_PER_STEP):
+                stop = min(start + _PENALTIES_PER_STEP, first_of_next_fold)
+                spans.append((start, stop))
         return tuple(spans)
 
     def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:

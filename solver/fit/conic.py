@@ -259,11 +259,10 @@ def _propose_robust_solutions(program: RobustProgram) -> Iterator[RobustSolution
         solution = loss.program.solve_with_duals(data, tolerance)
         if solution is None:  # Clarabel does not reach the tolerance
             continue
-        variables, multipliers = solution
-        x, w = cone.project(variables[: cone.dimension]), variables[cone.dimension :]
+        x, w = cone.project(solution.x[: cone.dimension]), solution.x[cone.dimension :]
         errors = root_of_threshold / loss.statement * w
         # Each target has a cone with four multipliers: one of the norm, then −ν (3,).
-        nu = -multipliers.reshape(-1, 4)[:, 1:]
+        nu = -solution.multipliers.reshape(-1, 4)[:, 1:]
         yield RobustSolution(x, certify_robust(program, x, errors, nu), errors)
 
 
@@ -525,7 +524,10 @@ class _EigenSplit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _BlockFace:
-    """Face of one block: matrices X = U X_r Uᵀ of rank r, with slack V S_s Vᵀ."""
+    """Face of one block: the matrices X = U X_r Uᵀ of rank r near the optimum, with the slack V S_s Vᵀ.
+
+    The slack is the gradient of the objective; at the optimum it is zero on the range U of X.
+    """
 
     place: slice  # of the block in the parameters
     U: FloatArray  # (size, r) range of X
@@ -535,13 +537,20 @@ class _BlockFace:
 
     @classmethod
     def from_slack(cls, place: slice, split: _EigenSplit, slack: FloatArray) -> _BlockFace:
-        """Return the face of a block, given the slack (size, size) of the block.
+        """Return the face of a block X = U diag(values) Uᵀ, given the slack (size, size) of the block.
 
-        At the optimum the slack is positive semidefinite, so S_s is the nearest such matrix.
+        At the optimum the slack on the null space V of X is positive semidefinite: S_s is the positive
+        semidefinite matrix nearest to it.
+
+        Args:
+            place: place of the block in the parameters.
+            split: range U and null space V of X, with its eigenvalues that are not zero.
+            slack: gradient of the objective with respect to X.
         """
-        eigenvalues, vectors = np.linalg.eigh(split.V.T @ slack @ split.V)
+        slack_on_null_space = split.V.T @ slack @ split.V
+        eigenvalues, vectors = np.linalg.eigh(slack_on_null_space)
         S_s = (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
-        return cls(place, split.U, split.V, np.diag(split.values), S_s)
+        return cls(place, split.U, split.V, core=np.diag(split.values), slack=S_s)
 
     @cached_property
     def basis(self) -> FloatArray:
@@ -909,8 +918,7 @@ def _minimise_and_maximise_compliances(
             solution = program.solve_with_duals({"a": function, **data}, *_MASS_TOLERANCES)
             if solution is None:
                 continue
-            _, multipliers = solution
             # The first multiplier belongs to the norm; the next are those of the rows.
-            multipliers_of_rows = multipliers[1 : 1 + len(b)]
+            multipliers_of_rows = solution.multipliers[1 : 1 + len(b)]
             ends.append(_ComplianceEnd(joint, is_greatest, function, multipliers_of_rows))
     return ends

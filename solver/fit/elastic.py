@@ -302,7 +302,7 @@ def _build_likelihood(
     """Return the least-squares problem from which the uncertainties of a fit are computed.
 
     Also a fit with a robust loss has such a problem, with a penalty of equal strength. Its sigma, the noise
-    of a reading, is the stated sigma, or that of the residuals if that is greater.
+    of a reading, is the stated sigma, or that of the residuals if that is greater or no sigma is stated.
 
     Args:
         reduced: rows of the fit.
@@ -504,19 +504,21 @@ class _Element(NamedTuple):
 
 
 def _list_elements(robot: Robot, candidate: Candidate) -> list[_Element]:
-    """List the elastic elements of a model: all joints, their coupling, then links and base."""
+    """List the elastic elements of a model: all joints, their coupling, then links and base.
+
+    Each element has the columns of its compliances in the rows of a fit. The compliance of a joint has two:
+    as a single number, and on the diagonal of the matrix that couples the joints; one of the two is zero.
+    """
     columns = candidate.columns
     coupling_diagonal = columns.coupling[find_diagonal_entries(columns.n)]
     elements = list[_Element]()
     for joint, name in enumerate(robot.joint_names):
-        # A joint's own compliance has a column as a single number, and a column on the diagonal of the
-        # coupled compliance; one of the two compliances is zero.
         own_columns = np.array([columns.joints[joint], coupling_diagonal[joint]])
         elements.append(_Element("joint", name, own_columns))
     if candidate.model.couples_joints:
         off_diagonal = np.setdiff1d(columns.coupling, coupling_diagonal)
         elements.append(_Element("coupling", None, off_diagonal))
-    for frame in candidate.frames:
+    for frame in candidate.frames:  # a link has the index of the joint before it
         link_columns = columns.link_columns(frame)
         if frame == BASE:
             elements.append(_Element("base", None, link_columns))

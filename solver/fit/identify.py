@@ -361,6 +361,8 @@ class _Problem:
     ) -> _SingleFit:
         """Fit joints and stated errors to rows, by least squares or with the Huber loss.
 
+        The Huber loss gives weights of the readings; least squares with these weights give its estimate.
+
         Args:
             rows: N observations in their postures, bent or not.
             stated_errors: errors to fit with the joints; None without any.
@@ -370,8 +372,8 @@ class _Problem:
         if self.settings.loss == "huber":
             targets = TargetRows.of(rows)
             robust = self._fit_huber(targets, before)
-            # Least squares of the reweighted readings gives the Huber estimate.
-            rows = rows.of(robust.reweight(rows.measurements))
+            weighted_readings = robust.reweight(rows.measurements)
+            rows = rows.of(weighted_readings)
         compressed = MethodRows.compress(self.method, rows, stated_errors)
         fit = self._solve_compressed_rows(compressed, robust, solve_step)
         return _SingleFit(rows, compressed, fit, robust, targets)

@@ -107,15 +107,14 @@ class FreeLoad:
         """
         triangle = _compress_rows_with_levers(rows, settings, statements)
         R, columns_of = triangle.R, triangle.span  # QR factor of all rows; columns of each term in it
+        n = rows.robot.n
         columns_of_errors = np.concatenate([columns_of[term.name] for term in statements.terms])
-        levers = np.zeros((len(R), rows.robot.n, len(columns_of_errors)))  # (rows, joints, errors)
+        levers = np.zeros((len(R), n, len(columns_of_errors)))  # (rows, joints, errors)
         for term in statements.terms:
-            if term.name in BY_JOINT:
-                errors = np.searchsorted(
-                    columns_of_errors, columns_of[term.name]
-                )  # indices among the K errors
-                by_joint = R[:, columns_of[BY_JOINT[term.name].name]]
-                levers[:, :, errors] = by_joint.reshape(len(R), rows.robot.n, -1)
+            if term.name in BY_JOINT:  # only errors of the load have levers
+                index_of_error = np.searchsorted(columns_of_errors, columns_of[term.name])
+                columns_by_joint = R[:, columns_of[BY_JOINT[term.name].name]]
+                levers[:, :, index_of_error] = columns_by_joint.reshape(len(R), n, -1)
         free_load = cls(
             joints=joints,
             A=R[:, joints],

@@ -457,7 +457,8 @@ class MethodRows:
         """Effective number of stated errors that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``.
 
         B are the columns of K errors of stated uncertainty, such as errors of the load, with the columns of
-        the joints projected out; σ is the noise of a reading.
+        the joints projected out; σ is the noise of a reading. An error counts 1 if the readings determine it,
+        and 0 if only its stated uncertainty does.
         """
         n, K = len(self.method.joint_names), len(self.to_unknowns)
         if not K:

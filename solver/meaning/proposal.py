@@ -128,9 +128,11 @@ def _build_proposal(
     decision: Decision,
     interpretations: Sequence[Interpretation],
 ) -> Proposal:
-    """Build a proposal from an interpretation of one triple of positions.
+    """Build a proposal from an interpretation of one triple of columns as the positions of a target.
 
-    The other targets and states are those whose positions fit with the same joints and the same frame.
+    All other triples of columns that fit with the same joints and the same frame are further targets, or the
+    same target in another state, such as under load. A position counts as fitting if its distance from where
+    the robot would put the target is below some five times the median distance.
 
     Args:
         tables: numbers of files.
