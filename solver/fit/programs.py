@@ -370,15 +370,16 @@ def _state_block_cones(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.C
     constraints = list[cp.Constraint]()
     first = 0  # index of the block's first entry of x
     for number, block in enumerate(blocks):
+        first_of_zeta, first_of_nu = first + 1, first + 1 + block.boxes
         c = x[first]
-        zeta = x[first + 1 : first + 1 + block.boxes]
+        zeta = x[first_of_zeta:first_of_nu]
         constraints += [c >= 0, c <= cap[number]]
         if block.boxes:
             constraints += [zeta <= c, -zeta <= c]
-        first_of_nu = first + 1 + block.boxes
         for k, ratio in block.balls:
             nu = x[first_of_nu : first_of_nu + 3]
-            radius = c + ratio * zeta[k] if k >= 0 else c
+            radius_depends_on_zeta = k >= 0
+            radius = c + ratio * zeta[k] if radius_depends_on_zeta else c
             constraints.append(cp.SOC(radius, nu))
             first_of_nu += 3
         first += block.size
@@ -420,7 +421,13 @@ def _find_shape(scaled: Scaled) -> _Shape:
     rows, columns = scaled.A.shape
     with_lower = np.flatnonzero(np.isfinite(scaled.bounds.lower))
     with_upper = np.flatnonzero(np.isfinite(scaled.bounds.upper))
-    return _Shape(rows, columns, tuple(with_lower.tolist()), tuple(with_upper.tolist()), len(scaled.d))
+    return _Shape(
+        rows=rows,
+        columns=columns,
+        with_lower=tuple(with_lower.tolist()),
+        with_upper=tuple(with_upper.tolist()),
+        inequalities=len(scaled.d),
+    )
 
 
 def _state_constraints(x: cp.Variable, shape: _Shape) -> list[cp.Constraint]:
