@@ -6,14 +6,14 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from robotprograms import language as ir
 from robotprograms.columns import IN_MODULE, OF_ROUTINE
 from robotprograms.errors import capitalise
-from robotprograms.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
+from robotprograms.language import UNKNOWN_STATEMENT, Line, Misread, Op
 from robotprograms.notation import Notation, Orientation
 from robotprograms.places import OTHER_FILES
 from robotprograms.program import Literal, Motion, Source
@@ -71,10 +71,11 @@ _NOT_WHOLE: Final = (
 _WITH: Final = re.compile(r" ?(?<![\w$])WITH ")
 _BLEND: Final = re.compile(r" ?(?<![\w$])C_(?:PTP|DIS|VEL|ORI|SPL)")
 _LONGEST_BLEND: Final = len(" C_PTP")
-_FIELD: Final = re.compile(r"(\w+)(?:\[\])? ?(\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+')")
+_FIELD: Final = re.compile(r"(?P<name>\w+)(?:\[\])? ?(?P<value>\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+')")
+_DECLARED_NAME: Final = re.compile(rf"(?P<name>{_NAME})(?:\[(?P<index>.*?)\])?(?:=(?P<value>.+))?")
 _SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
 _OWN_FRAME: Final = re.compile(
-    rf"\$(BASE|TOOL|IPO_MODE)=(?:(?:STOOL2?|SBASE|SIPO_MODE)\((?P<data>{_NAME})(?:\.\w+)?\)"
+    rf"\$(?P<role>BASE|TOOL|IPO_MODE)=(?:(?:STOOL2?|SBASE|SIPO_MODE)\((?P<data>{_NAME})(?:\.\w+)?\)"
     rf"|(?P<table>(?:BASE|TOOL)_DATA)\[\0\]|(?P<name>{_NAME}))"
 )
 """A frame of a single move, by the name of its data, in the controller's table, or by its own name."""
@@ -92,6 +93,7 @@ _NEAR: Final = re.compile(r"(?P<target>[^\W\d]\w*+):(?P<offset>[^:,]++|\{[^{}]*\
 """A place at an offset from a target, by the geometric operator."""
 _TABLE: Final = re.compile(r"(?P<role>BASE|TOOL)_DATA\[(?P<index>[^\W\d]\w*+)\]")
 _OTHER_TABLE: Final = {"$BASE": "TOOL_DATA", "$TOOL": "BASE_DATA"}
+"""The controller's table of frames from which the active base or tool is not set."""
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 
@@ -100,38 +102,38 @@ _FEED_OF_BLOCK: Final = f"{ir.FEED} before the block"
 _M_PER_S: Final = 1e3
 """Unit of `$VEL.CP` [mm/s]."""
 _OWN_FEED: Final = re.compile(
-    r"\$VEL(?:\.CP=(?P<value>.+)|=(?:(?P<struct>\{.*\})|SVEL_CP\((?P<data>.*)\)|.+))"
+    r"\$VEL(?:\.CP=(?P<value>.+)|=(?:(?P<structure>\{.*\})|SVEL_CP\((?P<data>.*)\)|.+))"
 )
 """An assignment, or a setting of a single move, that sets the feed: also as a structure by its name."""
+_UNKNOWN_FEED: Final = ir.Unknown("the feed is computed, or not stated", "write $VEL.CP in numbers")
 
 
-def _read_feed(line: Line, start: int, end: int) -> ir.Value | None:
+def _read_feed(setting: Line) -> ir.Value | None:
     """Return the feed that a setting such as `$VEL.CP=0.2` states; None if the setting states no feed.
 
-    The setting is the text between two indices of the line. A feed that is computed is an unknown value.
+    A feed that is computed is an unknown value.
     """
-    setting = _OWN_FEED.fullmatch(line.text, start, end)
-    if setting is None:
+    match = _OWN_FEED.fullmatch(setting.text)
+    if match is None:
         return None
-    unknown = ir.Unknown("the feed is computed, or not stated", "write $VEL.CP in numbers")
-    if setting["struct"]:  # $VEL={CP 0.2,ORI1 200}
-        ordinal = _read_struct(line, *setting.span("struct")).get("CP")
-        return Literal(_NUMBER, (ordinal,)) if isinstance(ordinal, int) else unknown
-    if setting["value"]:  # $VEL.CP=0.2
-        begin, stop = setting.span("value")
-    elif setting["data"]:  # $VEL=SVEL_CP(0.2,...), whose first argument is the feed
-        begin, stop = setting.span("data")
+    if match["structure"]:  # $VEL={CP 0.2,ORI1 200}
+        ordinal = _read_structure(setting.cut(*match.span("structure"))).get("CP")
+        return Literal(_NUMBER, (ordinal,)) if isinstance(ordinal, int) else _UNKNOWN_FEED
+    if match["value"]:  # $VEL.CP=0.2
+        values = setting.cut(*match.span("value"))
+    elif match["data"]:  # $VEL=SVEL_CP(0.2,...), whose first argument is the feed
+        values = setting.cut(*match.span("data"))
     else:
-        return unknown
-    first_argument = next(iter(split_outside_brackets(line.text[:stop], begin)))
-    return _read_speed(line, *first_argument) or unknown
+        return _UNKNOWN_FEED
+    feed, *_ = values.split()
+    return _read_speed(feed) or _UNKNOWN_FEED
 
 
-def _read_speed(line: Line, start: int, end: int) -> ir.Value | None:
-    """Return the speed that the text between two indices states: a number or a name; None for other texts."""
-    text = line.text[start:end].strip()
-    if text == ir.A_NUMBER:  # NUL replaces each number
-        return Literal(_NUMBER, line.ordinals_in(start, end))
+def _read_speed(part: Line) -> ir.Value | None:
+    """Return the speed that a text states: a number or a name; None for any other text."""
+    if part.is_number:
+        return Literal(_NUMBER, part.ordinals)
+    text = part.text.strip()
     is_name = re.fullmatch(_NAME, text) and text not in {"TRUE", "FALSE"}
     return ir.Copy(text) if is_name else None
 
@@ -148,44 +150,42 @@ def _read_value(line: Line, text: str) -> list[Op]:
     return line.read_expression(text)
 
 
-def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
-    """Parse a structure such as `{X 1,Y 2,S "on"}` between two indices of the line.
+def _read_structure(part: Line) -> dict[str, int | str]:
+    """Parse a structure such as `{X 1,Y 2,S "on"}`.
 
     Returns:
         For the name of each field the ordinal of its number, which is the index among the numbers of the
         statement; or the field's text if it is no number. Empty if a field is computed or occurs twice, or
         if the text is not a structure.
     """
-    structure = re.compile(r"\{(?:\w+:)?([^{}]*)\}").fullmatch(line.text, start, end)
+    structure = re.fullmatch(r"\{(?:\w+:)?(?P<fields>[^{}]*)\}", part.text)
     if structure is None:
         return {}
-    begin, stop = structure.span(1)
-    ordinals = iter(line.ordinals_in(start, end))
-    fields = dict[str, int | str]()
-    for first, last in split_outside_brackets(line.text[:stop], begin):
-        field = _FIELD.fullmatch(line.text, first, last)
-        if field is None or field[1] in fields:
+    value_of_field = dict[str, int | str]()
+    for field in part.cut(*structure.span("fields")).split():
+        match = _FIELD.fullmatch(field.text)
+        if match is None or match["name"] in value_of_field:
             return {}
-        name, value = field.groups()
-        is_number = value == ir.A_NUMBER
-        fields[name] = next(ordinals) if is_number else value
-    return fields
+        is_number = match["value"] == ir.A_NUMBER
+        value_of_field[match["name"]] = field.ordinals[0] if is_number else match["value"]
+    return value_of_field
 
 
 def _find_target_in_fields(fields: dict[str, int | str]) -> Literal | None:
     """Return the target of a structure; None if it is neither a whole pose nor all joint angles.
 
-    `fields` are those of `_read_struct`: ordinals of numbers, or texts. The target holds the ordinals of its
+    `fields` are those of `_read_structure`: ordinals of numbers, or texts. The target has the ordinals of its
     pose or joint angles, of its external axes E1 ... E6 (-1 where one is absent), and of status and turn.
     """
     ordinals = {name: value for name, value in fields.items() if isinstance(value, int)}
-    external = tuple(ordinals.get(f"E{i}", -1) for i in range(1, 7))
-    has_external_axes = max(external) >= 0
+    external_axes = tuple(ordinals.get(f"E{i}", -1) for i in range(1, 7))
+    if max(external_axes) < 0:  # none is stated
+        external_axes = ()
     status_and_turn = tuple((name, ordinals[name]) for name in ("S", "T") if name in ordinals)
     for notation, names in _POSES:
         if ordinals.keys() >= set(names):
             numbers = tuple(ordinals[name] for name in names)
-            return Literal(notation, numbers, external if has_external_axes else (), status_and_turn)
+            return Literal(notation, numbers, external_axes, status_and_turn)
     return None
 
 
@@ -217,52 +217,54 @@ def _set_frame_data(name: ir.Name, numbers: dict[str, int], mode: str) -> list[O
     return ops
 
 
-def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
-    """Translate the assignment of the value between two indices of the line to a name.
-
-    The name gets numbers, the value of another name, or an unknown value.
-    """
-    text = line.text[start:end]
-    fields = _read_struct(line, start, end)
+def _translate_value(name: ir.Name, value: Line) -> list[Op]:
+    """Translate an assignment to a name, which gets numbers, another name's value or an unknown value."""
+    fields = _read_structure(value)
     if pose := _find_target_in_fields(fields):
         return [ir.Assign(name, pose)]
     # Frame data such as FDAT_ACT={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE}
-    numbers_of_frames = {
-        role: number for role in ("BASE", "TOOL") if isinstance(number := fields.get(f"{role}_NO"), int)
-    }
+    numbers_of_frames = dict[str, int]()
+    for role in ("BASE", "TOOL"):
+        number = fields.get(f"{role}_NO")
+        if isinstance(number, int):
+            numbers_of_frames[role] = number
     if isinstance(name, str) and len(numbers_of_frames) == 2:
         return _set_frame_data(name, numbers_of_frames, str(fields.get("IPO_FRAME", "#BASE")))
-    is_name = re.fullmatch(_NAME, text) is not None
+    is_name = re.fullmatch(_NAME, value.text) is not None
     if name == "FDAT_ACT" and is_name:
-        return _copy_frames("FDAT_ACT", text)
-    if text == ir.A_NUMBER:  # a single number
-        return [ir.Assign(name, Literal(_NUMBER, line.ordinals_in(start, end)))]
-    if name in {"$BASE", "$TOOL"} and (ops := _activate_frame(line, str(name), start, end)):
+        return _copy_frames("FDAT_ACT", value.text)
+    if value.is_number:
+        return [ir.Assign(name, Literal(_NUMBER, value.ordinals))]
+    if name in {"$BASE", "$TOOL"} and (ops := _activate_frame(str(name), value)):
         return ops
-    return [*_read_value(line, text), _forget_name(name)]
+    return [*_read_value(value, value.text), _forget_name(name)]
 
 
-def _activate_frame(line: Line, active: str, start: int, end: int) -> list[Op]:
+def _activate_frame(active: str, value: Line) -> list[Op]:
     """Translate the assignment of a named frame, or of an element of an array, to `$BASE` or `$TOOL`.
 
-    The value is the text between two indices of the line. The list is empty for any other value.
+    `active` is the name of the variable. The list is empty for any other value.
     """
-    text = line.text[start:end]
-    if re.fullmatch(_NAME, text):
+    text = value.text
+    if re.fullmatch(_NAME, text):  # $BASE=MY_FRAME
         return [ir.Use(frozenset({text})), ir.Assign(active, ir.Copy(text))]
     by_variable = _TABLE.fullmatch(text)  # $BASE=BASE_DATA[i]
     if by_variable and f"${by_variable['role']}" == active:
         index = by_variable["index"]
-        return [*line.read_expression(index), _copy_element(by_variable["role"], index)]
+        return [*value.read_expression(index), _copy_element(by_variable["role"], index)]
     by_number = _ELEMENT.fullmatch(text)  # $BASE=FRAMES[3]
     if by_number and by_number["array"] != _OTHER_TABLE[active]:
-        element = ir.NumberedName(text.replace("\0", "%s"), line.ordinals_in(start, end)[0])
-        return [ir.Use(frozenset({by_number["array"]})), ir.Assign(active, ir.Copy(element))]
+        array = by_number["array"]
+        frame = value.fill_name(f"{array}[%s]")
+        return [ir.Use(frozenset({array})), ir.Assign(active, ir.Copy(frame))]
     return []
 
 
 def _copy_element(role: str, index: str) -> Op:
-    """Return the operation that makes a frame of the controller's table active, by a variable's value."""
+    """Return the assignment of `BASE_DATA[i]` to `$BASE`, where a variable is the index; or that of a tool.
+
+    `role` is BASE or TOOL.
+    """
     return ir.Assign(f"${role}", ir.Element(f"{role}_DATA[%s]", index))
 
 
@@ -282,33 +284,33 @@ def _translate_declaration(line: Line) -> list[Op]:
         Misread: the declaration is not understood.
     """
     ops: list[Op] = []
-    begin_of_names, _ = line.span("names")
-    for start, end in split_outside_brackets(line.text, begin_of_names):
-        declared = re.compile(rf"({_NAME})(?:\[(.*?)\])?(?:=(.+))?").fullmatch(line.text, start, end)
-        if declared is None or re.fullmatch(_RESERVED, declared[1]):
+    for part in line.part("names").split():
+        declared = _DECLARED_NAME.fullmatch(part.text)
+        if declared is None or re.fullmatch(_RESERVED, declared["name"]):
             raise Misread("the declaration is unknown")
-        name, index, value = declared.groups()
+        name, index = declared["name"], declared["index"]
         ops += [ir.Local(frozenset({name})), *line.read_expression(index or "")]
+        value = part.cut(*declared.span("value"))
         is_element = index is not None
-        if value and is_element:
-            ops += [*_read_value(line, value), _forget_name(name)]
-        elif value:
-            ops += _declare_value(line, name, *declared.span(3))
+        if value.text and is_element:
+            ops += [*_read_value(line, value.text), _forget_name(name)]
+        elif value.text:
+            ops += _declare_value(line, name, value)
     return ops
 
 
-def _declare_value(line: Line, name: str, start: int, end: int) -> list[Op]:
-    """Translate the value that a declaration gives to a name: the text between two indices of the line."""
-    words_before_names = line.text[: line.span("names")[0]]
+def _declare_value(line: Line, name: str, value: Line) -> list[Op]:
+    """Translate the value that a declaration, which is the line, gives to a name."""
+    words_before_names = line.text.removesuffix(line["names"])
     is_shared = re.search(r"\bGLOBAL\b", words_before_names) is not None
     is_constant = re.search(r"\bCONST\b", words_before_names) is not None
-    if line.text[start:end] == ir.A_NUMBER:  # a single number
+    if value.is_number:
         if not is_constant:  # other programs may have set a variable of a .dat since then
             return [_forget_name(name)]
-        number = Literal(_NUMBER, line.ordinals_in(start, end))
+        number = Literal(_NUMBER, value.ordinals)
         return [ir.Assign(name, number, declares="constant", shared=is_shared)]
     ops = list[Op]()
-    for op in _translate_value(line, name, start, end):
+    for op in _translate_value(name, value):
         ops.append(op._replace(shared=is_shared) if isinstance(op, ir.Assign) else op)
     return ops
 
@@ -326,8 +328,8 @@ def _set_field_of_frames(line: Line) -> list[Op]:
     if field is None:
         return []
     role, mode = field[1], field["mode"] or ""
-    numbers = {role: line.first_ordinal("value")} if role else {}
-    return _set_frame_data(line["name"], numbers, mode)
+    numbers_of_frames = {role: line.part("value").ordinals[0]} if role else {}
+    return _set_frame_data(line["name"], numbers_of_frames, mode)
 
 
 def _translate_assignment(line: Line) -> list[Op]:
@@ -341,15 +343,14 @@ def _translate_assignment(line: Line) -> list[Op]:
     if name in {"BASE_DATA", "TOOL_DATA"} and not is_index_a_number:
         raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
     if is_index_a_number and not name.startswith("$"):
-        element = ir.NumberedName(f"{name}[%s]", line.first_ordinal("index"))
+        element = line.fill_name(f"{name}[%s]", "index")
         return _assign(line, element, index.removeprefix("[\0]"))
     if field_of_frames := _set_field_of_frames(line):
         return field_of_frames
     if name in {"$ACT_BASE", "$ACT_TOOL"} and not index:
         # BAS copies these numbers of frames where it sets the active frames.
         active = name.replace("ACT_", "")
-        statement = ir.quote_statement(line.text, line.ordinals)
-        reason = f"{statement}: the controller's variable {name} may move targets"
+        reason = f"{line.quote()}: the controller's variable {name} may move targets"
         unknown_names: frozenset[ir.Name] = frozenset({active, name})
         forget = ir.MakeUnknown(unknown_names, reason, "omit the statement")
         return [*_read_value(line, line["value"]), forget]
@@ -361,38 +362,45 @@ def _translate_assignment(line: Line) -> list[Op]:
 def _assign(line: Line, target: ir.Name, index: str) -> list[Op]:
     """Translate the assignment of the line's value to a name, or to one of its elements or fields.
 
-    `index` is the text of the element or field, such as `[i].X`; it is empty for the whole name.
+    `index` is the text of the element or field, such as `[i].X`; it is empty for the whole name. An element
+    or a field makes the value of the whole name unknown. System variables have no value that matters, apart
+    from the active frames and the feed.
     """
     name, value = line["name"], line["value"]
     # The indices of elements are expressions; all of them are read as one expression.
     indices = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
     uses = line.read_expression(indices)
     if name in _TURNS_TOOL and value not in {"FALSE", "#VAR"}:
-        statement = ir.quote_statement(line.text, line.ordinals)
         effect = "after this line the arm does not reach the orientations that the program states"
-        uses.append(ir.Note(f"{statement}: {effect}"))
+        uses.append(ir.Note(f"{line.quote()}: {effect}"))
     is_system_variable = name.startswith("$") and name not in {"$BASE", "$TOOL"}
     if not (index or is_system_variable):
-        return [*uses, *_translate_value(line, target, *line.span("value"))]
+        return [*uses, *_translate_value(target, line.part("value"))]
     changes: list[Op] = [] if is_system_variable else [_forget_name(target)]
-    if name == "$VEL" and (feed := _read_feed(line, 0, len(line.text))):
+    if name == "$VEL" and (feed := _read_feed(line)):
         changes = [ir.Assign(ir.FEED, feed)]
     return [*uses, *_read_value(line, value), *changes]
 
 
-def _read_target(line: Line, start: int, end: int) -> Literal | ir.Name | None:
-    """Return the target that the text between two indices states.
+def _read_target(part: Line) -> Literal | ir.Name | None:
+    """Return the target that a text states: a variable, an element of an array or numbers.
 
-    The target is a variable, an element of an array, or numbers; None for any other text.
+    The target is None for any other text.
     """
-    text = line.text[start:end]
-    is_variable = re.fullmatch(_NAME, text) and not re.fullmatch(_RESERVED, text)
+    is_variable = re.fullmatch(_NAME, part.text) and not re.fullmatch(_RESERVED, part.text)
     if is_variable:
-        return text
-    if _ELEMENT.fullmatch(text):
-        (ordinal_of_index,) = line.ordinals_in(start, end)
-        return ir.NumberedName(text.replace("\0", "%s"), ordinal_of_index)
-    return _find_target_in_fields(_read_struct(line, start, end))
+        return part.text
+    if element := _ELEMENT.fullmatch(part.text):
+        return part.fill_name(f"{element['array']}[%s]")
+    return _find_target_in_fields(_read_structure(part))
+
+
+class _Settings(NamedTuple):
+    """Settings of a move behind its targets, such as `WITH $VEL.CP=0.2, $BASE=FRAME1`."""
+
+    uses: list[Op]  # operations of their values
+    frames: dict[str, ir.Copy]  # frames that are set for this move only, by the keys BASE and TOOL
+    feed: ir.Value | None  # feed that is set for this move only; None if there is none
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -403,31 +411,36 @@ def _translate_move(line: Line) -> list[Op]:
     """
     motion = _MOTIONS[line["motion"]]
     is_relative = bool(line["relative"])
-    begin, _ = line.span("rest")
-    whole = re.sub(_AXES_OF_STEP, "", line.text) if is_relative else line.text
-    end, settings = _find_end_of_targets(whole, begin)
-    if end == begin:
+    rest = line.part("rest")
+    if is_relative:  # the axes of a step are behind all else
+        rest = rest.cut(0, len(re.sub(_AXES_OF_STEP, "", rest.text)))
+    target_text, setting_text = _split_at_with(rest)
+    if not target_text.text:
         raise Misread(_NOT_WHOLE)
-    found, own_frames = _read_settings(line, *settings)
-    if _STORED_POSITION.fullmatch(line.text[begin:end]):
-        return [*found, ir.MoveToStored(line.text[begin:end])]
-    targets, uses = _read_targets(line, begin, end)
-    found += uses
-    base = own_frames.get("BASE", ir.Copy("$BASE"))
-    tool = own_frames.get("TOOL", ir.Copy("$TOOL"))
-    known = tuple(target for target in targets if target is not None)
+    settings = _read_settings(setting_text)
+    if _STORED_POSITION.fullmatch(target_text.text):
+        return [*settings.uses, ir.MoveToStored(target_text.text)]
+    targets, uses_in_targets = _read_targets(target_text)
+    uses = [*settings.uses, *uses_in_targets]
+    base = settings.frames.get("BASE", ir.Copy("$BASE"))
+    tool = settings.frames.get("TOOL", ir.Copy("$TOOL"))
+    known_targets = tuple(target for target in targets if target is not None)
     count = 2 if motion is Motion.CIRCULAR else 1
-    if is_relative or not len(known) == len(targets) == count:
-        return [*found, *_leave_move(line, motion, begin, end, base, tool)]
+    has_all_targets = len(known_targets) == len(targets) == count
+    if is_relative:
+        reason = "the target is relative to the position before the move"
+        return [*uses, *_leave_move(motion, target_text, base, tool, reason)]
+    if not has_all_targets:
+        return [*uses, *_leave_move(motion, target_text, base, tool, _NOT_WHOLE)]
+    value_of_feed = settings.feed or ir.Copy(ir.FEED)
     feed = None
-    own_feed = _find_own_feed(line, *settings) or ir.Copy(ir.FEED)
-    if isinstance(own_feed, Literal | ir.Copy):
-        feed = ir.Feed(own_feed, _M_PER_S)
-    return [*found, ir.Move(motion, known, (base,) * count, (tool,) * count, feed=feed)]
+    if isinstance(value_of_feed, Literal | ir.Copy):
+        feed = ir.Feed(value_of_feed, _M_PER_S)
+    return [*uses, ir.Move(motion, known_targets, (base,) * count, (tool,) * count, feed=feed)]
 
 
-def _read_targets(line: Line, begin: int, end: int) -> tuple[list[Literal | ir.Name | None], list[Op]]:
-    """Return the targets of a move between two indices of the line, and the uses of other names there.
+def _read_targets(targets_of_move: Line) -> tuple[list[Literal | ir.Name | None], list[Op]]:
+    """Return the targets of a move, and the uses of other names there.
 
     A target is None if it is neither numbers nor a name.
 
@@ -436,119 +449,100 @@ def _read_targets(line: Line, begin: int, end: int) -> tuple[list[Literal | ir.N
     """
     targets: list[Literal | ir.Name | None] = []
     uses = list[Op]()
-    for start, stop in split_outside_brackets(line.text[:end], begin):
-        text = line.text[start:stop]
-        is_angle_of_arc = len(targets) == 2 and text.startswith("CA ")
+    for part in targets_of_move.split():
+        is_angle_of_arc = len(targets) == 2 and part.text.startswith("CA ")
         if is_angle_of_arc:
             note = ir.Note("the arc ends at its angle CA, not at the second of its targets")
-            uses += [*line.read_expression(text.removeprefix("CA ")), note]
-        elif _STORED_POSITION.fullmatch(text):
+            uses += [*part.read_expression(part.text.removeprefix("CA ")), note]
+        elif _STORED_POSITION.fullmatch(part.text):
             raise Misread("the arc goes through a position stored in the controller")
         else:
-            targets.append(_read_target(line, start, stop))
+            targets.append(_read_target(part))
     return targets, uses
 
 
-def _leave_move(line: Line, motion: Motion, begin: int, end: int, base: ir.Value, tool: ir.Value) -> list[Op]:
+def _leave_move(motion: Motion, target: Line, base: ir.Value, tool: ir.Value, reason: str) -> list[Op]:
     """Translate a move that is not corrected, because its target is relative or not whole.
 
-    The target is the text between two indices of the line. If it is a place at an offset from another target,
-    such as `P1:{X 10}`, the move shifts with the correction of that target.
+    If the target is a place at an offset from another target, such as `P1:{X 10}`, the move shifts with the
+    correction of that target; `reason` then gives way to one that names the other target.
     """
-    step = re.sub(_AXES_OF_STEP, "", line.text[begin:end])
-    near = _NEAR.fullmatch(step)
-    found = line.read_expression(_SEPARATED.sub(",", near["offset"] if near else step))
+    target_or_step = re.sub(_AXES_OF_STEP, "", target.text)
+    near = _NEAR.fullmatch(target_or_step)
+    expression = near["offset"] if near else target_or_step
+    uses = target.read_expression(_SEPARATED.sub(",", expression))
     if near is None or re.fullmatch(_RESERVED, near["target"]):
-        relative = "the target is relative to the position before the move"
-        return ir.make_uncorrected_move(found, relative if line["relative"] else _NOT_WHOLE, _REMEDY)
-    reason = f"the target is at an offset from {near['target']}"
-    move = ir.Move(motion, (), (base,), (tool,), reason=reason, remedy=_REMEDY, offset_from=(near["target"],))
-    return [*found, move]
+        return ir.make_uncorrected_move(uses, reason, _REMEDY)
+    name = near["target"]
+    move = ir.Move(
+        motion,
+        (),
+        (base,),
+        (tool,),
+        reason=f"the target is at an offset from {name}",
+        remedy=_REMEDY,
+        offset_from=(name,),
+    )
+    return [*uses, move]
 
 
-def _find_own_feed(line: Line, begin: int, end: int) -> ir.Value | None:
-    """Return the feed that the settings of a move after WITH state; None if they state none.
+def _split_at_with(move: Line) -> tuple[Line, Line]:
+    """Return the targets of a move, and its settings behind the word WITH, which are empty if it has none.
 
-    The settings are the text between two indices. The last feed counts: a number may follow a structure.
+    Words of approximate positioning, such as C_DIS, are left out of both.
     """
-    if begin == end:
-        return None
-    feed = None
-    for start, stop in split_outside_brackets(line.text[:end], begin):
-        feed = _read_feed(line, start, stop) or feed
-    return feed
-
-
-def _find_end_of_targets(text: str, begin: int) -> tuple[int, tuple[int, int]]:
-    """Find where the targets of a move end, and where its settings after the word WITH are.
-
-    Args:
-        text: the move.
-        begin: index of the first target.
-
-    Returns:
-        The index behind the last target; begin and end of the settings, which are equal if there are none.
-    """
-    word_with = _WITH.search(text, begin)
+    word_with = _WITH.search(move.text)
     if word_with is None:
-        no_settings = len(text), len(text)
-        return _strip_blends(text, begin, len(text)), no_settings
-    begin_of_settings = word_with.end()
-    settings = begin_of_settings, _strip_blends(text, begin_of_settings, len(text))
-    return _strip_blends(text, begin, word_with.start()), settings
+        return _strip_blends(move), move.cut(0, 0)
+    return _strip_blends(move.cut(0, word_with.start())), _strip_blends(move.cut(word_with.end()))
 
 
-def _strip_blends(text: str, begin: int, end: int) -> int:
-    """Return the index before the words of approximate positioning, such as C_DIS, that end a text.
-
-    The text is that between the indices `begin` and `end`; without such words the result is `end`.
-    """
-    while word := _BLEND.search(text, max(begin, end - _LONGEST_BLEND), end):
+def _strip_blends(part: Line) -> Line:
+    """Return a text without the words of approximate positioning, such as C_DIS, at its end."""
+    end = len(part.text)
+    while word := _BLEND.search(part.text, max(0, end - _LONGEST_BLEND), end):
         is_at_the_end = word.end() == end
         if not is_at_the_end:
             break
         end = word.start()
-    return end
+    return part.cut(0, end)
 
 
-def _read_settings(line: Line, begin: int, end: int) -> tuple[list[Op], dict[str, ir.Copy]]:
-    """Translate the settings of a move after WITH, which are the text between two indices of the line.
-
-    Returns:
-        Operations of the settings; the frames that are set for this move only, by the keys BASE and TOOL.
+def _read_settings(settings: Line) -> _Settings:
+    """Translate the settings of a move behind the word WITH; there are none if the text is empty.
 
     Raises:
         Misread: a setting is unknown, calls a routine, or takes only one of base and tool from frame data.
     """
-    if begin == end:
-        return [], {}
-    found = list[Op]()
+    if not settings.text:
+        return _Settings([], {}, None)
+    uses = list[Op]()
     frames = dict[str, ir.Copy]()
     frame_data = dict[str, str]()  # name of the frame data (FDAT) of base, tool and interpolation mode
-    for start, stop in split_outside_brackets(line.text[:end], begin):
-        setting = line.text[start:stop]
-        match = _OWN_FRAME.fullmatch(setting)
-        role = match[1] if match else ""
+    feed = None  # the last one counts: a number may follow a structure
+    for setting in settings.split():
+        feed = _read_feed(setting) or feed
+        match = _OWN_FRAME.fullmatch(setting.text)
+        role = match["role"] if match else ""
         if match and match["data"]:  # $BASE=SBASE(FP1)
             frame_data[role] = match["data"]
             frames[role] = ir.Copy(f"{match['data']}.{role}", through=True)
         elif match and match["table"] == f"{role}_DATA":  # $BASE=BASE_DATA[1]
-            frame_in_table = ir.NumberedName(f"{role}_DATA[%s]", line.ordinals_in(start, stop)[0])
-            frames[role] = ir.Copy(frame_in_table)
+            frames[role] = ir.Copy(setting.fill_name(f"{role}_DATA[%s]"))
         elif match and match["name"] and role != "IPO_MODE":  # $BASE=MY_FRAME
-            found.append(ir.Use(frozenset({match["name"]})))
+            uses.append(ir.Use(frozenset({match["name"]})))
             frames[role] = ir.Copy(match["name"])
-        elif _is_harmless_setting(setting):
-            found += _read_value(line, setting.partition("=")[2])
+        elif _is_harmless_setting(setting.text):
+            uses += _read_value(setting, setting.text.partition("=")[2])
         else:
             reason = "a setting after WITH is unknown, or sets a frame for this move only"
             raise Misread(reason, _SET_BEFORE_MOVE)
     has_base_and_tool = frame_data.keys() >= {"BASE", "TOOL"} and len(set(frame_data.values())) == 1
     is_incomplete = bool(frame_data) and not has_base_and_tool
-    if is_incomplete or ir.calls_routine(found):
+    if is_incomplete or ir.calls_routine(uses):
         reason = "the settings after WITH call a routine, or set only one of tool and base"
         raise Misread(reason, _SET_BEFORE_MOVE)
-    return found, frames
+    return _Settings(uses, frames, feed)
 
 
 def _is_harmless_setting(setting: str) -> bool:
@@ -565,16 +559,15 @@ def _translate_spline(line: Line) -> list[Op]:
     Raises:
         Misread: the statement has a target, or unknown settings.
     """
-    begin, _ = line.span("rest")
-    end, settings = _find_end_of_targets(line.text, begin)
-    if end > begin:
+    targets, setting_text = _split_at_with(line.part("rest"))
+    if targets.text:
         raise Misread(UNKNOWN_STATEMENT)
-    ops, own_frames = _read_settings(line, *settings)
+    settings = _read_settings(setting_text)
     # The end of the block makes the feed before the block active again.
-    ops.append(ir.Assign(_FEED_OF_BLOCK, ir.Copy(ir.FEED)))
-    if own_feed := _find_own_feed(line, *settings):
-        ops.append(ir.Assign(ir.FEED, own_feed))
-    if own_frames:
+    ops = [*settings.uses, ir.Assign(_FEED_OF_BLOCK, ir.Copy(ir.FEED))]
+    if settings.feed:
+        ops.append(ir.Assign(ir.FEED, settings.feed))
+    if settings.frames:
         reason = "the block of splines has frames of its own"
         remedy = "set $BASE and $TOOL before the block"
         ops.append(ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy))
@@ -613,7 +606,7 @@ def _translate_attachment(line: Line) -> list[Op]:
     is_trigger = line.text.startswith("TRIGGER")
     event: ir.Name = "TRIGGER" if is_trigger else ""
     if line["number"]:  # by this number, another statement switches the interrupt on
-        event = ir.NumberedName("INTERRUPT %s", line.first_ordinal("number"))
+        event = line.fill_name("INTERRUPT %s", "number")
     action = re.sub(r" ?\bPRIO=", "+", line["action"])
     uses = [*line.read_expression(line["when"]), *line.read_expression(action)]
     ops = list[Op]()
@@ -628,7 +621,7 @@ def _translate_attachment(line: Line) -> list[Op]:
 
 def _translate_unknown_attachment(line: Line) -> list[Op]:
     """Return the calls of an attachment that is not understood: its routines may run at any time."""
-    names = [line.text.replace("\0", "n"), *re.findall(rf"(?<![\w$])({_NAME})\(", line.text)]
+    names = [line.text.replace(ir.A_NUMBER, "n"), *re.findall(rf"(?<![\w$])({_NAME})\(", line.text)]
     return [ir.Call(name, anytime=True) for name in names]
 
 
@@ -637,9 +630,8 @@ def _translate_triggered_assignment(line: Line) -> list[Op]:
 
     KSS: what is triggered is an assignment, a pulse of an output, or a call of a routine.
     """
-    start, end = line.span("action")
-    assignment = Line(line.language, line["action"], line.ordinals_in(start, end))
-    name, _, _ = line["action"].partition("=")
+    assignment = line.part("action")
+    name, _, _ = assignment.text.partition("=")
     reason = f"{name} changes at a trigger"
     changes, others = list[Op](), list[Op]()
     for op in line.language.apply_rules(assignment):
@@ -658,21 +650,19 @@ def _translate_bas(line: Line) -> list[Op]:
     Raises:
         Misread: the function is unknown, or its argument is not a number.
     """
-    function, argument = line["function"], line["argument"]
-    if function in {"TOOL", "BASE"} and argument == ir.A_NUMBER:  # the argument is a number
-        frame_in_table = ir.NumberedName(f"{function}_DATA[%s]", line.first_ordinal("argument"))
+    function, argument = line["function"], line.part("argument")
+    if function in {"TOOL", "BASE"} and argument.is_number:
+        frame_in_table = argument.fill_name(f"{function}_DATA[%s]")
         return [ir.Assign(f"${function}", ir.Copy(frame_in_table))]
-    if function in {"TOOL", "BASE"} and argument:
-        is_variable = re.fullmatch(r"[^\W\d]\w*+", argument)
-        change = _copy_element(function, argument) if is_variable else _forget_name(f"${function}")
-        return [*line.read_expression(argument), change]
+    if function in {"TOOL", "BASE"} and argument.text:
+        is_variable = re.fullmatch(r"[^\W\d]\w*+", argument.text)
+        change = _copy_element(function, argument.text) if is_variable else _forget_name(f"${function}")
+        return [*argument.read_expression(), change]
     if function not in _BAS:
         raise Misread(f"BAS(#{function}) is unknown, or its argument is not a number")
-    ops = [*line.read_expression(argument), *_BAS[function]]
+    ops = [*argument.read_expression(), *_BAS[function]]
     if function in {"VEL_CP", "CP_PARAMS"}:  # BAS: both set $VEL.CP
-        unknown = ir.Unknown("the feed is computed, or not stated", "write $VEL.CP in numbers")
-        speed = _read_speed(line, *line.span("argument")) if argument else None
-        ops.append(ir.Assign(ir.FEED, speed or unknown))
+        ops.append(ir.Assign(ir.FEED, _read_speed(argument) or _UNKNOWN_FEED))
     return ops
 
 
@@ -1023,7 +1013,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (
             r"INTERRUPT (?:ON|ENABLE) #{number}",
-            lambda line: [ir.Call(ir.NumberedName("INTERRUPT %s", line.first_ordinal("number")))],
+            lambda line: [ir.Call(line.fill_name("INTERRUPT %s", "number"))],
         ),
         (rf"{_TRIGGER}(?P<action>{_NAME}\(.*\)(?: ?PRIO=.+)?)", _translate_attachment),
         (rf"{_TRIGGER}(?P<action>{_NAME}(?:\[[^\]=]*+\]|\.\w++)*=(?!=).+)", _translate_triggered_assignment),

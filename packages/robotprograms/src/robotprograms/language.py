@@ -30,6 +30,8 @@ NUMBER: Final = (
 )
 A_NUMBER: Final = "\0"
 """Sign that takes the place of each number in the normal form of a statement."""
+ANY_LABEL: Final = "\0"
+"""Name of the label of a jump whose label is computed: no label has this name, so that each may be meant."""
 
 
 class NumberedName(NamedTuple):
@@ -275,41 +277,76 @@ class Misread(Exception):  # noqa: N818  # a statement that is not understood is
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Statement in normal form, and its match with the pattern of a rule."""
+    """Statement in normal form, or a part of one, with the numbers in it.
+
+    The text has NUL in place of each number. A number is known by its ordinal: its index among all numbers of
+    the statement as it is written.
+    """
 
     language: Language
     text: str  # normal form, with NUL in place of each number
-    ordinals: tuple[int, ...]  # index of each number among those of the statement as it is written
+    ordinals: tuple[int, ...]  # of the numbers in the text
     line_offset: int = 0  # count of line breaks in the text before the statement
-    match: re.Match[str] | None = None  # None before a rule is applied
+    match: re.Match[str] | None = None  # with the pattern of a rule; None before a rule is applied
 
     def __getitem__(self, group: str) -> str:
-        """Return the part of the statement that matched a named group; empty if the group did not match."""
+        """Return the text that matched a named group of the rule; empty if the group did not match."""
         return (self.match and self.match.groupdict().get(group)) or ""
 
+    def part(self, group: str) -> Line:
+        """Return the part that matched a named group of the rule; empty if the group did not match."""
+        begin, end = self.match.span(group) if self.match else (0, 0)
+        return self.cut(begin, end)
+
+    def cut(self, begin: int, end: int | None = None) -> Line:
+        """Return the part between two indices of the text, with the numbers in this part."""
+        end = len(self.text) if end is None else end
+        places_of_numbers = _find_numbers(self.text)
+        first, last = bisect_left(places_of_numbers, begin), bisect_left(places_of_numbers, end)
+        return Line(self.language, self.text[begin:end], self.ordinals[first:last])
+
+    def split(self, separator: str = ",") -> list[Line]:
+        """Return the parts between separators that are neither in brackets nor in quotations."""
+        return [self.cut(begin, end) for begin, end in split_outside_brackets(self.text, 0, separator)]
+
     def span(self, group: str) -> tuple[int, int]:
-        """Return the indices, first and last + 1 character, of the part that matched a named group."""
         return self.match.span(group) if self.match else (0, 0)
 
     def ordinals_in(self, begin: int, end: int) -> tuple[int, ...]:
-        """Return the ordinals of the numbers between two indices of characters of the text.
-
-        The ordinal of a number is its index among all numbers of the statement.
-        """
-        places_of_numbers = _find_numbers(self.text)
-        first, last = bisect_left(places_of_numbers, begin), bisect_left(places_of_numbers, end)
-        return self.ordinals[first:last]
+        return self.cut(begin, end).ordinals
 
     def first_ordinal(self, group: str) -> int:
-        """Return the ordinal of the first number in the part of the statement that matched a named group."""
         return self.ordinals_in(*self.span(group))[0]
 
-    def read_expression(self, text: str) -> list[Op]:
-        """Return the operations of an expression: one for all names read, one for each routine call."""
-        return self.language.read_expression(text)
+    @property
+    def is_number(self) -> bool:
+        """True if the text is a single number."""
+        return self.text.strip() == A_NUMBER
+
+    def fill_name(self, template: str, group: str = "") -> NumberedName:
+        """Return the name `P[3]` for the template `P[%s]` and the first number 3 in a named group.
+
+        Without a group, the number is the first one of the line.
+        """
+        part = self.part(group) if group else self
+        return NumberedName(template, part.ordinals[0])
+
+    def read_expression(self, text: str | None = None) -> list[Op]:
+        """Return the operations of an expression: one for all names read, one for each routine call.
+
+        The expression is the whole line if no text is given.
+
+        Raises:
+            Misread: the text is not an expression.
+        """
+        return self.language.read_expression(self.text if text is None else text)
+
+    def quote(self) -> str:
+        """Return the text in quotation marks for a message; the interpreter inserts its numbers."""
+        return quote_statement(self.text, self.ordinals)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _find_numbers(text: str) -> tuple[int, ...]:
     """Return the indices of the numbers in a text in normal form, which has NUL in place of each number.
 
@@ -520,8 +557,8 @@ class Language:
         used = pass_uses(used, RESULT if kind == "return" else CONDITION)
         if not kind:
             return used
-        is_number = line["name"] == A_NUMBER
-        name = NumberedName("%s", line.first_ordinal("name")) if is_number else line["name"]
+        is_numbered_label = line["name"] == A_NUMBER  # the name is the number itself
+        name = line.fill_name("%s", "name") if is_numbered_label else line["name"]
         return [*used, Flow(kind, name)]
 
     def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
@@ -534,7 +571,7 @@ class Language:
             whole: its normal form.
             fault: why the whole is not understood.
         """
-        reason = f"{quote_statement(whole.text, whole.ordinals)}: {fault.reason}"
+        reason = f"{whole.quote()}: {fault.reason}"
         remedy = fault.remedy or self.remedy
         ops = list[tuple[int, Op]]()
         texts = masked.splitlines(keepends=True)
@@ -562,7 +599,7 @@ class Language:
             line: its normal form.
             fault: why it is not understood.
         """
-        reason = f"{quote_statement(line.text, line.ordinals)}: {fault.reason}"
+        reason = f"{line.quote()}: {fault.reason}"
         remedy, text = fault.remedy or self.remedy, _QUOTED.sub("_", line.text)
         may_change_all = re.search(self.forgets, text) is not None
         is_lasting = re.search(self.lasting, line.text) is not None
@@ -589,8 +626,9 @@ class Language:
         if self.positions:  # only those elements of the array that the statement names may change
             names.discard(self.positions)
             for element in re.finditer(rf"(?<![\w$]){self.positions}\[(\0\])?", line.text):
-                ordinals = line.ordinals_in(element.start(), element.end())
-                names.add(NumberedName(f"{self.positions}[%s]", ordinals[0]) if ordinals else self.positions)
+                part = line.cut(*element.span())
+                has_number = bool(part.ordinals)
+                names.add(part.fill_name(f"{self.positions}[%s]") if has_number else self.positions)
         return names
 
     def _find_lines_of_motions(self, masked: str) -> Iterator[int]:
@@ -615,9 +653,8 @@ class Language:
                 continue
             harmless = functions.fullmatch(name) is not None
             passed = frozenset[str]() if harmless else names - {name}
-            yield Flow("if")
-            yield Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
-            yield Flow("close")
+            call = Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
+            yield from make_skippable([call])
 
     def read_expression(self, text: str) -> list[Op]:
         """Translate an expression: one operation for all names that it reads, one for each routine call.
@@ -648,7 +685,7 @@ class Language:
             if harmless or is_whole_text:
                 ops.append(call)
             else:  # a call in a larger expression may be skipped, and several calls may run in any order
-                ops += [Flow("if"), call, Flow("close")]
+                ops += make_skippable([call])
         return ops
 
 
@@ -686,6 +723,11 @@ def quote_statement(text: str, ordinals: Iterable[int]) -> str:
 def calls_routine(ops: list[Op]) -> bool:
     """Return whether operations call a routine that is not a function of the controller."""
     return any(isinstance(op, Call) and not op.harmless for op in ops)
+
+
+def make_skippable(ops: Iterable[Op]) -> list[Op]:
+    """Return the operations as a branch, which the program may run or skip."""
+    return [Flow("if"), *ops, Flow("close")]
 
 
 def pass_uses(ops: list[Op], into: Name) -> list[Op]:
@@ -740,18 +782,16 @@ def begin_counted_loop(line: Line, remedy: str) -> list[Op]:
 
     Groups of the line are the variable `name`, and the expressions `first`, `last` and `step`.
     """
-    ordinals, uses = list[int](), list[Op]()
-    are_numbers = True
-    for group in ("first", "last", "step"):
-        if not line[group]:
-            continue
-        begin, end = line.span(group)
-        uses += line.read_expression(line.text[begin:end])
-        ordinals += line.ordinals_in(begin, end)
-        are_numbers &= line.text[begin:end].strip() == A_NUMBER
+    stated_bounds = [line.part(group) for group in ("first", "last", "step") if line[group]]
+    uses = list[Op]()
+    for bound in stated_bounds:
+        uses += bound.read_expression()
     name = line["name"]
     counter = MakeUnknown(frozenset({name}), f"{name} counts a loop", remedy)
-    return [*uses, Flow("loop", bounds=tuple(ordinals) if are_numbers else ()), counter]
+    if not all(bound.is_number for bound in stated_bounds):
+        return [*uses, Flow("loop"), counter]
+    numbers = tuple(bound.ordinals[0] for bound in stated_bounds)
+    return [*uses, Flow("loop", bounds=numbers), counter]
 
 
 IS_PARAMETER: Final = "the value is a parameter of the routine"
