@@ -121,13 +121,13 @@ class Contents:
     def _follow_copy(self, value: ir.Copy, content: Content, state: State) -> Content:
         """Return the content of a copied name in a state, the contents of all names.
 
-        `content` is the name. With `through`, that name only holds a further name, whose content is returned.
+        `content` is the name. If the copy is indirect, that name only has a further name, whose content is returned.
         """
-        for _ in range(2 if value.through else 1):
+        for _ in range(2 if value.indirect else 1):
             if isinstance(content, str):
                 content, _at = self.look_up(state, content)
         # The number that is active may be that of a frame whose numbers change.
-        if value.through and isinstance(content, str) and self._language.is_frame(content):
+        if value.indirect and isinstance(content, str) and self._language.is_frame(content):
             content, _at = self.look_up(state, content)
         return content
 

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from robotprograms import language as ir
+from robotprograms.arrays import BoolArray
 from robotprograms.columns import IN_MODULE, OF_ROUTINE
 from robotprograms.errors import capitalise
 from robotprograms.language import UNKNOWN_STATEMENT, Line, Misread, Op
@@ -40,8 +41,8 @@ _BAS: Final[dict[str, tuple[Op, ...]]] = {
     **dict.fromkeys(
         ("FRAMES", "PTP_PARAMS", "CP_PARAMS"),
         (
-            ir.Assign("$BASE", ir.Copy("FDAT_ACT.BASE", through=True)),
-            ir.Assign("$TOOL", ir.Copy("FDAT_ACT.TOOL", through=True)),
+            ir.Assign("$BASE", ir.Copy("FDAT_ACT.BASE", indirect=True)),
+            ir.Assign("$TOOL", ir.Copy("FDAT_ACT.TOOL", indirect=True)),
             ir.Assign(_IPO, ir.Copy("FDAT_ACT.IPO")),
         ),
     ),
@@ -526,7 +527,7 @@ def _read_settings(settings: Line) -> _Settings:
         role = match["role"] if match else ""
         if match and match["data"]:  # $BASE=SBASE(FP1)
             frame_data[role] = match["data"]
-            frames[role] = ir.Copy(f"{match['data']}.{role}", through=True)
+            frames[role] = ir.Copy(f"{match['data']}.{role}", indirect=True)
         elif match and match["table"] == f"{role}_DATA":  # $BASE=BASE_DATA[1]
             frames[role] = ir.Copy(setting.fill_name(f"{role}_DATA[%s]"))
         elif match and match["name"] and role != "IPO_MODE":  # $BASE=MY_FRAME
@@ -577,8 +578,9 @@ def _translate_spline(line: Line) -> list[Op]:
 def _translate_sensor(line: Line) -> list[Op]:
     """Translate a function of KUKA RSI, by which a sensor begins or ends to guide the arm."""
     ops = line.read_expression(line["arguments"]) if line["arguments"] else []
-    if line["name"]:  # the variable that gets the result
-        ops.append(_forget_name(line["name"]))
+    variable_of_result = line["name"]
+    if variable_of_result:
+        ops.append(_forget_name(variable_of_result))
     # The program itself may define a routine with the name of the function.
     ops.append(ir.Call(line["function"], _find_names(ops), harmless=True))
     reason, remedy = "a sensor moves the targets (RSI)", "omit the statement"
@@ -590,9 +592,9 @@ def _translate_sensor(line: Line) -> list[Op]:
 
 
 def _translate_search(line: Line) -> list[Op]:
-    """Return the operations of a routine that corrects the moves behind it by a search (KUKA TouchSense)."""
+    """Translate a routine of KUKA TouchSense, which corrects the moves behind it by a search."""
     lasting = ir.begin_lasting("TS", "a touch search corrects the targets", "omit the statement")
-    return [*line.read_expression(line.text), lasting]
+    return [*line.read_expression(), lasting]
 
 
 def _translate_routine(line: Line) -> list[Op]:
@@ -669,18 +671,18 @@ def _translate_bas(line: Line) -> list[Op]:
 def _translate_reading(line: Line) -> list[Op]:
     """Translate a function that reads values from outside into its arguments, such as CREAD."""
     uses = [op for op in line.read_expression(line["arguments"]) if isinstance(op, ir.Use)]
-    changed_names = {name for use in uses for name in use.names}
-    changed_names.add(line["status"] or "_")  # the variable that gets the result
+    arguments = _find_names([*uses])
+    variable_of_result = line["status"] or "_"
     # The program itself may define a routine with the name of the function.
-    own_routine = ir.Call(line["function"], _find_names([*uses]), harmless=True)
+    own_routine = ir.Call(line["function"], arguments, harmless=True)
     reason = "the value is read from outside while the program runs"
-    return [own_routine, ir.MakeUnknown(frozenset(changed_names), reason, _REMEDY)]
+    return [own_routine, ir.MakeUnknown(arguments | {variable_of_result}, reason, _REMEDY)]
 
 
-def _find_names(found: list[Op]) -> frozenset[str]:
+def _find_names(ops: list[Op]) -> frozenset[str]:
     """Return the names that operations of expressions use, apart from elements of arrays."""
     names = set[str]()
-    for op in found:
+    for op in ops:
         if isinstance(op, ir.Use):
             names.update(name for name in op.names if isinstance(name, str))
     return frozenset(names)
@@ -710,7 +712,7 @@ _DECLARED: Final = re.compile(
 """Declaration of a routine of another file, with the types of its parameters."""
 _BY_VALUE: Final = re.compile(r"(?i)[^:]+:[ \t]*+IN[ \t]*+")
 """Parameter that gets a copy. KSS: any other one gets a reference, through which the routine may write."""
-_DATA: Final = re.compile(rf"{_LINE}DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?")
+_DATA: Final = re.compile(rf"{_LINE}DEFDAT[ \t]++(?P<program>{_NAME})(?P<public>[ \t]++PUBLIC\b)?")
 _GLOBAL: Final = re.compile(r"(?i)[^;\r\n\"={]*\bGLOBAL\b")
 _IMPORT: Final = re.compile(
     rf"{_LINE}(?:DECL[ \t]++)?IMPORT[ \t]++\w++[ \t]++(\$?\w++)(?:\[[^\]\r\n]*+\])?[ \t]++IS[ \t]++"
@@ -735,14 +737,18 @@ def _find_private_names(text: str) -> Iterator[str]:
 
 def _list_declared(line: str) -> Iterator[str]:
     """Yield the variables that a line of a .dat declares or sets, such as P1 and P2 of `POS P1={X 1},P2`."""
-    plain = _NO_NAME.sub("", line)  # without texts, comments and indices
-    count = 1
-    while count:  # braces within one another are removed from the inside
-        plain, count = _BRACES.subn("", plain)
+    plain = _remove_braces(_NO_NAME.sub("", line))  # without texts, comments, indices and structures
     for part in plain.split(","):
         before_value = part.partition("=")[0]
         if name := re.search(rf"({_NAME})(?:\.\w++)*\s*+\Z", before_value):
             yield name[1]
+
+
+def _remove_braces(text: str) -> str:
+    """Return a text without what is in braces; braces within one another are removed from the inside."""
+    while _BRACES.search(text):
+        text = _BRACES.sub("", text)
+    return text
 
 
 def _find_shared_names(text: str) -> Iterator[str]:
@@ -759,44 +765,56 @@ def read_krl(statements: Statements, sources: tuple[Source, ...]) -> None:
         ProgramError: a .dat belongs to another program.
     """
     statements.by_value = _find_routines_by_value(sources)
-    renamed = dict[int, dict[str, str]]()  # by the index of the file, new names of routines by their names
+    new_names = dict[int, dict[str, str]]()  # by the index of the file, new names of routines by their names
     if len(sources) > 1:
         _note_names(statements, sources)
-        renamed = _rename_local_routines(sources)
+        new_names = _rename_local_routines(sources)
     for index in range(len(sources)):
-        _add_file(statements, sources, index, renamed.get(index, {}))
+        _add_file(statements, sources, index, new_names.get(index, {}))
     _forget_imported_names(statements, sources)
 
 
 def _add_file(
-    statements: Statements, sources: tuple[Source, ...], index: int, renamed: dict[str, str]
+    statements: Statements, sources: tuple[Source, ...], index: int, new_names: dict[str, str]
 ) -> None:
-    """Add the statements of one file, in which routines have other names.
+    """Add the statements of one file, in which routines get new names, by their names.
 
     Raises:
         ProgramError: the file is a .dat that belongs to another program.
     """
     source = sources[index]
-    is_config = source.name.lower().endswith("config.dat")
-    is_data = source.name.lower().endswith(".dat") and len(sources) > 1
+    file_name = source.name.lower()
+    is_data = file_name.endswith(".dat") and len(sources) > 1
     head = _DATA.search(source.text) if index else None  # DEFDAT name PUBLIC
-    is_public = bool(head and head[2])
-    # Only a .dat that is public, and $config.dat, can be changed by other programs.
-    kind = "constant"
-    if is_config:
-        kind = "shared"
-    elif is_public:
-        kind = "variable"
+    kind = _choose_kind_of_declarations(file_name, head)
     starts, ends = source.starts, source.ends
+    is_config = file_name.endswith("config.dat")
     if head and not is_config and _is_of_another_program(statements, sources, index, head):
         # Of the data of another program, only those declared as GLOBAL are data of this one.
-        spans = zip(starts.tolist(), ends.tolist(), strict=True)
-        is_global = np.array([bool(_GLOBAL.match(source.text, *span)) for span in spans], dtype=np.bool_)
-        if statements.owners.get(index):
+        is_global = _find_global_lines(source)
+        is_owner_sent = bool(statements.owners.get(index))
+        if is_owner_sent:
             statements.add_statements(index, starts[~is_global], ends[~is_global], declares=kind)
         starts, ends = starts[is_global], ends[is_global]
-    translate = partial(_translate_renamed, renamed=renamed) if renamed else None
+    translate = partial(_translate_renamed, renamed=new_names) if new_names else None
     statements.add_statements(index, starts, ends, declares=kind if is_data else "", translate=translate)
+
+
+def _choose_kind_of_declarations(file_name: str, head: re.Match[str] | None) -> str:
+    """Return the kind of the declarations in a file of data: which programs may change the data.
+
+    It is `shared` for $config.dat, which all programs know; `variable` for a PUBLIC file; else `constant`.
+    """
+    if file_name.endswith("config.dat"):
+        return "shared"
+    is_public = head is not None and head["public"] is not None
+    return "variable" if is_public else "constant"
+
+
+def _find_global_lines(source: Source) -> BoolArray:
+    """Return a mask of the lines of a file (n,) that declare names as GLOBAL."""
+    spans = zip(source.starts.tolist(), source.ends.tolist(), strict=True)
+    return np.array([_GLOBAL.match(source.text, *span) is not None for span in spans], dtype=np.bool_)
 
 
 def _is_of_another_program(
@@ -807,21 +825,27 @@ def _is_of_another_program(
     Raises:
         ProgramError: the other program is not sent, and the data are not PUBLIC.
     """
-    names = list[str]()  # of the programs, as they are written; empty for a program without DEF
-    for source in sources:
-        if not source.name.lower().endswith(".dat"):
-            definition = _DEFINED.search(source.text)
-            names.append(definition[1] if definition else "")
-    main, *others = names or [""]
-    owner, public = head[1], head[2]
+    main, *others = _list_programs(sources) or [""]
+    owner = head["program"]
     if not main or capitalise(owner) == capitalise(main):
         return False
-    is_owner_sent = capitalise(owner) in {capitalise(name) for name in others}
-    if not (public or is_owner_sent):
+    is_owner_sent = capitalise(owner) in map(capitalise, others)
+    is_public = head["public"] is not None
+    if not (is_public or is_owner_sent):
         reason = f"the file declares data of {owner}, not of {main}"
         remedy = "send the .dat file of this .src file"
         statements.refuse(sources[index].find_line(head.start()), reason, remedy, index)
     return True
+
+
+def _list_programs(sources: tuple[Source, ...]) -> list[str]:
+    """Return the name of the program in each .src, as it is written; empty for a file without DEF."""
+    programs = list[str]()
+    for source in sources:
+        if not source.name.lower().endswith(".dat"):
+            definition = _DEFINED.search(source.text)
+            programs.append(definition[1] if definition else "")
+    return programs
 
 
 def _forget_imported_names(statements: Statements, sources: tuple[Source, ...]) -> None:
@@ -830,11 +854,12 @@ def _forget_imported_names(statements: Statements, sources: tuple[Source, ...]) 
     for source in sources[1:]:  # a program alone imports nothing that changes here
         for own_name, foreign_name in _IMPORT.findall(source.text):
             imported |= {capitalise(own_name), capitalise(foreign_name)}
-    endings = {""}
+    full_names = {*imported}
     for owner_of_name in statements.owners.values():
-        endings |= {f"{OF_ROUTINE}{owner}" for owner in owner_of_name.values()}
-    names = frozenset(f"{name}{ending}" for name in imported for ending in endings)
-    statements.forget_anytime(names, "a program imports the name of another one, and may change it", _REMEDY)
+        for owner in owner_of_name.values():
+            full_names |= {f"{name}{OF_ROUTINE}{owner}" for name in imported}
+    reason = "a program imports the name of another one, and may change it"
+    statements.forget_anytime(frozenset(full_names), reason, _REMEDY)
 
 
 def _find_routines_by_value(sources: tuple[Source, ...]) -> frozenset[str]:
@@ -863,20 +888,23 @@ def _rename_local_routines(sources: tuple[Source, ...]) -> dict[int, dict[str, s
     for index, source in enumerate(sources):
         if _DATA.search(source.text):
             continue
-        defined[index], local[index] = set(), set()
-        for order, (word_global, name) in enumerate(_ROUTINES.findall(source.text)):
-            routine = capitalise(name)
-            is_first = order == 0
-            defined[index].add(routine)
-            (visible if word_global or is_first else local[index]).add(routine)
-    renamed = dict[int, dict[str, str]]()
+        found = [
+            (capitalise(name), bool(word_global)) for word_global, name in _ROUTINES.findall(source.text)
+        ]
+        defined[index] = {name for name, _ in found}
+        local[index] = {name for name, is_global in found[1:] if not is_global}
+        visible |= {name for name, is_global in found if is_global}
+        visible |= {name for name, _ in found[:1]}
+    new_names = dict[int, dict[str, str]]()
     for index, own in local.items():
-        elsewhere = set[str]().union(*(names for other, names in local.items() if other != index))
-        elsewhere -= visible | defined[index]
-        renamed[index] = {name: f"{name}{IN_MODULE}99" for name in elsewhere}
+        elsewhere = set[str]()  # local to other files, and unknown in this one
+        for other, names in local.items():
+            if other != index:
+                elsewhere |= names - visible - defined[index]
+        new_names[index] = {name: f"{name}{IN_MODULE}99" for name in elsewhere}
         if index > 0:  # routines of the first file keep their names
-            renamed[index] |= {name: f"{name}{IN_MODULE}{index}" for name in own}
-    return renamed
+            new_names[index] |= {name: f"{name}{IN_MODULE}{index}" for name in own}
+    return new_names
 
 
 def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, Op]]:
@@ -893,6 +921,14 @@ def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, 
     return LANGUAGE.translate(_CALLED.sub(rename, masked))
 
 
+class _DataOfPrograms(NamedTuple):
+    """Files of data (.dat), by the names of their programs in capitals."""
+
+    files: dict[str, list[int]]  # indices of the files of data of each program
+    private: dict[str, set[str]]  # names that only the program of the file knows
+    shared: set[str]  # names that all programs know
+
+
 def _note_names(statements: Statements, sources: tuple[Source, ...]) -> None:
     """Note the names that all programs know, and the names of data that each further .src has of its own.
 
@@ -900,32 +936,37 @@ def _note_names(statements: Statements, sources: tuple[Source, ...]) -> None:
     element does not repeat the word. All programs know the data of $config.dat. In a further .src, a name
     that is private in the .dat of the first one means something else, too.
     """
-    shared = set[str]()  # names that all programs know
-    private = dict[str, set[str]]()  # by the name of a program, names of its .dat that no other program knows
-    files_of_data = defaultdict[str, list[int]](
-        list
-    )  # by the name of a program, indices of its files of data
-    for index, source in enumerate(sources):
-        if head := _DATA.search(source.text):
-            program = capitalise(head[1])
-            files_of_data[program].append(index)
-            global_names = set(_find_shared_names(source.text))
-            shared |= global_names
-            if not source.name.lower().endswith("config.dat"):
-                private[program] = set(_find_private_names(source.text)) - global_names
-    statements.shared_names = frozenset(shared)
+    data = _collect_data(sources)
+    statements.shared_names = frozenset(data.shared)
     main = _DEFINED.search(sources[0].text)
-    private_of_main = private.get(capitalise(main[1]), set()) if main else set()
+    private_of_main = data.private.get(capitalise(main[1]), set()) if main else set()
     for index, source in enumerate(sources[1:], 1):
         definition = _DEFINED.search(source.text)
         if definition is None or _DATA.search(source.text):
             continue
         program = capitalise(definition[1])
-        own = dict.fromkeys(private.get(program, ()), f"file{index}")
-        statements.owners[index] = dict.fromkeys(private_of_main, OTHER_FILES) | own
-        if own:
-            for file_of_data in files_of_data[program]:
-                statements.owners[file_of_data] = own
+        owner_of_private = dict.fromkeys(data.private.get(program, ()), f"file{index}")
+        statements.owners[index] = dict.fromkeys(private_of_main, OTHER_FILES) | owner_of_private
+        if owner_of_private:
+            for file_of_data in data.files[program]:
+                statements.owners[file_of_data] = owner_of_private
+
+
+def _collect_data(sources: tuple[Source, ...]) -> _DataOfPrograms:
+    """Collect the names that the files of data among some files declare."""
+    data = _DataOfPrograms(files=defaultdict(list), private={}, shared=set())
+    for index, source in enumerate(sources):
+        head = _DATA.search(source.text)
+        if head is None:
+            continue
+        program = capitalise(head["program"])
+        data.files[program].append(index)
+        global_names = set(_find_shared_names(source.text))
+        data.shared.update(global_names)
+        is_config = source.name.lower().endswith("config.dat")
+        if not is_config:
+            data.private[program] = set(_find_private_names(source.text)) - global_names
+    return data
 
 
 LANGUAGE: Final = ir.Language(

@@ -49,8 +49,8 @@ class Copy(NamedTuple):
     """Value that is a copy of another variable's value."""
 
     name: Name  # name of the other variable
-    # whether the other variable only holds the name of a third variable, whose value is then copied
-    through: bool = False
+    # whether the other variable only has the name of a third variable, whose value is then copied
+    indirect: bool = False
 
 
 class Element(NamedTuple):
@@ -163,6 +163,8 @@ class Use(NamedTuple):
     into: Name = ""
 
 
+_EVENT_OF_LOOP: Final = "\0loop"
+"""Name of the event that the condition of a loop is computed again."""
 RESULT: Final = "\0result"
 """Name of the value that a routine returns."""
 CONDITION: Final = "\0condition"
@@ -307,16 +309,7 @@ class Line:
 
     def split(self, separator: str = ",") -> list[Line]:
         """Return the parts between separators that are neither in brackets nor in quotations."""
-        return [self.cut(begin, end) for begin, end in split_outside_brackets(self.text, 0, separator)]
-
-    def span(self, group: str) -> tuple[int, int]:
-        return self.match.span(group) if self.match else (0, 0)
-
-    def ordinals_in(self, begin: int, end: int) -> tuple[int, ...]:
-        return self.cut(begin, end).ordinals
-
-    def first_ordinal(self, group: str) -> int:
-        return self.ordinals_in(*self.span(group))[0]
+        return [self.cut(begin, end) for begin, end in split_outside_brackets(self.text, separator)]
 
     @property
     def is_number(self) -> bool:
@@ -358,6 +351,14 @@ def _find_numbers(text: str) -> tuple[int, ...]:
 Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
 """Effect of a statement apart from its expressions: the kind of a `Flow`, or a function of the `Line` that
 returns the operations."""
+
+
+class _Words(NamedTuple):
+    """Patterns of words of a language that are no variables."""
+
+    operators: re.Pattern[str]  # words between operands, such as AND
+    reserved: re.Pattern[str]  # words that begin statements
+    functions: re.Pattern[str]  # the controller's functions, which return a value and change nothing
 
 
 @dataclass(frozen=True)
@@ -454,40 +455,39 @@ class Language:
         return re.compile(self.motion, re.IGNORECASE if self.ignores_case else 0)
 
     @cached_property
-    def _words(self) -> tuple[re.Pattern[str], ...]:
-        """Patterns of operators, of reserved words, and of the controller's functions."""
+    def _words(self) -> _Words:
+        """Patterns of words that are no variables."""
         flags = re.IGNORECASE if self.ignores_case else 0
-        return (
-            re.compile(rf" ?(?<![\w$.])(?:{self.operators})\b ?", flags),
-            re.compile(rf"(?<![\w$.])(?:{self.reserved})(?![\w$])", flags),
-            re.compile(self.functions, flags),
+        return _Words(
+            operators=re.compile(rf" ?(?<![\w$.])(?:{self.operators})\b ?", flags),
+            reserved=re.compile(rf"(?<![\w$.])(?:{self.reserved})(?![\w$])", flags),
+            functions=re.compile(self.functions, flags),
         )
 
     def normalise(self, masked: str) -> Line:
         """Return the normal form of a statement: without comments, and with single blanks between words only.
 
-        `masked` is the statement's text with NUL in place of each number.
+        `masked` is the statement's text with NUL in place of each number. Numbers in comments and quotations
+        are passed over, but count among the numbers of the statement.
         """
         pieces, ordinals = list[str](), list[int]()
-        count_of_numbers = 0  # that were passed
-        line_offset = 0  # count of line breaks before the statement
+        passed_numbers = 0  # count of the numbers before the token
+        line_offset = 0  # count of the line breaks before the statement
         is_after_word = False
         for token in self._token.finditer(masked):
             kind, piece = token.lastgroup, token[0]
-            if kind in {"blank", "comment"}:
-                is_before_statement = not pieces
-                if is_before_statement:  # CR and LF together are one line break
-                    line_offset += piece.count("\n") or piece.count("\r")
-            else:
+            is_part_of_statement = kind not in {"blank", "comment"}
+            if is_part_of_statement:
                 if piece == A_NUMBER:
-                    ordinals.append(count_of_numbers)
+                    ordinals.append(passed_numbers)
                 is_word = kind != "sign"
                 if is_after_word and is_word:
                     pieces.append(" ")
-                # A number in a text is not a number of the statement.
-                pieces.append(piece.replace("\0", "0") if kind == "text" else piece)
+                pieces.append(piece.replace(A_NUMBER, "0") if kind == "text" else piece)
                 is_after_word = is_word
-            count_of_numbers += piece.count("\0")
+            elif not pieces:  # before the statement; CR and LF together are one line break
+                line_offset += piece.count("\n") or piece.count("\r")
+            passed_numbers += piece.count(A_NUMBER)
         text = "".join(pieces)
         if self.ignores_case:
             text = capitalise(text)
@@ -550,43 +550,53 @@ class Language:
             return [*uses, *rule(matched)]
         raise Misread(UNKNOWN_STATEMENT)
 
-    def _apply_flow_rule(self, line: Line, kind: str, used: list[Op]) -> list[Op]:
-        """Return the operations `used` of the statement's expressions, then a `Flow` of this kind, if any."""
-        if kind in {"branch", "loop"}:  # the condition may be computed again, or not at all
-            used = mark_anytime(used, "\0loop" if kind == "loop" else "")
-        used = pass_uses(used, RESULT if kind == "return" else CONDITION)
+    def _apply_flow_rule(self, line: Line, kind: str, uses: list[Op]) -> list[Op]:
+        """Return the operations of a statement that begins or ends a branch, loop, jump or routine.
+
+        Args:
+            line: the statement.
+            kind: kind of the `Flow`; empty for a statement that only uses names.
+            uses: operations of the expressions in the statement, which come first.
+        """
+        if kind == "loop":  # its condition is computed in each round
+            uses = mark_anytime(uses, _EVENT_OF_LOOP)
+        elif kind == "branch":  # its condition may not be computed at all
+            uses = mark_anytime(uses)
+        uses = pass_uses(uses, RESULT if kind == "return" else CONDITION)
         if not kind:
-            return used
+            return uses
         is_numbered_label = line["name"] == A_NUMBER  # the name is the number itself
         name = line.fill_name("%s", "name") if is_numbered_label else line["name"]
-        return [*used, Flow(kind, name)]
+        return [*uses, Flow(kind, name)]
 
     def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Translate a statement of several lines, each of them a statement without its end.
 
-        Moves in the statement are not corrected. The list is empty if a line is no statement.
+        Moves in the statement are not corrected. The list is empty if the statement has a single line, or if
+        one of its lines is no statement.
 
         Args:
             masked: the statement with NUL in place of each number.
             whole: its normal form.
             fault: why the whole is not understood.
         """
-        reason = f"{whole.quote()}: {fault.reason}"
-        remedy = fault.remedy or self.remedy
-        ops = list[tuple[int, Op]]()
+        reason, remedy = f"{whole.quote()}: {fault.reason}", fault.remedy or self.remedy
         texts = masked.splitlines(keepends=True)
-        count_of_numbers = 0  # in the lines before
+        if len(texts) == 1:
+            return []
+        ops = list[tuple[int, Op]]()
+        passed_numbers = 0  # count of the numbers in the lines before
         for line_offset, text in enumerate(texts):
             line = self.normalise(text)
-            line = replace(line, ordinals=tuple(count_of_numbers + ordinal for ordinal in line.ordinals))
+            line = replace(line, ordinals=tuple(passed_numbers + ordinal for ordinal in line.ordinals))
             try:
                 found = self.apply_rules(line) if line.text else []
             except Misread:
                 return []
             for op in found:
                 ops.append((line_offset, _leave_move(op, reason, remedy) if isinstance(op, Move) else op))
-            count_of_numbers += text.count("\0")
-        return ops if len(texts) > 1 else []
+            passed_numbers += text.count(A_NUMBER)
+        return ops
 
     def _translate_unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Translate a statement that is not understood, and may therefore change values.
@@ -599,26 +609,27 @@ class Language:
             line: its normal form.
             fault: why it is not understood.
         """
-        reason = f"{line.quote()}: {fault.reason}"
-        remedy, text = fault.remedy or self.remedy, _QUOTED.sub("_", line.text)
-        may_change_all = re.search(self.forgets, text) is not None
-        is_lasting = re.search(self.lasting, line.text) is not None
+        reason, remedy = f"{line.quote()}: {fault.reason}", fault.remedy or self.remedy
+        plain = _QUOTED.sub("_", line.text)
+        may_change_all = re.search(self.forgets, plain) is not None
+        may_last = re.search(self.lasting, line.text) is not None
         ops = list[Op]()
         if may_change_all:  # without names, `MakeUnknown` makes all values unknown
             ops.append(MakeUnknown(frozenset(), reason, remedy))
         # The names of the statement are listed as well, because their values change while the program runs;
         # `_` keeps the list from being empty.
-        ops.append(MakeUnknown(frozenset([*self._find_changed_names(line, text), "_"]), reason, remedy))
-        if is_lasting:
+        ops.append(MakeUnknown(frozenset([*self._find_changed_names(line, plain), "_"]), reason, remedy))
+        if may_last:
             ops.append(MakeUnknown(frozenset({MODE}), reason, remedy))
         if self.calls_by_name or not may_change_all:
-            ops += self._find_calls(text)
-            if not (is_lasting or self._motion.search(text)):
+            ops += self._find_calls(plain)
+            may_move = may_last or self._motion.search(plain) is not None
+            if not may_move:
                 assumption = "it is assumed that the statement changes only the values that it names"
                 ops.append(Note(f"{reason}; {assumption}"))
-        placed = [(line.line_offset, op) for op in ops]
-        move = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
-        return [*placed, *((line_offset, move) for line_offset in self._find_lines_of_motions(masked))]
+        left_move = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
+        moves = [(line_offset, left_move) for line_offset in self._find_lines_of_motions(masked)]
+        return [*((line.line_offset, op) for op in ops), *moves]
 
     def _find_changed_names(self, line: Line, text: str) -> set[Name]:
         """Return the names that a statement may change; `text` is its normal form without quotations."""
@@ -645,13 +656,12 @@ class Language:
 
         Each call may be skipped; or it may be an attachment, whose routine runs at any time.
         """
-        _, _, functions = self._words
         names = frozenset(_NAME.findall(text))
         called_names = dict.fromkeys(called[1] for called in _CALLED.finditer(text))
         for name in called_names:
             if self._motion.fullmatch(name):
                 continue
-            harmless = functions.fullmatch(name) is not None
+            harmless = self._words.functions.fullmatch(name) is not None
             passed = frozenset[str]() if harmless else names - {name}
             call = Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
             yield from make_skippable([call])
@@ -664,29 +674,40 @@ class Language:
         Raises:
             Misread: the text is not an expression.
         """
-        operators, reserved, functions = self._words
-        plain = operators.sub("+", _QUOTED.sub('""', text))
-        if reserved.search(plain) or _NO_EXPRESSION.search(plain) or not _is_balanced(plain):
+        words = self._words
+        plain = words.operators.sub("+", _QUOTED.sub('""', text))
+        if words.reserved.search(plain) or _NO_EXPRESSION.search(plain) or not _is_balanced(plain):
             raise Misread("this text is not understood, or is not complete")
         names = frozenset(_NAME.findall(plain))
         ops: list[Op] = [Use(names)] if names else []
         called_names = dict.fromkeys(called[1] for called in _CALLED.finditer(plain))
         for name in called_names:
-            harmless = functions.fullmatch(name) is not None
-            passed = names - {name}
-            if re.fullmatch(self.writers, name):
-                # The controller's function writes its last argument only; a routine of the program with this
-                # name may write others.
-                ops.append(Call(name, passed, harmless=True))
-                passed &= frozenset(_NAME.findall(_find_last_argument(plain, name)))
-            reads_frames = re.fullmatch(self.readers, name) is not None
-            call = Call(name, passed, harmless=harmless, reads_frames=reads_frames)
-            is_whole_text = plain.startswith(f"{name}(") and plain.count("(") == 1
-            if harmless or is_whole_text:
-                ops.append(call)
-            else:  # a call in a larger expression may be skipped, and several calls may run in any order
-                ops += make_skippable([call])
+            ops += self._call_function(plain, name, names - {name})
         return ops
+
+    def _call_function(self, expression: str, name: str, others: frozenset[str]) -> list[Op]:
+        """Return the operations of the call of a function in an expression.
+
+        Args:
+            expression: the expression.
+            name: name of the function.
+            others: the other names in the expression, which the function may get as arguments.
+        """
+        ops = list[Op]()
+        harmless = self._words.functions.fullmatch(name) is not None
+        passed = others
+        if re.fullmatch(self.writers, name):
+            # The controller's function writes its last argument only; a routine of the program with this name
+            # may write others.
+            ops.append(Call(name, others, harmless=True))
+            passed = others & frozenset(_NAME.findall(_find_last_argument(expression, name)))
+        reads_frames = re.fullmatch(self.readers, name) is not None
+        call = Call(name, passed, harmless=harmless, reads_frames=reads_frames)
+        is_whole_expression = expression.startswith(f"{name}(") and expression.count("(") == 1
+        if harmless or is_whole_expression:
+            return [*ops, call]
+        # A call in a larger expression may be skipped, and several calls may run in any order.
+        return [*ops, *make_skippable([call])]
 
 
 def _refuse_deep_braces(text: str) -> None:
@@ -844,12 +865,14 @@ def _find_last_argument(text: str, name: str) -> str:
     """Return the last argument of a function that is called once in a text; else the whole text."""
     if text.count(f"{name}(") != 1:
         return text
-    begin, depth = text.index(f"{name}(") + len(name) + 1, 1
-    for match in re.finditer(r"[()]", text[begin:]):
-        depth += 1 if match[0] == "(" else -1
+    _, _, behind = text.partition(f"{name}(")
+    depth = 1  # count of open brackets
+    for bracket in re.finditer(r"[()]", behind):
+        depth += 1 if bracket[0] == "(" else -1
         if depth == 0:
-            *_, (first, last) = split_outside_brackets(text[: begin + match.start()], begin)
-            return text[first:last]
+            arguments = behind[: bracket.start()]
+            *_, (begin, end) = split_outside_brackets(arguments)
+            return arguments[begin:end]
     return text
 
 
@@ -862,20 +885,20 @@ _NO_LINE_BREAK: Final = re.compile(r"[^\r\n]")
 _LINE_END: Final = re.compile(r"\r\n?|\n")
 
 
-def split_outside_brackets(text: str, begin: int = 0, separator: str = ",") -> Iterator[tuple[int, int]]:
+def split_outside_brackets(text: str, separator: str = ",") -> Iterator[tuple[int, int]]:
     """Yield the span of each part of a text between separators that are not in brackets or quotations.
 
-    A span is the index of the first character, and of the last + 1. The first part begins at index `begin`.
+    A span is the index of the first character, and of the last + 1.
     """
     depth = 0  # of brackets within one another
-    first = begin
+    begin = 0
     signs = rf'"[^"]*+"|[()\[\]{{}}]|{re.escape(separator)}'
-    for sign in re.finditer(signs, text[begin:]):
+    for sign in re.finditer(signs, text):
         if sign[0] in "([{":
             depth += 1
         elif sign[0] in ")]}":
             depth -= 1
         elif sign[0] == separator and depth == 0:
-            yield first, begin + sign.start()
-            first = begin + sign.end()
-    yield first, len(text)
+            yield begin, sign.start()
+            begin = sign.end()
+    yield begin, len(text)
