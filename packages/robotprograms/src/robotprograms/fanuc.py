@@ -173,7 +173,7 @@ def _translate_position_change(line: Line) -> list[Op]:
 
 
 def _is_known_tail(tail: str) -> bool:
-    """Return whether the text `tail` after a target, apart from offsets, is known not to move the target."""
+    """Return whether the text behind a target is known, and does not move the target, apart from offsets."""
     return _TAIL.fullmatch(_OFFSET.sub("", tail).strip()) is not None
 
 
@@ -181,7 +181,7 @@ class _PositionsOfMove(NamedTuple):
     """Positions of a move, and the text behind them."""
 
     ordinals: list[int]  # of the number n of each position P[n]
-    tail: str  # text behind the first position, without Skip and the second position
+    tail: Line  # text behind the first position, without Skip and the second position
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -204,10 +204,10 @@ def _translate_move(line: Line) -> list[Op]:
         matched_frames=("UFRAME_NUM", "UTOOL_NUM"),
         reason=_explain_tail(line, tail, may_be_skipped=skip is not None),
         remedy=_REMEDY,
-        feed=_read_feed(line, tail),
+        feed=_read_feed(tail),
     )
-    called_names = re.findall(r"\bCALL ?(\w++)", tail.upper())  # programs that are called near the target
-    calls = [ir.Call(name, anytime=True, event=name) for name in called_names]
+    programs_called_near_target = re.findall(r"\bCALL ?(\w++)", tail.text.upper())
+    calls = [ir.Call(name, anytime=True, event=name) for name in programs_called_near_target]
     if skip is None:
         return [*calls, move]
     # The program continues at the label if the condition of Skip is not met.
@@ -215,20 +215,20 @@ def _translate_move(line: Line) -> list[Op]:
     return [*calls, move, *ir.make_skippable([_jump_to(label)])]
 
 
-def _explain_tail(line: Line, tail: str, *, may_be_skipped: bool) -> str:
+def _explain_tail(line: Line, tail: Line, *, may_be_skipped: bool) -> str:
     """Return why a move is not corrected, from the text `tail` behind its positions; empty if it can be.
 
     Raises:
         Misread: the text is unknown, and may be a further statement.
     """
-    if not _is_known_tail(tail):
-        if _MAY_ACT.search(re.sub(r"\[[^\[\]]*\]", "", tail)):
+    if not _is_known_tail(tail.text):
+        tail_without_indices = re.sub(r"\[[^\[\]]*\]", "", tail.text)
+        may_be_further_statement = _MAY_ACT.search(tail_without_indices) is not None
+        if may_be_further_statement:
             raise Misread(_UNKNOWN_TAIL)
         return f"{line.quote()}: {_UNKNOWN_TAIL}"
-    if offset := _OFFSET.search(tail):
-        tail_as_written = line.part("tail")  # the numbers in `tail` are not counted
-        numbers_from_offset = tail_as_written.cut(tail_as_written.text.index(offset[0].strip())).ordinals
-        return f"{ir.quote_statement(offset[0], numbers_from_offset)} moves the target"
+    if offset := _OFFSET.search(tail.text):
+        return f"{tail.cut(*offset.span()).quote()} moves the target"
     return "Skip may end the move before its target" if may_be_skipped else ""
 
 
@@ -241,33 +241,36 @@ def _read_positions(line: Line) -> _PositionsOfMove:
         Misread: an arc has one position, or another move has two.
     """
     is_arc = line["letter"] == "C"
-    ordinals = [line.ordinals[0]]
-    tail = _SKIP.sub("", line["tail"])
-    is_behind_offset = is_arc and not line["second"]
-    group = line.part("tail" if is_behind_offset else "second")
-    second = re.search(rf"{_OFFSETS} ?(P\[\0\])" if is_behind_offset else r" ?(P\[\0\])", group.text)
+    is_second_behind_offset = is_arc and not line["second"]
+    if is_second_behind_offset:
+        part, pattern = line.part("tail"), rf"{_OFFSETS} ?(P\[\0\])"
+    else:
+        part, pattern = line.part("second"), r" ?(P\[\0\])"
+    second = re.search(pattern, part.text)
     if (second is not None) != is_arc:
         need = "an arc needs two positions, the second one on the next line"
         raise Misread(f"{need}; any other move needs one position")
+    ordinals, tail = [line.ordinals[0]], line.part("tail")
     if second:
-        ordinals += group.cut(*second.span(1)).ordinals
-        if is_behind_offset:
-            tail = tail.replace(second[1], " ", 1)
+        ordinals += part.cut(*second.span(1)).ordinals
+        if is_second_behind_offset:
+            tail = tail.substitute(*second.span(1), " ")
+    for skip in reversed([*_SKIP.finditer(tail.text)]):
+        tail = tail.substitute(*skip.span(), "")
     return _PositionsOfMove(ordinals, tail)
 
 
-def _read_feed(line: Line, tail: str) -> ir.Feed | None:
-    """Return the feed of a move, such as `100mm/sec`; None if it has another unit or is computed.
+def _read_feed(tail: Line) -> ir.Feed | None:
+    """Return the feed of a move, such as `100mm/sec`, with which the text behind its positions begins.
 
-    `tail` is the text behind the first position, without the second position.
+    The feed is None if it has another unit or is computed.
     """
-    tail_as_written = line.part("tail")
-    is_behind_offset = line["letter"] == "C" and not line["second"]
-    feed = _FEED.match(tail.strip() if is_behind_offset else tail_as_written.text)
+    begin = len(tail.text) - len(tail.text.lstrip())
+    feed = _FEED.match(tail.text, begin)
     if feed is None:
         return None
-    number, *_ = tail_as_written.cut(tail_as_written.text.index(feed[0])).ordinals
-    return ir.Feed(Literal(_NUMBER, (number,)), _FEED_UNITS.get(feed["unit"], 1.0))
+    number = tail.cut(*feed.span())
+    return ir.Feed(Literal(_NUMBER, number.ordinals), _FEED_UNITS.get(feed["unit"], 1.0))
 
 
 def _translate_copy_to_register(line: Line) -> list[Op]:
@@ -314,15 +317,16 @@ def _translate_event(line: Line) -> list[Op]:
 def _translate_macro(line: Line) -> list[Op]:
     """Translate the call of a macro, whose name may have several words and a number.
 
-    An instruction of the controller with words alone looks like a macro, and may last. Only macros have
-    arguments in parentheses; and a macro of the hand, such as `Open hand 1`, is delivered with controllers.
+    A macro is a program of the controller. An instruction with words alone looks like one, and may begin
+    something that lasts, such as an offset. Certainly macros are those with arguments in parentheses, and
+    those of the hand, such as `Open hand 1`, which are delivered with controllers.
     """
     name = line["name"].replace(ir.A_NUMBER, "n")
     has_arguments = line.text.endswith(")")
     is_macro = has_arguments or _OF_HAND.search(name) is not None
     may_last = not is_macro or _MAY_LAST.search(name) is not None
-    own_program = ir.Call(name.upper(), harmless=True)  # names have no case
-    return [own_program, ir.Call(name, may_last=may_last)]
+    program_of_this_name = ir.call_if_defined(name.upper())  # names have no case
+    return [program_of_this_name, ir.Call(name, may_last=may_last)]
 
 
 def _translate_register_move(line: Line) -> list[Op]:
@@ -363,9 +367,10 @@ def _translate_frame_change(line: Line) -> list[Op]:
     """
     reason = f"{line.quote()}: the frame changes while the program runs"
     remedy = "set the frames before the program starts, because all of its moves depend on them"
-    frame: ir.Name = ir.MODE  # any frame may be meant
-    if numbered := re.match(r"(UF|UT)(?:RAME|OOL)\[\0\]=", line.text):
-        frame = line.fill_name(f"{numbered[1]} %s")
+    numbered = re.match(r"(UF|UT)(?:RAME|OOL)\[\0\]=", line.text)
+    if numbered is None:  # any frame may be meant
+        return [ir.MakeUnknown(ir.ALL_TARGETS, reason, remedy, anytime=True)]
+    frame = line.fill_name(f"{numbered[1]} %s")  # such as `UF 1`
     return [ir.MakeUnknown(frozenset({frame}), reason, remedy, anytime=True)]
 
 
@@ -570,7 +575,7 @@ def _add_main_program(statements: Statements, source: Source) -> None:
     statements.add_statements(0, starts, ends)
     if _FOLLOWS_CONVEYOR.search(source.text, 0, sections.end_of_head):
         reason = "the program follows a conveyor: its targets move with the conveyor's frame"
-        statements.forget_anytime(frozenset({ir.MODE}), reason, "set LINE_TRACK_SCHEDULE_NUMBER to 0")
+        statements.forget_anytime(ir.ALL_TARGETS, reason, "set LINE_TRACK_SCHEDULE_NUMBER to 0")
 
 
 def _add_called_program(statements: Statements, index: int, source: Source) -> None:

@@ -27,6 +27,8 @@ _POSES: Final = ((POSE, ("X", "Y", "Z", "A", "B", "C")), (JOINTS, ("A1", "A2", "
 _MOTIONS: Final = {"PTP": Motion.JOINT, "LIN": Motion.LINEAR, "CIRC": Motion.CIRCULAR, "SPL": Motion.SPLINE}
 _IPO: Final = f"{ir.MODE} IPO"
 """Name of the controller's interpolation mode, which lasts: with #TCP the arm carries the part."""
+_ARM_CARRIES_TOOL: Final = ir.Named("")
+"""Value of the interpolation mode #BASE, with which nothing is special."""
 _FIXED_TOOL: Final = "the tool is fixed in the cell, and the arm carries the part (#TCP)"
 # Facts. Sources: KUKA System Software 8.x, programming instructions for system integrators (KSS); the
 # controller's bas.src (BAS).
@@ -144,7 +146,8 @@ def _read_value(line: Line, text: str) -> list[Op]:
     is_structure = text.startswith("{")
     calls_routine = "(" in text
     if not calls_routine:
-        # Reading an active frame is no use of its name; only a routine may change a frame that it gets.
+        # Who reads the active frame does not use the name: it gets another name here. A routine that gets the
+        # frame may change it, and so uses the name.
         text = re.sub(r"\$(?=(?:BASE|TOOL)\b)", "$ACTIVE_", text)
     if is_structure:
         text = _SEPARATED.sub(",", text)  # names and values of the fields become a list of expressions
@@ -195,14 +198,16 @@ def _copy_frames(target: str, source: str) -> list[Op]:
     return [ir.Assign(f"{target}.{role}", ir.Copy(f"{source}.{role}")) for role in ("BASE", "TOOL", "IPO")]
 
 
-def _set_frame_data(name: ir.Name, numbers: dict[str, int], mode: str) -> list[Op]:
+def _set_frame_data(name: ir.Name, ordinals: dict[str, int], mode: str) -> list[Op]:
     """Translate an assignment to fields of frame data, such as `FDAT_ACT.BASE_NO=1`.
 
-    KSS: with the interpolation mode #TCP the tool is fixed in the cell, and the arm carries the part.
+    Frame data have a base, a tool and an interpolation mode. KSS: with the mode #TCP the tool is fixed in the
+    cell, and the arm carries the part; then all of them are unknown.
 
     Args:
         name: name of the frame data.
-        numbers: ordinals of the numbers of the frames, with the keys `BASE` and `TOOL`.
+        ordinals: by the keys BASE and TOOL, the number of the frame that is set, as an index among the
+            numbers of the statement.
         mode: interpolation mode, `#BASE` or `#TCP`; empty if the statement does not set the mode.
     """
     is_tool_fixed = mode not in {"", "#BASE"}
@@ -210,11 +215,11 @@ def _set_frame_data(name: ir.Name, numbers: dict[str, int], mode: str) -> list[O
         unknown = ir.Unknown(_FIXED_TOOL, _FRAME_REMEDY)
         return [ir.Assign(f"{name}.{field}", unknown) for field in ("BASE", "TOOL", "IPO")]
     ops: list[Op] = []
-    for role, ordinal in numbers.items():
+    for role, ordinal in ordinals.items():
         frame_in_table = ir.NumberedName(f"{role}_DATA[%s]", ordinal)
         ops.append(ir.Assign(f"{name}.{role}", ir.Named(frame_in_table)))
     if mode:
-        ops.append(ir.Assign(f"{name}.IPO", ir.Named("")))
+        ops.append(ir.Assign(f"{name}.IPO", _ARM_CARRIES_TOOL))
     return ops
 
 
@@ -262,10 +267,7 @@ def _activate_frame(active: str, value: Line) -> list[Op]:
 
 
 def _copy_element(role: str, index: str) -> Op:
-    """Return the assignment of `BASE_DATA[i]` to `$BASE`, where a variable is the index; or that of a tool.
-
-    `role` is BASE or TOOL.
-    """
+    """Return the assignment `$BASE=BASE_DATA[i]` with a variable i as `index`; `role` is BASE or TOOL."""
     return ir.Assign(f"${role}", ir.Element(f"{role}_DATA[%s]", index))
 
 
@@ -322,7 +324,7 @@ def _set_field_of_frames(line: Line) -> list[Op]:
     The list is empty if the line assigns to something else.
     """
     if line.text == "$IPO_MODE=#BASE":
-        return [ir.Assign(_IPO, ir.Named(""))]
+        return [ir.Assign(_IPO, _ARM_CARRIES_TOOL)]
     if line.text == "$IPO_MODE=#TCP":
         return [ir.Assign(_IPO, ir.Unknown(_FIXED_TOOL, "omit the statement"))]
     field = _FIELD_OF_FRAMES.fullmatch(f"{line['index']}={line['value']}")
@@ -349,15 +351,22 @@ def _translate_assignment(line: Line) -> list[Op]:
     if field_of_frames := _set_field_of_frames(line):
         return field_of_frames
     if name in {"$ACT_BASE", "$ACT_TOOL"} and not index:
-        # BAS copies these numbers of frames where it sets the active frames.
-        active = name.replace("ACT_", "")
-        reason = f"{line.quote()}: the controller's variable {name} may move targets"
-        unknown_names: frozenset[ir.Name] = frozenset({active, name})
-        forget = ir.MakeUnknown(unknown_names, reason, "omit the statement")
-        return [*_read_value(line, line["value"]), forget]
+        return _choose_number_of_active_frame(line)
     if _MAY_MOVE_TARGETS.match(line.text):
         raise Misread(f"the controller's variable {name} may move targets", "omit the statement")
     return _assign(line, name, index)
+
+
+def _choose_number_of_active_frame(line: Line) -> list[Op]:
+    """Translate an assignment to `$ACT_BASE` or `$ACT_TOOL`, behind which the active frame is unknown.
+
+    BAS copies these numbers of frames where it sets the active frames.
+    """
+    name = line["name"]
+    active = name.replace("ACT_", "")
+    reason = f"{line.quote()}: the controller's variable {name} may move targets"
+    forget = ir.MakeUnknown(frozenset({active, name}), reason, "omit the statement")
+    return [*_read_value(line, line["value"]), forget]
 
 
 def _assign(line: Line, target: ir.Name, index: str) -> list[Op]:
@@ -470,8 +479,9 @@ def _leave_move(motion: Motion, target: Line, base: ir.Value, tool: ir.Value, re
     """
     target_or_step = re.sub(_AXES_OF_STEP, "", target.text)
     near = _NEAR.fullmatch(target_or_step)
-    expression = near["offset"] if near else target_or_step
-    uses = target.read_expression(_SEPARATED.sub(",", expression))
+    structure = near["offset"] if near else target_or_step  # such as `{X 10,Y 5}`
+    list_of_expressions = _SEPARATED.sub(",", structure)
+    uses = target.read_expression(list_of_expressions)
     if near is None or re.fullmatch(_RESERVED, near["target"]):
         return ir.make_uncorrected_move(uses, reason, _REMEDY)
     name = near["target"]
@@ -518,32 +528,56 @@ def _read_settings(settings: Line) -> _Settings:
     if not settings.text:
         return _Settings([], {}, None)
     uses = list[Op]()
-    frames = dict[str, ir.Copy]()
-    frame_data = dict[str, str]()  # name of the frame data (FDAT) of base, tool and interpolation mode
+    own_frames = list[_OwnFrame]()
     feed = None  # the last one counts: a number may follow a structure
     for setting in settings.split():
         feed = _read_feed(setting) or feed
-        match = _OWN_FRAME.fullmatch(setting.text)
-        role = match["role"] if match else ""
-        if match and match["data"]:  # $BASE=SBASE(FP1)
-            frame_data[role] = match["data"]
-            frames[role] = ir.Copy(f"{match['data']}.{role}", indirect=True)
-        elif match and match["table"] == f"{role}_DATA":  # $BASE=BASE_DATA[1]
-            frames[role] = ir.Copy(setting.fill_name(f"{role}_DATA[%s]"))
-        elif match and match["name"] and role != "IPO_MODE":  # $BASE=MY_FRAME
-            uses.append(ir.Use(frozenset({match["name"]})))
-            frames[role] = ir.Copy(match["name"])
+        if own_frame := _read_own_frame(setting):
+            own_frames.append(own_frame)
+            uses += own_frame.uses
         elif _is_harmless_setting(setting.text):
-            uses += _read_value(setting, setting.text.partition("=")[2])
+            _, _, value = setting.text.partition("=")
+            uses += _read_value(setting, value)
         else:
             reason = "a setting after WITH is unknown, or sets a frame for this move only"
             raise Misread(reason, _SET_BEFORE_MOVE)
-    has_base_and_tool = frame_data.keys() >= {"BASE", "TOOL"} and len(set(frame_data.values())) == 1
-    is_incomplete = bool(frame_data) and not has_base_and_tool
-    if is_incomplete or ir.calls_routine(uses):
+    if _takes_part_of_frame_data(own_frames) or ir.calls_routine(uses):
         reason = "the settings after WITH call a routine, or set only one of tool and base"
         raise Misread(reason, _SET_BEFORE_MOVE)
-    return _Settings(uses, frames, feed)
+    return _Settings(uses, {own.role: own.frame for own in own_frames}, feed)
+
+
+class _OwnFrame(NamedTuple):
+    """Frame that a setting makes active for a single move."""
+
+    role: str  # BASE or TOOL; IPO_MODE for the interpolation mode, which frame data state as well
+    frame: ir.Copy
+    data: str = ""  # name of the frame data that state the frame; empty if there are none
+    uses: tuple[ir.Use, ...] = ()  # uses of names
+
+
+def _read_own_frame(setting: Line) -> _OwnFrame | None:
+    """Return the frame that a setting such as `$BASE=FRAME1` makes active; None for any other setting."""
+    match = _OWN_FRAME.fullmatch(setting.text)
+    if match is None:
+        return None
+    role = match["role"]
+    if data := match["data"]:  # $BASE=SBASE(FP1)
+        return _OwnFrame(role, ir.Copy(f"{data}.{role}", indirect=True), data)
+    if match["table"] == f"{role}_DATA":  # $BASE=BASE_DATA[1]
+        return _OwnFrame(role, ir.Copy(setting.fill_name(f"{role}_DATA[%s]")))
+    if match["name"] and role != "IPO_MODE":  # $BASE=MY_FRAME
+        use = ir.Use(frozenset({match["name"]}))
+        return _OwnFrame(role, ir.Copy(match["name"]), uses=(use,))
+    return None
+
+
+def _takes_part_of_frame_data(own_frames: list[_OwnFrame]) -> bool:
+    """Return whether only base or only tool is from frame data, or each is from other ones."""
+    data_of_role = {own.role: own.data for own in own_frames if own.data}
+    has_base_and_tool = data_of_role.keys() >= {"BASE", "TOOL"}
+    are_all_the_same = len(set(data_of_role.values())) == 1
+    return bool(data_of_role) and not (has_base_and_tool and are_all_the_same)
 
 
 def _is_harmless_setting(setting: str) -> bool:
@@ -581,8 +615,7 @@ def _translate_sensor(line: Line) -> list[Op]:
     variable_of_result = line["name"]
     if variable_of_result:
         ops.append(_forget_name(variable_of_result))
-    # The program itself may define a routine with the name of the function.
-    ops.append(ir.Call(line["function"], _find_names(ops), harmless=True))
+    ops.append(ir.call_if_defined(line["function"], _find_names(ops)))
     reason, remedy = "a sensor moves the targets (RSI)", "omit the statement"
     if line["action"] == "OFF":
         return [*ops, ir.end_lasting("RSI")]
@@ -635,15 +668,17 @@ def _translate_triggered_assignment(line: Line) -> list[Op]:
     assignment = line.part("action")
     name, _, _ = assignment.text.partition("=")
     reason = f"{name} changes at a trigger"
-    changes, others = list[Op](), list[Op]()
-    for op in line.language.apply_rules(assignment):
-        if isinstance(op, ir.Assign):
-            changes.append(ir.MakeUnknown(frozenset({op.name}), reason, _REMEDY, anytime=True))
-        elif isinstance(op, ir.MakeUnknown):
-            others.append(op._replace(anytime=True))
-        else:
-            others.append(op)
-    return [*changes, *others]
+    ops = line.language.apply_rules(assignment)
+    assigned = [op for op in ops if isinstance(op, ir.Assign)]
+    changes: list[Op] = [
+        ir.MakeUnknown(frozenset({op.name}), reason, _REMEDY, anytime=True) for op in assigned
+    ]
+    for op in ops:
+        if isinstance(op, ir.MakeUnknown):  # a value that is computed
+            changes.append(op._replace(anytime=True))
+        elif not isinstance(op, ir.Assign):
+            changes.append(op)
+    return changes
 
 
 def _translate_bas(line: Line) -> list[Op]:
@@ -673,8 +708,7 @@ def _translate_reading(line: Line) -> list[Op]:
     uses = [op for op in line.read_expression(line["arguments"]) if isinstance(op, ir.Use)]
     arguments = _find_names([*uses])
     variable_of_result = line["status"] or "_"
-    # The program itself may define a routine with the name of the function.
-    own_routine = ir.Call(line["function"], arguments, harmless=True)
+    own_routine = ir.call_if_defined(line["function"], arguments)
     reason = "the value is read from outside while the program runs"
     return [own_routine, ir.MakeUnknown(arguments | {variable_of_result}, reason, _REMEDY)]
 
@@ -696,8 +730,7 @@ def _translate_kinematics(line: Line) -> list[Op]:
     result, status = line["name"], line["status"]
     uses = ir.pass_uses(line.read_expression(line["arguments"]), result)
     changed = frozenset({result, status})
-    # The program itself may define a routine with the name of the function.
-    own_routine = ir.Call(line["function"], _find_names(uses) | changed, harmless=True)
+    own_routine = ir.call_if_defined(line["function"], _find_names(uses) | changed)
     reason = "the value is calculated while the program runs"
     return [*uses, own_routine, ir.MakeUnknown(changed, reason, _REMEDY)]
 

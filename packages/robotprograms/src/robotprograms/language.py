@@ -115,6 +115,10 @@ Its value is unknown behind a statement that may change it, and then no target i
 statement can end has a name of its own, which begins with this one: `begin_lasting`, `end_lasting`."""
 
 
+ALL_TARGETS: Final = frozenset({MODE})
+"""Names without whose values no target is certain."""
+
+
 FEED: Final = "$VEL.CP"
 """Name of the active feed of the tool's centre [m/s], where the language has one; no target depends on it."""
 
@@ -306,6 +310,11 @@ class Line:
         places_of_numbers = _find_numbers(self.text)
         first, last = bisect_left(places_of_numbers, begin), bisect_left(places_of_numbers, end)
         return Line(self.language, self.text[begin:end], self.ordinals[first:last])
+
+    def substitute(self, begin: int, end: int, text: str) -> Line:
+        """Return the line with a text, which has no numbers, in place of the part between two indices."""
+        before, behind = self.cut(0, begin), self.cut(end)
+        return Line(self.language, before.text + text + behind.text, before.ordinals + behind.ordinals)
 
     def split(self, separator: str = ",") -> list[Line]:
         """Return the parts between separators that are neither in brackets nor in quotations."""
@@ -620,7 +629,7 @@ class Language:
         # `_` keeps the list from being empty.
         ops.append(MakeUnknown(frozenset([*self._find_changed_names(line, plain), "_"]), reason, remedy))
         if may_last:
-            ops.append(MakeUnknown(frozenset({MODE}), reason, remedy))
+            ops.append(make_targets_uncertain(reason, remedy))
         if self.calls_by_name or not may_change_all:
             ops += self._find_calls(plain)
             may_move = may_last or self._motion.search(plain) is not None
@@ -652,14 +661,16 @@ class Language:
             yield line_offset
 
     def _find_calls(self, text: str) -> Iterator[Op]:
-        """Yield the operations of the calls in a statement that is not understood.
+        """Yield the operations of the calls in a statement that is not understood, which is the text.
 
-        Each call may be skipped; or it may be an attachment, whose routine runs at any time.
+        Each call may be skipped; or the statement may attach the routine to an event, so that the routine
+        runs at any time. The routine may change the variables that the statement names.
         """
         names = frozenset(_NAME.findall(text))
         called_names = dict.fromkeys(called[1] for called in _CALLED.finditer(text))
         for name in called_names:
-            if self._motion.fullmatch(name):
+            is_move = self._motion.fullmatch(name) is not None
+            if is_move:
                 continue
             harmless = self._words.functions.fullmatch(name) is not None
             passed = frozenset[str]() if harmless else names - {name}
@@ -699,7 +710,7 @@ class Language:
         if re.fullmatch(self.writers, name):
             # The controller's function writes its last argument only; a routine of the program with this name
             # may write others.
-            ops.append(Call(name, others, harmless=True))
+            ops.append(call_if_defined(name, others))
             passed = others & frozenset(_NAME.findall(_find_last_argument(expression, name)))
         reads_frames = re.fullmatch(self.readers, name) is not None
         call = Call(name, passed, harmless=harmless, reads_frames=reads_frames)
@@ -723,11 +734,17 @@ def _refuse_deep_braces(text: str) -> None:
 
 
 def _leave_move(move: Move, reason: str, remedy: str) -> Move:
-    """Return a move without targets, which is not corrected; corrections of its named targets shift it."""
-    names = tuple(target for target in move.targets if not isinstance(target, Literal))
-    offset_from = move.offset_from + names
-    base, tool = move.bases[:1], move.tools[:1]
-    return Move(move.motion, (), base, tool, reason=reason, remedy=remedy, offset_from=offset_from)
+    """Return a move that is not corrected in place of a move; corrections of its named targets shift it."""
+    named_targets = tuple(target for target in move.targets if not isinstance(target, Literal))
+    return Move(
+        move.motion,
+        (),
+        move.bases[:1],
+        move.tools[:1],
+        reason=reason,
+        remedy=remedy,
+        offset_from=move.offset_from + named_targets,
+    )
 
 
 def quote_statement(text: str, ordinals: Iterable[int]) -> str:
@@ -735,15 +752,25 @@ def quote_statement(text: str, ordinals: Iterable[int]) -> str:
 
     The interpreter replaces these places by the numbers when it makes a message of the text.
     """
-    ordinals = iter(ordinals)
     # `quote_text` would escape NUL: another text marks the numbers in between.
-    quoted = quote_text(text.replace("\0", "@#@"))
-    return re.sub("@#@", lambda _: f"\0{next(ordinals)}\0", quoted)
+    mark = "@#@"
+    *parts, last_part = quote_text(text.replace(A_NUMBER, mark)).split(mark)
+    numbers = [f"\0{ordinal}\0" for ordinal in ordinals]
+    pairs = zip(parts, numbers, strict=False)  # the quoted text may be cut before its last numbers
+    return "".join(part + number for part, number in pairs) + last_part
 
 
 def calls_routine(ops: list[Op]) -> bool:
     """Return whether operations call a routine that is not a function of the controller."""
     return any(isinstance(op, Call) and not op.harmless for op in ops)
+
+
+def call_if_defined(name: Name, passed: frozenset[str] = frozenset()) -> Call:
+    """Return the call of a routine, with the names of its arguments, that counts if the program defines it.
+
+    Functions and instructions of the controller give way to routines of a program with the same name.
+    """
+    return Call(name, passed, harmless=True)
 
 
 def make_skippable(ops: Iterable[Op]) -> list[Op]:
@@ -778,13 +805,21 @@ def sets_feed_only(op: Op) -> bool:
     return False
 
 
+def make_targets_uncertain(reason: str, remedy: str) -> MakeUnknown:
+    """Return the operation behind which no target is certain: offsets or force control may be active."""
+    return MakeUnknown(ALL_TARGETS, reason, remedy)
+
+
 def begin_lasting(kind: str, reason: str, remedy: str) -> MakeUnknown:
-    """Return the operation by which something of a kind lasts until a statement ends it."""
+    """Return the operation by which something of a kind, such as an offset, moves targets from here on.
+
+    It lasts until a statement ends what lasts of this kind.
+    """
     return MakeUnknown(frozenset({f"{MODE} {kind}"}), reason, remedy)
 
 
 def end_lasting(kind: str) -> Assign:
-    """Return the operation that ends what lasts of a kind, and nothing of another kind."""
+    """Return the operation that ends what lasts of a kind, such as an offset, and nothing of another kind."""
     return Assign(f"{MODE} {kind}", Named(""))
 
 

@@ -59,7 +59,7 @@ class MoveRecorder:
         self._changes, self._columns = statements.changes, statements.columns
         self._flow, self._calls, self._frames = flow, calls, FrameFinder(statements)
         self._needs_assumption = False  # whether moves are certain that come behind calls of unknown routines
-        self._noted: set[str] = set()  # shared names of targets about which a remark was made
+        self._shared_with_remark: set[str] = set()  # targets of other programs, too, that have a remark
         self._offsets_of: dict[str, set[str]] = defaultdict(set)  # targets by names of poses at offsets
         # names of targets near which moves with these frames go
         self._noted_offsets: dict[tuple[object, ...], set[str]] = defaultdict(set)
@@ -153,12 +153,11 @@ class MoveRecorder:
             state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), At())}
         if op.near_target and self._is_near_target(place, op):
             op = op.near_target
-        # Line and index of the first number of each repetition
-        repeats = np.asarray(self._statements.repeats.get(i, ()), dtype=np.intp)
-        lines, numbers = repeats.reshape(-1, 2).T
+        lines, numbers = self._list_repetitions(i)
         if len(lines) and op.differs_only_in_target:
             frames, cause = self._evaluate_frames(op, place, state)
             if cause is None:
+                self._note_certain_move(state)
                 lines, numbers = np.append(place.line, lines), np.append(place.first, numbers)
                 feeds = self._find_feeds(op, place, numbers, state)
                 self._columns.add_moves(op, place.source, lines, numbers, frames[0], feeds)
@@ -166,6 +165,15 @@ class MoveRecorder:
         self._add_move(op, place, state)
         for line, number in zip(iterate_integers(lines), iterate_integers(numbers), strict=True):
             self._add_move(op, replace(place, line=line, first=number), state)
+
+    def _list_repetitions(self, i: int) -> tuple[IndexArray, IndexArray]:
+        """Return the lines (k,) of the moves that repeat operation i with other numbers.
+
+        The second result is the index (k,) of the first number of each of these moves.
+        """
+        lines_and_numbers = np.asarray(self._statements.repeats.get(i, ()), dtype=np.intp)
+        lines, numbers = lines_and_numbers.reshape(-1, 2).T
+        return lines, numbers
 
     def _evaluate_frames(self, op: ir.Move, place: Place, state: State) -> tuple[list[Frames], Cause | None]:
         """Find the frames of a move at a place of the program, where names have the contents in `state`.
@@ -177,12 +185,13 @@ class MoveRecorder:
         for base, tool in zip(op.bases, op.tools, strict=True):
             base_frame = self._frames.evaluate(place, base, state)
             frames.append((base_frame, self._frames.evaluate(place, tool, state)))
-        cause = self._find_obstacle(place, op, frames, state)
-        # Behind the call of a routine of another file, the move is certain under an assumption only.
+        return frames, self._find_obstacle(place, op, frames, state)
+
+    def _note_certain_move(self, state: State) -> None:
+        """Note that a move is certain: behind the call of a routine of another file only by an assumption."""
         is_behind_unknown = UNKNOWN in state or UNKNOWN in self._changes.anytime
-        if cause is None and is_behind_unknown and self._calls.unknown_routines:
+        if is_behind_unknown and self._calls.unknown_routines:
             self._needs_assumption = True
-        return frames, cause
 
     def _find_feeds(self, op: ir.Move, place: Place, first: IndexArray, state: State) -> FloatArray:
         """Return the speeds (k,) of the tool's centre [mm/s] that moves with the same text state.
@@ -220,7 +229,7 @@ class MoveRecorder:
         """
         content = self._look_up(place, value, state)
         if isinstance(content, WrittenNumbers):
-            return self._read_number(content)
+            return self._contents.read_number(content)
         return np.nan if self._has_data(place, value.name) else feed.otherwise
 
     def _find_number(self, place: Place, name: str, default: float, state: State) -> float:
@@ -231,18 +240,12 @@ class MoveRecorder:
         if not name or not self._has_data(place, name):
             return default
         content = self._look_up(place, ir.Copy(name), state)
-        return self._read_number(content) if isinstance(content, WrittenNumbers) else np.nan
+        return self._contents.read_number(content) if isinstance(content, WrittenNumbers) else np.nan
 
     def _look_up(self, place: Place, copy: ir.Copy, state: State) -> Content:
         """Return the content of the name that a value copies: numbers, the cause against them, or a name."""
         no_label = ""  # the numbers get no name of their own
         return self._contents.evaluate(place, no_label, copy, state)
-
-    def _read_number(self, content: WrittenNumbers) -> float:
-        """Return the first of the numbers that a content has in its file."""
-        values_of_file = self._statements.numerals[content.source].values
-        ordinal, *_ = content.literal.numbers
-        return float(values_of_file[content.first + ordinal])
 
     def _has_data(self, place: Place, name: ir.Name) -> bool:
         """Return whether a name means a variable of the program, which declares or changes it.
@@ -260,6 +263,8 @@ class MoveRecorder:
         `state` has the contents of all names at the move.
         """
         frames, cause = self._evaluate_frames(op, place, state)
+        if cause is None:
+            self._note_certain_move(state)
         for name in self._list_offsets(place, op, frames):
             self._note_offset(place, name, frames[0], state)
         targets: list[WrittenNumbers] = []
@@ -279,9 +284,10 @@ class MoveRecorder:
         self._columns.add_move(op, place.line, targets, frames, cause, np.nan)
 
     def _note_left_move(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> None:
-        """Note that a move which is not corrected uses the numbers of its targets.
+        """Note that a move which is not corrected needs the numbers of its targets as they are.
 
-        If a target was calculated of others, the move shifts with the correction of these others.
+        Used numbers stay in their declaration. If a target was calculated of others, the move shifts with the
+        correction of these others.
         """
         for target in self._list_named_targets(place, op):
             is_calculated = target in self._uses.origins
@@ -293,12 +299,14 @@ class MoveRecorder:
     def _note_offset(self, place: Place, name: Name, frames: Frames, state: State) -> None:
         """Note that a move goes to an offset from a target, or to what was calculated of targets.
 
-        If frames of the move differ from those of a target, the target is not corrected.
+        A correction of these targets shifts the move; the columns refuse the correction if the move has other
+        frames (base and tool) than the target.
         """
         target = self._evaluate_target(place, name, state)
         if isinstance(target, WrittenNumbers):
             self._columns.add_offset(target, frames, place.line)
-        # Each origin once for the same frames: copies may be copied many times.
+        # Names from which the name was calculated, each of them once for the same frames: copies may be
+        # copied many times.
         noted_with_frames = self._noted_origins[_identify(frames)]
         for _, origin in reach([place.qualify(name)], self._list_origins, noted_with_frames):
             numbers = self._find_numbers_on_any_path(origin)
@@ -380,7 +388,8 @@ class MoveRecorder:
     def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> WrittenNumbers | Cause:
         """Return the numbers of a target, or the cause why these numbers are unknown.
 
-        `state` has the contents of all names at `place`.
+        `state` has the contents of all names at `place`. If the numbers of a named target have to stay in its
+        declaration, the reason is noted.
         """
         if isinstance(target, Literal):
             return WrittenNumbers("", place.source, place.line, place.first, target)
@@ -418,8 +427,7 @@ class MoveRecorder:
             return None
         content, _ = self._contents.look_up(state, place.qualify(target.axes_name))
         if isinstance(content, WrittenNumbers):
-            values_of_file = self._statements.numerals[content.source].values
-            axes = values_of_file[content.first + np.array(content.literal.numbers)]
+            axes = self._contents.read_numbers(content)
             if is_without_axes(axes):
                 return None
         variable = quote_text(target.axes_name)
@@ -439,8 +447,8 @@ class MoveRecorder:
         """
         if another := self._find_another_content(name):
             self._keep_numbers(place, numbers, f"{unknown}: {another.reason}")
-        elif name in self._declarations.shared and name not in self._noted:
-            self._noted.add(name)
+        elif name in self._declarations.shared and name not in self._shared_with_remark:
+            self._shared_with_remark.add(name)
             text = f"{quote_text(name)} is GLOBAL: its correction moves it for other programs, too"
             self._columns.add_remark(place.at, text)
         return numbers

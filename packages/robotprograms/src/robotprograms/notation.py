@@ -157,26 +157,35 @@ def _find_nearest_quaternions(rotations: FloatArray, near: FloatArray) -> FloatA
 
 
 def _find_nearest_vectors(vectors: FloatArray, near: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3) [rad] with full turns added that bring them nearest to `near` (m, 3)."""
+    """Return rotation vectors (m, 3) [rad] with full turns added that bring them nearest to `near` (m, 3).
+
+    The vector α u, with the angle α and the unit axis u, states the same rotation as (α + 2πk) u for each
+    whole k. A zero rotation has no axis: full turns are added about the axis of `near`.
+    """
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
     near_angle = np.linalg.norm(near, axis=1, keepdims=True)
     near_axis = near / np.where(near_angle > 0, near_angle, 1)
-    # A zero rotation has no axis: full turns are added about the axis of `near`.
     is_zero = angle < 1e-12
     axis = np.where(is_zero, near_axis, vectors / np.where(is_zero, 1, angle))
     near_angle_about_axis = np.sum(axis * near, axis=1, keepdims=True)
     turns = np.round((near_angle_about_axis - angle) / (2 * np.pi))
-    return np.where(turns == 0, vectors, axis * (angle + 2 * np.pi * turns))
+    turned_vectors = axis * (angle + 2 * np.pi * turns)
+    return np.where(turns == 0, vectors, turned_vectors)
 
 
 def _to_rotation_matrices(angles: FloatArray) -> FloatArray:
-    """Return the matrices (m, 3, 3) of rotations by angles (m, 3) [rad] about Z, Y', X''."""
-    # Sines and cosines of the angles a, b, c about Z, Y', X''
-    (sa, sb, sc), (ca, cb, cc) = np.sin(angles).T, np.cos(angles).T
+    """Return the matrices Rz(a) Ry(b) Rx(c), as (m, 3, 3), of angles (m, 3) [rad] about Z, Y', X''."""
+    (sin_a, sin_b, sin_c), (cos_a, cos_b, cos_c) = np.sin(angles).T, np.cos(angles).T
     rotations = np.empty((len(angles), 3, 3))
-    rotations[:, 0] = np.stack([ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc], axis=1)
-    rotations[:, 1] = np.stack([sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc], axis=1)
-    rotations[:, 2] = np.stack([-sb, cb * sc, cb * cc], axis=1)
+    rotations[:, 0, 0] = cos_a * cos_b
+    rotations[:, 0, 1] = cos_a * sin_b * sin_c - sin_a * cos_c
+    rotations[:, 0, 2] = cos_a * sin_b * cos_c + sin_a * sin_c
+    rotations[:, 1, 0] = sin_a * cos_b
+    rotations[:, 1, 1] = sin_a * sin_b * sin_c + cos_a * cos_c
+    rotations[:, 1, 2] = sin_a * sin_b * cos_c - cos_a * sin_c
+    rotations[:, 2, 0] = -sin_b
+    rotations[:, 2, 1] = cos_b * sin_c
+    rotations[:, 2, 2] = cos_b * cos_c
     return rotations
 
 
@@ -411,11 +420,7 @@ def format_new_numbers(
         decimals.
     """
     digits = np.maximum(digits, _count_decimals(characters, spans))
-    texts = np.empty(len(new), dtype=object)
-    for count in np.unique(digits).tolist():
-        rows = np.flatnonzero(digits == count)
-        texts[rows] = _format_numbers(new[rows], count)
-    numbers: list[str] = texts.tolist()
+    numbers = _format_numbers(new, digits)
     differ = np.ones(len(new), dtype=np.bool_)
     # Only numbers near the old number or near zero need a comparison of texts.
     distance = np.minimum(np.abs(new - old), np.abs(new))
@@ -432,11 +437,18 @@ def format_new_numbers(
     return numbers, differ
 
 
-def _format_numbers(numbers: FloatArray, digits: int) -> list[str]:
-    """Return numbers as texts with `digits` decimals; one format for all numbers is faster than many."""
-    format_of_all = "\n".join([f"%.{digits}f"] * len(numbers))
-    text = format_of_all % tuple(numbers.tolist())
-    return text.split("\n")
+def _format_numbers(numbers: FloatArray, digits: IndexArray) -> list[str]:
+    """Return m numbers as texts, with the counts of decimals `digits` (m,).
+
+    All numbers with the same count are formatted at once, because many formats would be slower.
+    """
+    texts = np.empty(len(numbers), dtype=object)
+    for count in np.unique(digits).tolist():
+        rows = np.flatnonzero(digits == count)
+        format_of_all = "\n".join([f"%.{count}f"] * len(rows))
+        joined_texts = format_of_all % tuple(numbers[rows].tolist())
+        texts[rows] = joined_texts.split("\n")
+    return list(texts)
 
 
 def _count_decimals(characters: Characters, spans: Places) -> IndexArray:

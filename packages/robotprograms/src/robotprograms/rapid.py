@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import partial
 from itertools import islice, pairwise, zip_longest
 from typing import Final, NamedTuple
@@ -184,7 +184,7 @@ def _translate_instruction(line: Line) -> list[Op]:
     if re.fullmatch(_HARMLESS, name):
         is_condition = name == "WAITUNTIL"
         kept_uses = ir.pass_uses(uses, ir.CONDITION) if is_condition else ir.omit_uses(uses)
-        return [*kept_uses, ir.Call(name, names, harmless=True)]
+        return [*kept_uses, ir.call_if_defined(name, names)]
     if process_move := _PROCESS_MOVE.fullmatch(name):
         letter = process_move["letter"] or process_move["first"] or "L"
         return _translate_process_move(line, letter, uses)
@@ -204,7 +204,7 @@ def _call_routine(line: Line, name: str, arguments: frozenset[str]) -> list[Op]:
     If a routine of the program has the name, the program states what the routine changes. A routine that the
     program does not define may change its arguments, apart from the tool and the work object of a move.
     """
-    own_routine = ir.Call(name, arguments, harmless=True)
+    own_routine = ir.call_if_defined(name, arguments)
     other_routine = ir.Call(name, arguments - _find_frames_of_move(line))
     return [own_routine, other_routine]
 
@@ -212,7 +212,7 @@ def _call_routine(line: Line, name: str, arguments: frozenset[str]) -> list[Op]:
 def _translate_speeds(line: Line) -> list[Op]:
     """Translate VelSet, which sets a percentage of the speeds and the greatest speed of moves behind it."""
     uses = _read_arguments(line)
-    ops = [*ir.omit_uses(uses), ir.Call("VELSET", _find_names(uses), harmless=True)]
+    ops = [*ir.omit_uses(uses), ir.call_if_defined("VELSET", _find_names(uses))]
     for name, argument in zip_longest((_PERCENTAGE, _GREATEST), line.part("arguments").split()[:2]):
         value: ir.Value = ir.Unknown("VelSet is computed", _REMEDY)
         if argument is not None and argument.is_number:
@@ -261,10 +261,10 @@ def _read_arguments(line: Line) -> list[Op]:
     return ops
 
 
-def _find_names(found: list[Op]) -> frozenset[str]:
+def _find_names(ops: list[Op]) -> frozenset[str]:
     """Return the names that operations of expressions use, apart from elements of arrays."""
     names = set[str]()
-    for op in found:
+    for op in ops:
         if isinstance(op, ir.Use):
             names.update(name for name in op.names if isinstance(name, str))
     return frozenset(names)
@@ -390,48 +390,63 @@ def _leave_instruction(line: Line, uses: list[Op], reason: str, remedy: str) -> 
         arguments = _split_arguments(line, _ANY_OPTION)
     except Misread:  # the work object is computed
         return ir.make_uncorrected_move(uses, reason, remedy)
-    *others, tool = [value.text for value in arguments.values] or [""]
-    left_move = _leave_move(line, others, tool, arguments.work_object, (reason, remedy))
+    *others, tool = arguments.values or [line.cut(0, 0)]
+    left_move = _leave_move(others, tool, arguments.work_object, reason=reason, remedy=remedy)
     return [*arguments.uses, *left_move]
 
 
-_OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\(({_WORD}),(.+)\)")
+_OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\((?P<point>{_WORD}),(?P<numbers>.+)\)")
 
 
 def _leave_move(
-    line: Line,
-    arguments: list[str],
-    tool: str,
+    arguments: list[Line],
+    tool: Line,
     work_object: str,
-    words: tuple[str, str],
+    *,
+    reason: str,
+    remedy: str,
     motion: Motion = Motion.LINEAR,
 ) -> list[Op]:
-    """Translate a move that is not corrected; `words` are reason and remedy.
+    """Translate a move that is not corrected, for a reason.
 
     The move ends at the points that its arguments name, or at offsets from them such as `Offs(p1,0,0,50)`:
     corrections of these points shift the move.
     """
-    reason, remedy = words
-    points = set[str]()
-    texts = list[str]()  # expressions of the arguments, apart from the points
-    for argument in arguments:
-        if offset := _OFFSET.fullmatch(argument):
-            point, numbers = offset[1], offset[2]
-            points.add(point)
-            texts.append(numbers)
-        elif re.fullmatch(_WORD, argument):
-            points.add(argument)
-        else:
-            texts.append(argument)
+    points, expressions = _split_points(arguments)
     uses = list[Op]()
-    for text in (*texts, tool):
+    for text in (*expressions, tool.text):
         if text and text not in points:
-            uses += line.read_expression(text)
-    if not re.fullmatch(_WORD, tool):
-        return ir.make_uncorrected_move([*uses, ir.Use(frozenset(points))], reason, remedy, motion)
-    base_frame, tool_frame = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(tool, "TOOLDATA")
-    move = ir.Move(motion, (), (base_frame,), (tool_frame,), reason=reason, remedy=remedy)
-    return [*uses, move._replace(offset_from=tuple(sorted(points)))]
+            uses += tool.read_expression(text)
+    is_tool_a_name = re.fullmatch(_WORD, tool.text) is not None
+    if not is_tool_a_name:
+        return ir.make_uncorrected_move([*uses, ir.Use(points)], reason, remedy, motion)
+    move = ir.Move(
+        motion,
+        (),
+        (_multiply_frames(work_object, "WOBJDATA"),),
+        (_multiply_frames(tool.text, "TOOLDATA"),),
+        reason=reason,
+        remedy=remedy,
+        offset_from=tuple(sorted(points)),
+    )
+    return [*uses, move]
+
+
+def _split_points(arguments: list[Line]) -> tuple[frozenset[str], list[str]]:
+    """Return the points that the arguments of a move name, and the expressions in the arguments.
+
+    `Offs(p1,0,0,50)` has the point p1 and the expression `0,0,50`.
+    """
+    points, expressions = set[str](), list[str]()
+    for argument in arguments:
+        if offset := _OFFSET.fullmatch(argument.text):
+            points.add(offset["point"])
+            expressions.append(offset["numbers"])
+        elif re.fullmatch(_WORD, argument.text):
+            points.add(argument.text)
+        else:
+            expressions.append(argument.text)
+    return frozenset(points), expressions
 
 
 def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
@@ -444,10 +459,7 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
         return [ir.end_lasting(_END_OF_LASTING[name])]
     may_move = f"{name} may move targets or frames"
     if _WRITES_DATA.fullmatch(name):
-        return [
-            ir.MakeUnknown(names, may_move, remedy),
-            ir.MakeUnknown(frozenset({ir.MODE}), may_move, remedy),
-        ]
+        return [ir.MakeUnknown(names, may_move, remedy), ir.make_targets_uncertain(may_move, remedy)]
     if control := _LASTING.fullmatch(name):
         return [ir.begin_lasting(control[1], may_move, remedy)]
     shift = _SHIFT.match(name)
@@ -601,19 +613,21 @@ def _translate_plain_move(line: Line) -> list[Op]:
         reason = "the target is not given by numbers, or the move names no speed, zone and tool"
         remedy = "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
         raise Misread(reason, remedy)
-    tool = values[index_of_tool].text
+    tool = values[index_of_tool]
     targets = _read_targets(values[:count])
     if len(targets) < count:
-        texts = [value.text for value in values[:count]]
-        words = "the target is not given by numbers", _REMEDY
-        return [*arguments.uses, *_leave_move(line, texts, tool, work_object, words, motion)]
+        reason = "the target is not given by numbers"
+        left_move = _leave_move(
+            values[:count], tool, work_object, reason=reason, remedy=_REMEDY, motion=motion
+        )
+        return [*arguments.uses, *left_move]
     uses = [*arguments.uses]
     for value in values[count:]:
         uses += value.read_expression()
     if ir.calls_routine(uses):
         raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
     bases = (_multiply_frames(work_object, "WOBJDATA"),) * count
-    tools = (_multiply_frames(tool, "TOOLDATA"),) * count
+    tools = (_multiply_frames(tool.text, "TOOLDATA"),) * count
     speed = values[count]
     return [*uses, ir.Move(motion, targets, bases, tools, feed=_read_feed(line, speed))]
 
@@ -676,26 +690,41 @@ def _split_arguments(line: Line, known_options: re.Pattern[str]) -> _Arguments:
     Raises:
         Misread: an option may move the target, or the work object is computed.
     """
-    work_object = "WOBJ0"
-    values, uses = list[Line](), list[Op]()
-    for number, part in enumerate(line.part("arguments").split()):
-        value, *options = part.split("\\")
+    values = list[Line]()
+    options = list[_Option]()
+    for index, part in enumerate(line.part("arguments").split()):
+        value, *options_of_value = part.split("\\")
+        options += map(_read_option, options_of_value)
         is_blank = not value.text.strip()
         # A part that has only options is not an argument; nor is an empty text before the first comma.
-        is_no_argument = is_blank and (number == 0 or bool(options))
+        is_no_argument = is_blank and (index == 0 or bool(options_of_value))
         if not is_no_argument:
             values.append(value.cut(1) if value.text.startswith(" ") else value)
-        for option in options:
-            name, _, text = option.text.partition(":=")
-            if not known_options.fullmatch(name):
-                reason = f"the argument \\{name} moves the target, or is not known"
-                raise Misread(reason, "omit the statement")
-            uses += line.read_expression(text)
-            if name == "WOBJ":
-                if not re.fullmatch(_WORD, text):
-                    raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
-                work_object = text
+    work_object = "WOBJ0"
+    uses = list[Op]()
+    for option in options:
+        if not known_options.fullmatch(option.name):
+            reason = f"the argument \\{option.name} moves the target, or is not known"
+            raise Misread(reason, "omit the statement")
+        uses += line.read_expression(option.value)
+        if option.name == "WOBJ":
+            if not re.fullmatch(_WORD, option.value):
+                raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
+            work_object = option.value
     return _Arguments(values, work_object, uses)
+
+
+class _Option(NamedTuple):
+    r"""Option behind an argument, such as `\WObj:=wobj1` or `\Conc`."""
+
+    name: str
+    value: str  # empty if the option has none
+
+
+def _read_option(text: Line) -> _Option:
+    """Return the option that a text behind a backslash states."""
+    name, _, value = text.text.partition(":=")
+    return _Option(name, value)
 
 
 _ENDS: Final = re.compile(
@@ -718,17 +747,22 @@ def read_rapid(statements: Statements, sources: tuple[Source, ...]) -> None:
     Further modules, in the same file or in further files, are parts of the same program; moves of further
     files are not corrected.
     """
-    statements.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
+    statements.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")  # as messages name them
     modules = [module for index, source in enumerate(sources) for module in _split_modules(index, source)]
-    for module, renamed in zip(modules, _rename_local_names(modules), strict=True):
-        translate = partial(_translate_renamed, renamed=renamed) if renamed else None
+    for module, new_names in zip(modules, _rename_local_names(modules), strict=True):
+        translate = partial(_translate_renamed, renamed=new_names) if new_names else None
         statements.add_statements(module.source, module.starts, module.ends, translate=translate)
+    _leave_moves_if_ambiguous(statements, modules)
+
+
+def _leave_moves_if_ambiguous(statements: Statements, modules: Iterable[_Module]) -> None:
+    """Leave all moves if a routine of the program has the name of a move of a process, such as ArcL."""
     routines = [routine for module in modules for routine in re.findall(_ROUTINE, module.text)]
     ambiguous = [routine for routine in routines if _PROCESS_MOVE.fullmatch(routine)]
     if ambiguous:
         name = min(ambiguous)
         reason = f"the program has its own routine {name}, but a move of a process has the same name"
-        statements.forget_anytime(frozenset({ir.MODE}), reason, "give the routine another name")
+        statements.forget_anytime(ir.ALL_TARGETS, reason, "give the routine another name")
 
 
 class _Module(NamedTuple):

@@ -192,17 +192,9 @@ def _parse_header(statements: Statements, line: int, header: str, first: str) ->
     """
     delimiter = max(";\t,", key=header.count)  # the most frequent one
     texts = header.split(delimiter)
-    column_of_name, unit_of_name = dict[str, int](), dict[str, str]()
-    for column, text in enumerate(texts):
-        cell = text.strip().strip('"').strip().removeprefix("\xef\xbb\xbf")  # mark of UTF-8
-        if match := _COLUMN_NAME.fullmatch(cell):
-            name = match["name"].lower()
-            if name in column_of_name:
-                statements.refuse(line, "two columns have the same name", _REMEDY)
-            column_of_name[name] = column
-            unit_of_name[name] = (match["unit"] or "").lower()
-    coordinates = _find_coordinates(statements, line, header, column_of_name)
-    notation = _choose_notation(coordinates, [unit_of_name[name] for name in coordinates.names])
+    columns = _parse_columns(statements, line, texts)
+    coordinates = _find_coordinates(statements, line, header, columns)
+    notation = _choose_notation(coordinates, [columns[name].unit for name in coordinates.names])
     if notation is None:
         reason = "the columns of the targets have no units, different units, or units of another quantity"
         statements.refuse(line, reason, _REMEDY)
@@ -211,10 +203,36 @@ def _parse_header(statements: Statements, line: int, header: str, first: str) ->
         delimiter,
         width=len(texts),
         notation=notation,
-        places=[column_of_name[name] for name in coordinates.names],
+        places=[columns[name].place for name in coordinates.names],
         frame_columns={k: first_row.get(k, "") for k, text in enumerate(texts) if _FRAME_COLUMN.match(text)},
         external=[k for k, text in enumerate(texts) if _EXTERNAL.match(text)],
     )
+
+
+class _Column(NamedTuple):
+    """Column of a table."""
+
+    place: int  # index of the column
+    unit: str  # such as `mm`; empty if the header states none
+
+
+def _parse_columns(statements: Statements, line: int, texts: list[str]) -> dict[str, _Column]:
+    """Return the columns whose texts in the header, on this line, are a name and perhaps a unit, by name.
+
+    Raises:
+        ProgramError: two columns have the same name.
+    """
+    columns = dict[str, _Column]()
+    for index, text in enumerate(texts):
+        cell = text.strip().strip('"').strip().removeprefix("\xef\xbb\xbf")  # mark of UTF-8
+        match = _COLUMN_NAME.fullmatch(cell)
+        if match is None:
+            continue
+        name, unit = match["name"].lower(), match["unit"] or ""
+        if name in columns:
+            statements.refuse(line, "two columns have the same name", _REMEDY)
+        columns[name] = _Column(index, unit.lower())
+    return columns
 
 
 def _find_coordinates(
@@ -241,16 +259,15 @@ def _choose_notation(coordinates: _Coordinates, units: list[str]) -> Notation | 
 
     All lengths have one unit, and so have all angles; ratios have none.
     """
-    units_of_lengths, others = (
-        set(units[: coordinates.count_of_lengths]),
-        units[coordinates.count_of_lengths :],
-    )
-    units_of_angles = set(others[: coordinates.count_of_angles])
-    units_of_ratios = set(others[coordinates.count_of_angles :])
+    begin_of_angles = coordinates.count_of_lengths
+    begin_of_ratios = begin_of_angles + coordinates.count_of_angles
+    units_of_lengths = set(units[:begin_of_angles])
+    units_of_angles = set(units[begin_of_angles:begin_of_ratios])
+    units_of_ratios = set(units[begin_of_ratios:])
     are_known = units_of_lengths <= _LENGTHS.keys() and units_of_angles <= _ANGLES.keys()
-    are_ratios_plain = units_of_ratios <= {""}
+    have_ratios_no_unit = units_of_ratios <= {""}
     are_equal = len(units_of_lengths) <= 1 and len(units_of_angles) <= 1
-    if not (are_known and are_ratios_plain and are_equal):
+    if not (are_known and are_equal and have_ratios_no_unit):
         return None
     # Where no column is a length, or an angle, any unit serves.
     length_unit, angle_unit = next(iter(units_of_lengths), "mm"), next(iter(units_of_angles), "rad")

@@ -132,8 +132,7 @@ def _translate_call(line: Line) -> list[Op]:
     ends_effect = _END_OF_LASTING.fullmatch(name) is not None
     if not (moves_robot or ends_effect):
         return operations
-    # The program itself may define a routine with this name. No function of the controller sets the tool.
-    ops: list[Op] = [ir.Call(name, harmless=True)]
+    ops: list[Op] = [ir.call_if_defined(name)]  # no function of the controller sets the tool
     ops += [op for op in operations if not _is_call_of(name, op)]
     if ends_effect:
         return [*ops, ir.end_lasting(_find_kind(name))]
