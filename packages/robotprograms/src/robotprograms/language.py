@@ -8,10 +8,9 @@ Possessive quantifiers follow characters only: Python before 3.11.5 keeps the ma
 from __future__ import annotations
 
 import re
-from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import accumulate
 from math import nan
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -307,9 +306,9 @@ class Line:
     def cut(self, begin: int, end: int | None = None) -> Line:
         """Return the part between two indices of the text, with the numbers in this part."""
         end = len(self.text) if end is None else end
-        places_of_numbers = _find_numbers(self.text)
-        first, last = bisect_left(places_of_numbers, begin), bisect_left(places_of_numbers, end)
-        return Line(self.language, self.text[begin:end], self.ordinals[first:last])
+        first = self.text.count(A_NUMBER, 0, begin)
+        count = self.text.count(A_NUMBER, begin, end)
+        return Line(self.language, self.text[begin:end], self.ordinals[first : first + count])
 
     def substitute(self, begin: int, end: int, text: str) -> Line:
         """Return the line with a text, which has no numbers, in place of the part between two indices."""
@@ -346,15 +345,6 @@ class Line:
     def quote(self) -> str:
         """Return the text in quotation marks for a message; the interpreter inserts its numbers."""
         return quote_statement(self.text, self.ordinals)
-
-
-@lru_cache(maxsize=16)
-def _find_numbers(text: str) -> tuple[int, ...]:
-    """Return the indices of the numbers in a text in normal form, which has NUL in place of each number.
-
-    The result is cached, because each part of a line needs it.
-    """
-    return tuple(place for place, character in enumerate(text) if character == A_NUMBER)
 
 
 Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
