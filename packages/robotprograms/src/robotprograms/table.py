@@ -109,7 +109,7 @@ class _Cell(NamedTuple):
 
 
 def _split_row(masked: str, delimiter: str) -> list[_Cell]:
-    """Split a row, the text of which has NUL in place of each number, into its cells."""
+    """Split a row, whose text has NUL in place of each number, into its cells."""
     cells = list[_Cell]()
     passed_numbers = 0  # count of the numbers in the cells before
     for text in masked.split(delimiter):
@@ -155,7 +155,7 @@ def _list_ordinals(cells: list[_Cell], columns: Iterable[int]) -> tuple[int, ...
 
 
 class _FaultOfRow(NamedTuple):
-    """Why a row cannot be corrected, and what to do."""
+    """Reason why a row cannot be corrected, and what to do."""
 
     reason: str
     remedy: str
