@@ -100,7 +100,7 @@ class Contents:
             content, _ = self.look_up(state, pi)
             if not isinstance(content, WrittenNumbers):
                 return place.make_cause("the program changes 'pi' while it runs")
-            number = repr(self._read_number(content))
+            number = repr(self.read_number(content))
             expressions = [re.sub(r"\bpi\b", number, text) for text in expressions]
         name = f"{value.name} of line {place.line}"
         values = [calculate(text) for text in expressions]
@@ -109,11 +109,11 @@ class Contents:
             self.named[name] = FrameName(name, value.notation.to_pose(known_values))
         return name
 
-    def _read_number(self, content: WrittenNumbers) -> float:
+    def read_number(self, content: WrittenNumbers) -> float:
         """Return the first of the numbers of a content."""
-        return float(self._read_numbers(content)[0])
+        return float(self.read_numbers(content)[0])
 
-    def _read_numbers(self, content: WrittenNumbers) -> FloatArray:
+    def read_numbers(self, content: WrittenNumbers) -> FloatArray:
         """Return the numbers (n,) of a content, from its file."""
         numbers_of_file = self._numerals[content.source].values
         return np.asarray(numbers_of_file[content.first + np.array(content.literal.numbers)])
@@ -121,13 +121,14 @@ class Contents:
     def _follow_copy(self, value: ir.Copy, content: Content, state: State) -> Content:
         """Return the content of a copied name in a state, the contents of all names.
 
-        `content` is the name. With `through`, that name only holds a further name, whose content is returned.
+        `content` is the name. If the copy is indirect, that name only has a further name, whose content is
+        returned.
         """
-        for _ in range(2 if value.through else 1):
+        for _ in range(2 if value.indirect else 1):
             if isinstance(content, str):
                 content, _at = self.look_up(state, content)
         # The number that is active may be that of a frame whose numbers change.
-        if value.through and isinstance(content, str) and self._language.is_frame(content):
+        if value.indirect and isinstance(content, str) and self._language.is_frame(content):
             content, _at = self.look_up(state, content)
         return content
 
@@ -169,7 +170,7 @@ class Contents:
         is_number = isinstance(content, WrittenNumbers) and len(content.literal.numbers) == 1
         if not (is_certain and is_number and isinstance(content, WrittenNumbers)):
             return place.make_cause(f"the number {quote_text(value.number)} of a frame is not certain")
-        number = self._read_number(content)
+        number = self.read_number(content)
         if not number.is_integer():
             return place.make_cause("the number of a frame is not a whole number")
         element = value.table % f"{number:g}"
@@ -230,4 +231,4 @@ class Contents:
             return False
         if first.literal.notation != second.literal.notation:
             return False
-        return bool(np.array_equal(self._read_numbers(first), self._read_numbers(second)))
+        return bool(np.array_equal(self.read_numbers(first), self.read_numbers(second)))
