@@ -291,10 +291,8 @@ STEPS: Final[tuple[Step, ...]] = (
     Step(17, 18, KINDS),
     Step(18, 19, tuple(kind for kind in KINDS if kind not in {"run", "process"})),
     Step(18, 19, ("process",), dropped=("request.step", "request.smoothness")),
-    Step(18, 19, ("run",), _set_absolute_loss_aside, ("request.absolute_loss",)),
+    Step(18, 19, ("run",), _set_absolute_loss_aside, ("request.absolute_loss", *_LEAST_MISTAKES)),
     Step(18, 19, ("trend",), _state_verdicts_of_campaigns),
-    Step(19, 20, tuple(kind for kind in KINDS if kind != "run")),
-    Step(19, 20, ("run",), dropped=_LEAST_MISTAKES),
 )
 """All steps; those from one version come after those to that version."""
 

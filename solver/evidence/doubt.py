@@ -52,7 +52,7 @@ class PointDoubt:
             f"(p = {figure(self.p_value, '.1g')}). With this statement in the fit, a mistake of "
             f"{length_text(USUAL_MISTAKE)} would change the compliance of {self.joint} by "
             f"{figure(self.moves, '.2g')} standard uncertainties ({figure(100 * self.change, '.2g')} %). "
-            "Measure the load point on the hook with the tracker."
+            "Measure the load point on the hook with the tracker, and state so."
         )
 
 

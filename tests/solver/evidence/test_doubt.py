@@ -40,7 +40,7 @@ def test_a_point_that_is_20_mm_off_is_doubted_once_with_its_size_and_the_remedy(
     (note,) = doubts(identified([0.0, 0.014, -0.014], OPEN))
     assert note.startswith(DOUBT)
     assert "a mistake of 20 mm would change the compliance of joint_6 by " in note
-    assert note.endswith(" %). Measure the load point on the hook with the tracker.")
+    assert note.endswith(" %). Measure the load point on the hook with the tracker, and state so.")
 
 
 def test_the_fit_contains_the_truth_although_the_statement_is_wrong():
