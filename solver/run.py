@@ -3,7 +3,7 @@
 1. The request is checked against the robot, or refused; named causes are fitted together with the joints.
 2. The joints are identified alone, once, and screened for what they leave unexplained.
 3. Models that the screening asks for compete with them on held-out postures.
-4. Evidence for the chosen model is gathered: postures that are left out, budget, mistakes that no test finds.
+4. Evidence for the chosen model is gathered: postures that are left out, budget, doubt about the load point.
 5. The model is judged, and reported with what to do about it.
 """
 
@@ -152,7 +152,7 @@ class Identification:
         else:
             found = self._find_joints()
         joints = self._joints
-        assessment = assess(joints, found.estimate, found.prediction, found.screening, found.unseen)
+        assessment = assess(joints, found.estimate, found.prediction, found.screening, found.doubt)
 
         only_joints_bend = found.links is None
         is_usable = assessment.verdict != "do_not_use"

@@ -280,13 +280,18 @@ def _set_absolute_loss_aside(run: Document) -> None:
             options["absolute_loss"] = options.pop("loss")
 
 
+_LEAST_MISTAKES: Final = tuple(
+    f"result.causes[].{field}" for field in ("least_found", "unit", "joint", "moves")
+)
+"""Places of the least mistake that the test of a cause finds."""
+
 STEPS: Final[tuple[Step, ...]] = (
     *_FROM_9,
     Step(14, 17, KINDS),
     Step(17, 18, KINDS),
     Step(18, 19, tuple(kind for kind in KINDS if kind not in {"run", "process"})),
     Step(18, 19, ("process",), dropped=("request.step", "request.smoothness")),
-    Step(18, 19, ("run",), _set_absolute_loss_aside, ("request.absolute_loss",)),
+    Step(18, 19, ("run",), _set_absolute_loss_aside, ("request.absolute_loss", *_LEAST_MISTAKES)),
     Step(18, 19, ("trend",), _state_verdicts_of_campaigns),
 )
 """All steps; those from one version come after those to that version."""

@@ -439,10 +439,6 @@ class MethodRows:
             to_unknowns=_fit_errors_to_columns(fitted[-1].R, n, sigma),
         )
 
-    def compress_again(self, rows: Rows) -> MethodRows:
-        """Compress other observations by the same method, with the same stated errors."""
-        return MethodRows.compress(self.method, rows, self.statements)
-
     def fit_statements(self, compliance: FloatArray) -> FittedStatements:
         """Return the stated errors with the values that fit best for given compliances (n,) [rad/(N·m)].
 

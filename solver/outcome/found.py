@@ -12,8 +12,8 @@ from jointstiff.solver.choice.competition import Competition, Elastic, Winner
 from jointstiff.solver.choice.held_out import report_losses, report_penalty
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.evidence.causes import Screening
+from jointstiff.solver.evidence.doubt import PointDoubt, find_doubt
 from jointstiff.solver.evidence.joints import JointsAlone
-from jointstiff.solver.evidence.reliability import LeastMistake, find_least_mistakes
 from jointstiff.solver.evidence.structure import Apart
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL
 from jointstiff.solver.fit.effective import replace_by_effective
@@ -42,7 +42,7 @@ class Found:
     choice: ModelChoice  #: model and loss of the run, and why they were chosen
     screening: Screening  #: tests of what joints alone leave unexplained
     budget: UncertaintyBudget | None = None  #: None with links, or where sigma is unknown
-    unseen: tuple[LeastMistake, ...] = ()  #: mistakes that the tests hardly find; none with links
+    doubt: PointDoubt | None = None  #: doubt about the stated load point; None with links
     links: LinksResult | None = None  #: result for links and base; None if only joints bend
     remarks: tuple[Finding, ...] = ()  #: findings on the choice of penalty and loss
     apart: Apart | None = None  #: gearboxes and structure apart; None with links, or without encoders
@@ -79,12 +79,9 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
     )
     if budget is not None and has_lack_of_fit:
         estimate = budget.widen_intervals(estimate, settings.bounds)
-    # Smallest mistakes in loads and readings that the tests would find; empty if the tests found something.
-    least_mistakes: tuple[LeastMistake, ...] = ()
-    tests_found_something = screening.causes or screening.lack_of_fit
-    if joints.are_sound and not tests_found_something:
-        prior = None if settings.prior is None else settings.prior.in_units_of(estimate.sigma or 1.0)
-        least_mistakes = find_least_mistakes(rows, estimate, len(screening.tests), prior)
+    # Causes that are found explain more than a doubt does.
+    is_explained = bool(screening.causes) or screening.lack_of_fit
+    doubt = None if is_explained or not joints.are_sound else find_doubt(rows, estimate)
     prediction = predict(
         rows.at(estimate.balanced),
         estimate.compliance,
@@ -100,7 +97,7 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
         choice=choice,
         screening=screening,
         budget=budget,
-        unseen=least_mistakes,
+        doubt=doubt,
         apart=joints.apart,
     )
 

@@ -13,7 +13,6 @@ from jointstiff.schemas.finding import Assessment as StatedAssessment
 from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.model import IdentifiedModel
 from jointstiff.schemas.run import RunResult
-from jointstiff.solver.evidence.reliability import LeastMistake
 from jointstiff.solver.evidence.scatter import Repeatability
 from jointstiff.solver.evidence.structure import Apart, build_parts
 from jointstiff.solver.fit.estimate import (
@@ -123,7 +122,7 @@ def describe_found(
         "resampling": resampling,
         "links": found.links,
         "choice": found.choice,
-        "causes": list(_add_least_mistakes(found.screening.tests, found.unseen)),
+        "causes": list(found.screening.tests),
         "contributions": contributions,
         "encoder_residuals": _build_encoder_residuals(prediction, measurements, names),
         "gearboxes": _build_parts(found.apart, 0, names, assessment),
@@ -144,29 +143,6 @@ def _list_warnings(found: Found, assessment: Assessment, noticed: Sequence[Findi
     if only_joints_bend or links_leave_outliers:
         return list(noticed)
     return [finding for finding in noticed if finding.code != "residual_outlier"]
-
-
-def _add_least_mistakes(
-    tests: Iterable[runs.CauseTest], mistakes: Sequence[LeastMistake]
-) -> Iterator[runs.CauseTest]:
-    """Yield the tests of causes, each with the least mistake of its cause that the test would find.
-
-    Such mistakes are known only for causes that concern all observations, from the first one on.
-    """
-    mistake_of_cause = {mistake.name: mistake for mistake in mistakes}
-    for test in tests:
-        mistake = mistake_of_cause.get(test.name)
-        concerns_all_observations = test.first is None
-        if mistake is not None and concerns_all_observations:
-            fields = {
-                "least_found": mistake.size,
-                "unit": mistake.unit,
-                "joint": mistake.joint,
-                "moves": mistake.moves,
-            }
-            yield test.model_copy(update=fields)
-        else:
-            yield test
 
 
 def build_joint_results(

@@ -142,6 +142,8 @@ export const settingWords = {
     "force.scale": "Scale of the force",
     "force.direction": "Direction of the force",
     load_point: "Uncertainty of the load point",
+    grounds: "What the statements rest on",
+    "grounds.load_point": "How the load point is known",
     target_places: "Uncertainty of the targets’ positions",
     drift: "Drift from one observation to the next",
     encoder_sigma: "Secondary encoder",
