@@ -280,6 +280,11 @@ def _set_absolute_loss_aside(run: Document) -> None:
             options["absolute_loss"] = options.pop("loss")
 
 
+def _name_the_same_load(comparison: Document) -> None:
+    """Rename the option that the load of both sets acted at the same point."""
+    _rename(comparison, "request.same_load_point", "same_load")
+
+
 STEPS: Final[tuple[Step, ...]] = (
     *_FROM_9,
     Step(14, 17, KINDS),
@@ -288,6 +293,7 @@ STEPS: Final[tuple[Step, ...]] = (
     Step(18, 19, ("process",), dropped=("request.step", "request.smoothness")),
     Step(18, 19, ("run",), _set_absolute_loss_aside, ("request.absolute_loss",)),
     Step(18, 19, ("trend",), _state_verdicts_of_campaigns),
+    Step(19, 20, ("comparison",), _name_the_same_load),
 )
 """All steps; those from one version come after those to that version."""
 
