@@ -42,6 +42,7 @@ from jointstiff.service.kinds.program.path import (
     find_path,
     measure_lengths,
 )
+from jointstiff.service.kinds.program.rows import RowsWriting, find_rows
 from jointstiff.service.kinds.program.text import FaultsError, insert_mark, read_program
 from jointstiff.service.kinds.work import (
     Arrays,
@@ -368,20 +369,19 @@ def write_compensated_program(
     model: ForwardModel,
     inverse: InverseKinematics,
     quantile: float,
-) -> tuple[list[bytes], WrittenPoints]:
+    rewriting: Rewriting | RowsWriting,
+) -> WrittenPoints:
     """Write the compensated program, and check the written numbers with the model of the loaded robot.
 
-    The residuals are computed from the written text, so that rounded digits count.
-
-    Returns:
-        The contents of the program's files, and the points with their residuals.
+    The residuals are computed from the numbers as written, so that rounded digits count. `rewriting` then has
+    the program's files. Return the points with their residuals.
 
     Raises:
         FaultsError: a correction leads out of the joints' limits, or a corrected target is not reached.
     """
     robot, program = model.robot, path.program
     _refuse_out_of_limits(path, corrections)
-    targets, rewriting = path.targets[corrections.points], Rewriting(program)
+    targets = path.targets[corrections.points]
     residual = np.empty((len(targets), 6))
     is_changed = np.zeros(len(targets), dtype=np.bool_)
     unreached: list[int] = []
@@ -400,7 +400,7 @@ def write_compensated_program(
         reason = "the robot does not reach the corrected target"
         remedy = "move the part away from the singularity"
         raise FaultsError([path.make_fault(point, reason, remedy) for point in sorted(unreached)])
-    points = WrittenPoints(
+    return WrittenPoints(
         path=path,
         corrections=corrections,
         residual=residual,
@@ -410,7 +410,6 @@ def write_compensated_program(
         arm=inverse.select_arm_joints(path.cases.joints),
         quantile=quantile,
     )
-    return rewriting.files(), points
 
 
 def _write_corrected_numbers(
@@ -419,9 +418,9 @@ def _write_corrected_numbers(
     rows: IndexArray,
     corrected: Postures,
     inverse: InverseKinematics,
-    rewriting: Rewriting,
+    rewriting: Rewriting | RowsWriting,
 ) -> FloatArray:
-    """Write the corrected numbers of b targets into the program's text; return the numbers (b, 7) as written.
+    """Write the corrected numbers of b targets into the program; return the numbers (b, 7) as written.
 
     Args:
         path: path of the program.
@@ -429,7 +428,7 @@ def _write_corrected_numbers(
         rows: (b,) indices in `corrections` of the points to write.
         corrected: corrected postures of these points.
         inverse: inverse kinematics, with the choice of the joints that belong to the arm.
-        rewriting: text of the program, in which the numbers are replaced.
+        rewriting: text or rows of the program, in which the numbers are replaced.
     """
     targets, points = path.program.targets, corrections.points[rows]
     block_targets = path.targets[points]
@@ -623,16 +622,20 @@ class ProgramWork(Work):
                     masses=request.masses,
                     length=LENGTH[request.units.length],
                 )
-        files = [(each.name, decompress_file(each)) for each in request.files if each.name != request.loads]
-        if request.loads is not None and len(files) == len(request.files):
+        contents_by_name = {each.name: decompress_file(each) for each in request.files}
+        table = None if request.loads is None else contents_by_name.pop(request.loads, None)
+        if request.loads is not None and table is None:
             raise RequestError(
                 "the table of loads was not sent",
                 where="loads",
                 remedy="send the table together with the files of the program",
             )
         self._external_axes = _interpret_external_axes(request, robot)
-        self._program = _read_program(files, request, self._external_axes)
-        table = next((decompress_file(each) for each in request.files if each.name == request.loads), None)
+        self._rows = find_rows(contents_by_name, request.units, robot)
+        if self._rows is None:
+            self._program = _read_program([*contents_by_name.items()], request, self._external_axes)
+        else:
+            self._program = self._rows.program
         model = self._run_model.model
 
         def measure() -> FloatArray:
@@ -746,10 +749,12 @@ class ProgramWork(Work):
         corrections = Corrections(**concatenate_steps(parts or map(self._correct, self._spans())))
         del parts  # free the memory, as `corrections` is a copy
         quantile = self._run_model.model.quantile(self._request.confidence)
-        contents, points = write_compensated_program(
-            self._path, corrections, self._run_model.model, self._inverse, quantile
+        rewriting = Rewriting(self._program) if self._rows is None else RowsWriting(self._rows)
+        points = write_compensated_program(
+            self._path, corrections, self._run_model.model, self._inverse, quantile, rewriting
         )
-        self._check_written(contents, points)
+        contents = rewriting.files()
+        self._check_written(rewriting, points)
         program, unchanged_moves = self._program, len(self._program.left_moves)
         assessment = self._assess_corrections(corrections)
         if self.must_mark(assessment, unchanged_moves) and points.changed.any():
@@ -766,8 +771,8 @@ class ProgramWork(Work):
         files = [compress_file(source.name, contents.pop(0)) for source in program.sources]
         return self._make_result(points, files, assessment)
 
-    def _check_written(self, contents: Sequence[bytes], points: WrittenPoints) -> None:
-        """Check the written files, without marks; a compensated program needs no further check."""
+    def _check_written(self, rewriting: Rewriting | RowsWriting, points: WrittenPoints) -> None:
+        """Check what was written; a compensated program needs no further check."""
 
     def must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
         """Return whether the written program gets a comment that marks it as compensated."""

@@ -181,7 +181,10 @@ class ChangeCollector:
                 self._changes.anytime[UNKNOWN] = unknown
         elif place.qualify(op.name) not in self._calls.attached:
             permission = "the request states that this routine neither moves the robot nor changes frames"
-            name = self._statements.restore_spelling(place, str(op.name))
+            if isinstance(op.name, ir.NumberedName):
+                name = place.qualify(op.name)  # with its number
+            else:
+                name = self._statements.restore_spelling(place, op.name)
             self._statements.columns.add_remark(place.at, f"{name} is called; {permission}")
 
     def _changes_arguments(self, op: ir.Call, own: list[str], passed: Collection[str]) -> bool:
