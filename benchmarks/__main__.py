@@ -59,6 +59,9 @@ BENCHMARKS = {
     "coverage": Benchmark("studies.coverage", "how often intervals hold the truth; some minutes"),
     "prismatic": Benchmark("studies.prismatic", "a SCARA and an arm on a rail beside exact springs"),
     "causes": Benchmark("studies.causes", "planted, named and mended; clean ones", in_parts=True),
+    "load_paths": Benchmark(
+        "studies.load_paths", "tool, rope, hook, growth, another stiffness: named; clean ones", in_parts=True
+    ),
     "posture_errors": Benchmark("studies.posture_errors", "errors that a posture's targets share: coverage"),
     "statements": Benchmark("studies.statements", "loads within what is stated: accusations, ratios"),
     "levers": Benchmark("studies.levers", "a load near axis 6: coverage, widths beside a dense grid"),

@@ -342,11 +342,7 @@ class CommonUncertainty:
 
     @property
     def stated(self) -> CommonUncertainty:
-        """Return these uncertainties, with zero in place of those that were assumed rather than stated.
-
-        In campaigns with the same hook and load cell, the assumed errors are equal: a comparison cancels
-        them.
-        """
+        """Return these uncertainties, with zero in place of those that were assumed rather than stated."""
         load_point = 0.0 if "load_point" in self.assumed else self.load_point
         scale = 0.0 if "force_scale" in self.assumed else self.scale
         return replace(self, load_point=load_point, scale=scale, assumed=frozenset())
