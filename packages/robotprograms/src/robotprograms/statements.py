@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Final, NoReturn, TypeAlias
+from typing import Final, NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -30,6 +30,15 @@ Operations: TypeAlias = "list[tuple[int, Op]]"
 """Operations of a statement, each with its number of lines below the first line."""
 Held: TypeAlias = "tuple[Operations, int, int]"
 """Operations of a statement that acts behind the next move, its line, and the index of its first number."""
+
+
+class Repetition(NamedTuple):
+    """Statement that differs from a statement before it in its numbers only."""
+
+    line: int  # line of the statement
+    first: int  # index of its first number among those of the file
+
+
 _LEFT: Final = ir.Note("")
 """In place of a move of a further file, which is not corrected."""
 
@@ -77,6 +86,12 @@ class Statements:
         self.left_in_file: Counter[int] = Counter()  # moves of each further file, by its index
         self._scopes = [Scope("")]  # scopes of the routines and blocks whose end was not reached yet
         self._last_scope = Scope("")  # scope of the routine or block that ended last
+
+    def list_repetitions(self, move: int) -> Iterator[Repetition]:
+        """Yield the statements that share the move with this index, because only their numbers differ."""
+        numbers = self.repeats.get(move, array("q"))
+        for line, first in zip(numbers[::2], numbers[1::2], strict=True):
+            yield Repetition(line, first)
 
     def restore_spelling(self, place: Place, name: str) -> str:
         """Return a name in the spelling of the program near a place."""
