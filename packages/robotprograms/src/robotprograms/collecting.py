@@ -117,15 +117,17 @@ class ChangeCollector:
     def _collect_anytime_routines(self) -> None:
         """Let each name change at any time that is changed by a routine which may run at any time.
 
-        The cause of a change has no reason if the routine only ends what lasts, such as force control: then
-        nothing changes that could spoil a move.
+        Such a routine handles errors or interrupts, or is called by a timer. Two of its changes do not count:
+        the end of what lasts, such as force control, which spoils no move and is a cause without a reason;
+        and the call of an unknown routine, if the routine is attached to an event: this call counts as one at
+        the statement that attaches the routine.
         """
         for routine in sorted(self._flow.anytime_routines):
             is_attached = routine in self._calls.attached_routines
             for name, cause in self._changes.of_routine[routine].items():
-                # An unknown routine that an attached one calls counts as called where this one is attached.
-                is_noted_at_attachment = is_attached and name == UNKNOWN
-                if cause.reason and not is_noted_at_attachment:
+                only_ends_what_lasts = not cause.reason
+                counts_at_attachment = is_attached and name == UNKNOWN
+                if not (only_ends_what_lasts or counts_at_attachment):
                     self._changes.anytime[name] = cause
 
     def _find_new_meanings(self) -> None:
@@ -167,7 +169,12 @@ class ChangeCollector:
                 self._changes.anytime[name] = Cause(line, reason, "use a name for each variable")
 
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
-        """Note why values become unknown at a statement, for each name that the statement changes."""
+        """Note why values become unknown at a statement, for each name that the statement changes.
+
+        Args:
+            place: place of the statement.
+            op: names that get unknown values (none for all that other routines may change), and the reason.
+        """
         cause = place.make_cause(op.reason, op.remedy)
         self._changes.causes.append(cause)
         names = [name for name in map(place.qualify, op.names) if name not in self._declarations.fixed]
@@ -204,9 +211,11 @@ class ChangeCollector:
         self._note_called_routine(place, op)
 
     def _note_called_routine(self, place: Place, op: ir.Call) -> None:
-        """Note a routine of the program that is attached to an event, or a routine of another file.
+        """Note what a call shows about the called routine.
 
-        The latter is a cause why values are unknown, or a remark if the user allows it.
+        A routine of the program may be attached to an event here. A routine of another file is a cause why
+        values are unknown, or gets a remark if the user allows it. The name of an event means the routines
+        that are attached to it elsewhere.
         """
         cause = self._calls.explain_unknown(place, op)
         is_of_program = op.name in self._flow.begins
@@ -216,7 +225,8 @@ class ChangeCollector:
                 self._calls.attached_routines.add(str(op.name))
         elif cause is not None:
             self._changes.causes.append(cause)
-            if op.anytime and not op.event:
+            runs_at_any_time = op.anytime and not op.event
+            if runs_at_any_time:
                 self._changes.anytime[UNKNOWN] = cause
         elif not is_event:
             permission = "the request states that this routine neither moves the robot nor changes frames"
@@ -224,9 +234,11 @@ class ChangeCollector:
             self._statements.columns.add_remark(place.at, f"{name} is called; {permission}")
 
     def _may_change_arguments(self, op: ir.Call, own: list[str], passed: Collection[str]) -> bool:
-        """Return whether a call may change its arguments.
+        """Return whether a call may change the variables that it passes as arguments.
 
-        No statement of the user about a routine covers data that the routine gets by reference.
+        A routine of another file may do so if it gets references to variables; it does not matter whether the
+        user states that the routine does not move the robot. A routine of the program does so only if its
+        statements change its parameters.
 
         Args:
             op: the call.
@@ -278,7 +290,8 @@ class ChangeCollector:
     def _may_change_parameters(self, routine: str, passed: Collection[str]) -> bool:
         """Return whether a routine of the program may change its parameters, or passes them to others.
 
-        A routine without parameters gets its arguments in an unknown way, and may change them.
+        A call gives arguments by reference, so that such a change would be one of the caller's variables. A
+        routine without parameters gets its arguments in an unknown way, and may change them.
 
         Args:
             routine: name of the routine.

@@ -178,6 +178,13 @@ class _TargetRow(NamedTuple):
     tool: int  # index of its tool, or _UNKNOWN_FRAME
 
 
+class _FurtherNumbers(NamedTuple):
+    """Numbers of t targets besides position, orientation and configuration; NaN where there is none."""
+
+    axes: FloatArray  # (t, a) positions of external axes and other groups
+    common: FloatArray  # (t, c) numbers that all targets have to share, such as that of the tool
+
+
 class _LeftMoves(NamedTuple):
     """Moves that are left because the numbers of a target have to stay, and what other moves get instead."""
 
@@ -377,7 +384,9 @@ class Columns:
         frames: Frames,
         feeds: FloatArray,
     ) -> None:
-        """Add k moves that differ only in the numbers of their single target.
+        """Add k moves that differ only in the numbers of their single target, and k targets without names.
+
+        Long programs are mostly such moves: they are added as whole columns, without a loop.
 
         Args:
             op: the move.
@@ -427,10 +436,9 @@ class Columns:
         base_frame, tool_frame = frames or (None, None)
         base, tool = self._index_frame("base", base_frame), self._index_frame("tool", tool_frame)
         literal = self._literals.setdefault(target.literal, len(self._literals))
-        # File, first number and literal as one integer, which takes less memory than a tuple.
-        key = (literal * len(self._sources) + target.source) << _KEY_BITS | target.first
-        index = self._target_indices.setdefault(key, len(self._names))
-        is_new = index == len(self._names)
+        next_index = len(self._names)
+        index = self._target_indices.setdefault(self._make_key(target, literal), next_index)
+        is_new = index == next_index
         if is_new:
             if index >= MAX_TARGETS:
                 self._refuse_targets(used)
@@ -440,6 +448,15 @@ class Columns:
         elif frames is not None:
             self._compare_frames(target, index, base, tool, used)
         return index
+
+    def _make_key(self, target: WrittenNumbers, literal: int) -> int:
+        """Return a number that is the same for the same numbers in the text, read in the same way.
+
+        File, index of the first number in the file, and `literal`, the index of the way to read the numbers,
+        are put together, because one integer takes less memory than a tuple.
+        """
+        file_and_literal = literal * len(self._sources) + target.source
+        return file_and_literal << _KEY_BITS | target.first
 
     def _get_row(self, index: int) -> _TargetRow:
         """Return what is stored of the target with an index."""
@@ -713,49 +730,78 @@ class Columns:
         return ~is_left
 
     def _fill_targets(self, columns: IndexArray, external_axes: ExternalAxes) -> Targets:
-        """Return the targets with their numbers; note targets with invalid numbers or moved external axes.
+        """Return the targets with their numbers; note those that cannot be corrected because of them.
 
         Args:
-            columns: (7, t) numbers of all targets, in the order of `_TargetRow`.
+            columns: (7, t) what is stored of all targets, in the order of `_TargetRow`.
             external_axes: what the user states on external axes and other groups.
         """
-        source, line, first, _, literal, base, tool = columns
-        literals, count = list(self._literals), len(line)
+        source, line, first, _line_of_use, literal, base, tool = columns
+        count = len(line)
         targets = Targets(
             names=self._names,
             source=source,
             line=line,
             literal=literal,
-            literals=literals,
+            literals=list(self._literals),
             base=base,
             tool=tool,
             frames=[frame for _, frame in self._frames.values()],
             values=np.full((count, _VALUES_END), np.nan),
             spans=np.full((count, _VALUES_END, 2), -1, dtype=np.int32),
         )
-        is_out_of_range, is_no_orientation = np.zeros((2, count), dtype=np.bool_)
+        further = self._read_numbers(targets, first)
+        self._keep_invalid_targets(targets)
+        is_changed = _find_changed_numbers(further.common)
+        self._keep_unfit_targets(is_changed, line, _TOOL_CHANGES, _ONE_TABLE_EACH)
+        self._keep_displaced_targets(targets, further.axes, external_axes)
+        return targets
+
+    def _read_numbers(self, targets: Targets, first: IndexArray) -> _FurtherNumbers:
+        """Fill `values` and `spans` of all targets from the text, and return their further numbers.
+
+        Args:
+            targets: t targets, without numbers.
+            first: (t,) index of the first number of each target's statement among those of its file.
+        """
+        literals, count = targets.literals, len(targets)
         # Only as many columns as some target needs: with all of them, large programs take twice the memory.
         axis_count = max((min(len(each.external), _MAX_AXES) for each in literals), default=0)
         common_count = max((min(len(each.common), _MAX_COMMON) for each in literals), default=0)
         axes, common = np.full((count, axis_count), np.nan), np.full((count, common_count), np.nan)
         ordinals = _arrange_ordinals(literals)
-        for file, block in _divide_by_file(source):
+        for file, block in _divide_by_file(targets.source):
             numbers = self._look_up_numbers(file, block, first, ordinals, targets)
-            is_too_large = np.abs(numbers[:, :NUMBERS]) > MAX_VALUE
-            is_out_of_range[block] = is_too_large.any(axis=1)
-            for notation, positions in targets.group_by_notation(block):
-                is_no_orientation[block[positions]] = ~notation.is_valid_orientation(numbers[positions])
             axes_of_block = numbers[:, _VALUES_END : _VALUES_END + axis_count]
             axes[block] = np.where(axes_of_block > _NO_AXIS, np.nan, axes_of_block)
             common[block] = numbers[:, _AXES_END : _AXES_END + common_count]
-        self._keep_unfit_targets(is_out_of_range, line, _OUT_OF_RANGE, _WRITE_ANEW)
-        self._keep_unfit_targets(is_no_orientation, line, _NO_ORIENTATION, _WRITE_ANEW)
-        self._keep_unfit_targets(_find_changed_numbers(common), line, _TOOL_CHANGES, _ONE_TABLE_EACH)
+        return _FurtherNumbers(axes, common)
+
+    def _keep_invalid_targets(self, targets: Targets) -> None:
+        """Note the targets with a number out of range, or an orientation that is not of unit length."""
+        is_too_large = np.abs(targets.values[:, :NUMBERS]) > MAX_VALUE
+        is_out_of_range = np.asarray(is_too_large.any(axis=1))
+        self._keep_unfit_targets(is_out_of_range, targets.line, _OUT_OF_RANGE, _WRITE_ANEW)
+        is_no_orientation = np.zeros(len(targets), dtype=np.bool_)
+        for notation, indices in targets.group_by_notation(np.arange(len(targets))):
+            is_no_orientation[indices] = ~notation.is_valid_orientation(targets.values[indices])
+        self._keep_unfit_targets(is_no_orientation, targets.line, _NO_ORIENTATION, _WRITE_ANEW)
+
+    def _keep_displaced_targets(
+        self, targets: Targets, axes: FloatArray, external_axes: ExternalAxes
+    ) -> None:
+        """Note the targets that external axes or other groups of the controller may displace.
+
+        Args:
+            targets: t targets.
+            axes: (t, a) positions of the external axes; NaN where a target states none.
+            external_axes: what the user states on them.
+        """
         is_away, is_moved = _find_external_axes(axes, external_axes)
-        has_many_axes = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
-        self._keep_unfit_targets(is_away, line, _AXIS_AWAY, _CARRY_NOTHING)
-        self._keep_unfit_targets(is_moved | has_many_axes[literal], line, _AXIS_MOVES, _CARRY_NOTHING)
-        return targets
+        self._keep_unfit_targets(is_away, targets.line, _AXIS_AWAY, _CARRY_NOTHING)
+        has_many_axes = np.array([len(each.external) > _MAX_AXES for each in targets.literals], np.bool_)
+        is_moved = is_moved | has_many_axes[targets.literal]  # further axes are not read
+        self._keep_unfit_targets(is_moved, targets.line, _AXIS_MOVES, _CARRY_NOTHING)
 
     def _look_up_numbers(
         self, file: int, block: IndexArray, first: IndexArray, ordinals: IndexArray, targets: Targets
@@ -794,9 +840,13 @@ class Columns:
 
 
 def _divide_by_file(source: IndexArray) -> Iterator[tuple[int, IndexArray]]:
-    """Yield blocks of targets of one file: the index of the file, and the indices of the targets (b,).
+    """Divide targets into blocks of at most `BLOCK`, each of one file.
 
-    `source` (t,) is the index of each target's file.
+    Args:
+        source: (t,) index of each target's file.
+
+    Yields:
+        Index of the file; indices (b,) of the targets in the block.
     """
     for start in range(0, len(source), BLOCK):
         source_of_block = source[start : start + BLOCK]
@@ -807,8 +857,8 @@ def _divide_by_file(source: IndexArray) -> Iterator[tuple[int, IndexArray]]:
 def _arrange_ordinals(literals: Sequence[Literal]) -> IndexArray:
     """Return the ordinals of the numbers of each literal as a row; -1 where a literal has no such number.
 
-    An ordinal is the index of a number among those of its statement. A row has the numbers of position and
-    orientation, of the configuration, of external axes, and those that all targets share.
+    An ordinal is the index of a number among those of its statement. A row has four parts: position and
+    orientation, the arm's configuration, external axes, and numbers that all targets have to share.
     """
     ordinals = np.full((len(literals), _AXES_END + _MAX_COMMON), -1)
     for row, literal in zip(ordinals, literals, strict=True):
@@ -835,17 +885,18 @@ def _find_external_axes(axes: FloatArray, external_axes: ExternalAxes) -> tuple[
         Mask (t,) of the targets with an axis away from zero; mask (t,) of the targets whose axes have other
         positions than at the first target.
     """
-    nowhere = np.zeros(len(axes), dtype=np.bool_)
+    no_target = np.zeros(len(axes), dtype=np.bool_)
     if external_axes is ExternalAxes.CARRY_NOTHING:
-        return nowhere, nowhere
+        return no_target, no_target
     positions = np.nan_to_num(axes)
     is_moved = _find_changed_numbers(positions)
     if external_axes is ExternalAxes.OF_ROBOT:
-        return nowhere, is_moved
-    is_axis_away = np.abs(positions) > _AXIS_ROUNDING
-    is_any_away = is_axis_away.any(axis=0)  # (a,)
-    is_away = is_axis_away | (np.isnan(axes) & is_any_away)
-    return np.asarray(is_away.any(axis=1)), is_moved
+        return no_target, is_moved
+    is_stated_away = np.abs(positions) > _AXIS_ROUNDING  # (t, a)
+    is_away_anywhere = is_stated_away.any(axis=0)  # (a,)
+    may_be_away = np.isnan(axes) & is_away_anywhere  # the target does not state the axis
+    is_away = (is_stated_away | may_be_away).any(axis=1)
+    return np.asarray(is_away), is_moved
 
 
 def _find_changed_numbers(numbers: FloatArray) -> BoolArray:
@@ -863,11 +914,11 @@ def _sort_moves(moves: Moves) -> Moves:
 
     Routines were interpreted one after the other, so that moves of nested routines were out of order.
     """
-    order = np.argsort(moves.line, kind="stable")
-    new_index = np.empty_like(order)  # of each move
+    order = np.argsort(moves.line, kind="stable")  # old index of each move, in the new order
+    new_index = np.empty_like(order)  # new index of each move, in the old order
     new_index[order] = np.arange(len(order))
     order_of_visits = np.argsort(new_index[moves.move_of_visit], kind="stable")
-    visit_counts = np.diff(moves.ends, prepend=0)
+    visit_counts = np.diff(moves.ends, prepend=0)  # (k,)
     return Moves(
         line=moves.line[order],
         motion=moves.motion[order],
@@ -878,10 +929,20 @@ def _sort_moves(moves: Moves) -> Moves:
 
 
 def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[Moves, Targets]:
-    """Return the moves in the mask `selected` (k,), and the targets of these moves, with new indices."""
-    visits = moves.visits[selected[moves.move_of_visit]]
+    """Select moves, and the targets that they visit.
+
+    Args:
+        moves: k moves.
+        targets: targets of all moves.
+        selected: (k,) mask of the moves to select.
+
+    Returns:
+        The selected moves, whose visits have the new indices of the targets; the targets.
+    """
+    is_selected_visit = selected[moves.move_of_visit]
+    visits = moves.visits[is_selected_visit]
     used_targets, new_visits = np.unique(visits, return_inverse=True)
-    visit_counts = np.diff(moves.ends, prepend=0)
+    visit_counts = np.diff(moves.ends, prepend=0)  # (k,)
     kept = Moves(
         line=moves.line[selected],
         motion=moves.motion[selected],

@@ -117,29 +117,41 @@ class Contents:
         Args:
             place: place of the statement.
             value: expressions of the frame's numbers, with a sign in place of each written number.
-            state: content of each variable; that of `pi` counts if the program itself sets it.
+            state: content of each variable before the statement.
         """
-        numbers = (repr(place.read_number(ordinal)) for ordinal in value.ordinals)
-        expressions = [re.sub(ir.A_NUMBER, lambda _: next(numbers), text) for text in value.expressions]
+        pi = self._find_pi(place, state)
+        if isinstance(pi, Cause):
+            return pi
+        written_numbers = (repr(place.read_number(ordinal)) for ordinal in value.ordinals)
+        calculated = list[float]()
+        for expression in value.expressions:
+            with_numbers = re.sub(ir.A_NUMBER, lambda _: next(written_numbers), expression)
+            number = calculate(re.sub(r"\bpi\b", pi, with_numbers))
+            if number is not None:
+                calculated.append(number)
+        name = f"{value.name} of line {place.line}"
+        if len(calculated) == len(value.expressions):
+            self.named[name] = FrameName(name, value.notation.to_pose(calculated))
+        return name
+
+    def _find_pi(self, place: Place, state: State) -> str | Cause:
+        """Return what `pi` means in an expression: `pi` itself, or a number that the program gives it.
+
+        Return the cause if the program may change that number.
+        """
         pi = place.qualify("pi")
         is_assigned = bool(self._changes.of_name.get(pi))
         other_routines = self._changes.routines_of_pi - {place.scope.routine}
         if is_assigned and other_routines:  # there, the name may mean another variable
             return place.make_cause("the program gives 'pi' in another routine")
         is_local = pi != "pi"
-        if is_assigned or is_local or pi in self._declarations.initial:
-            content, _ = self.look_up(state, pi)
-            if not isinstance(content, WrittenNumbers):
-                return place.make_cause("the program changes 'pi' while it runs")
-            number = repr(self._read_number(content))
-            expressions = [re.sub(r"\bpi\b", number, text) for text in expressions]
-        name_of_frame = f"{value.name} of line {place.line}"
-        values = [calculate(text) for text in expressions]
-        known_values = [number for number in values if number is not None]
-        if len(known_values) == len(values):
-            pose = value.notation.to_pose(known_values)
-            self.named[name_of_frame] = FrameName(name_of_frame, pose)
-        return name_of_frame
+        is_own_variable = is_assigned or is_local or pi in self._declarations.initial
+        if not is_own_variable:
+            return "pi"
+        content, _ = self.look_up(state, pi)
+        if not isinstance(content, WrittenNumbers):
+            return place.make_cause("the program changes 'pi' while it runs")
+        return repr(self._read_number(content))
 
     def _read_number(self, content: WrittenNumbers) -> float:
         """Return the first of the numbers of a content."""

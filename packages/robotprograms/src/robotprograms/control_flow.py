@@ -217,37 +217,39 @@ class ControlFlow:
     def _end_block(self, i: int, kind: str) -> None:
         """End a branch, a loop or a routine at index i, or begin another branch there.
 
-        The end of a routine ends its branches and loops, too. An end without a beginning does nothing.
+        The end of a routine ends its branches and loops, too, whose own ends are missing. An end that does
+        not fit to a beginning ends nothing: it is a fault.
         """
         ends_routine = kind == "end"
         is_in_routine = any(block.kind == "routine" for block in self._open_blocks)
-        while ends_routine and is_in_routine and self._open_blocks[-1].kind != "routine":
-            self._note_missing_end(self._open_blocks[-1])
-            self._end_block(i, "close")
-        if not self._open_blocks:
-            self._note_missing_begin(i, kind)
-            return
-        block = self._open_blocks[-1]
-        fits = kind == "close_or_end" or ends_routine == (block.kind == "routine")
-        if fits:
-            self._end_open_block(i, kind, block)
+        if ends_routine and is_in_routine:
+            while self._open_blocks[-1].kind != "routine":
+                self._note_missing_end(self._open_blocks[-1])
+                self._end_block(i, "close")
+        innermost = self._open_blocks[-1] if self._open_blocks else None
+        is_innermost_routine = innermost is not None and innermost.kind == "routine"
+        fits_to_any = kind == "close_or_end"
+        if innermost is not None and (fits_to_any or ends_routine == is_innermost_routine):
+            self._end_open_block(i, kind, innermost)
         else:
             self._note_missing_begin(i, kind)
 
     def _note_missing_begin(self, i: int, kind: str) -> None:
         """Note that the end with index i has no beginning, so that no move of the routine is certain.
 
-        An end behind all statements changes nothing, if no routine begins: the text lacks its first line.
-        That line may have begun a loop; so nothing may change behind the first move.
+        There is an exception: the last statement of a text in which no routine begins may be the end of a
+        routine whose first line is missing. Its moves are certain unless something changes behind the first
+        move: the missing line may also have begun a loop.
         """
         reason = "this line ends a branch, a loop or a routine that does not begin before it"
         remedy = "write both ends of branches, loops and routines"
-        is_end_of_text = kind == "close_or_end" and not self.begins and i == self._last
-        if is_end_of_text and not self._has_changes_behind_first_move(i):
-            self.faults[i] = reason, remedy
+        may_end_routine = kind == "close_or_end"
+        is_only_first_line_missing = may_end_routine and not self.begins and i == self._last
+        if is_only_first_line_missing and not self._has_changes_behind_first_move(i):
+            self.faults[i] = (reason, remedy)
             return
         self._note_fault(i, self._open_routines[-1], reason, remedy)
-        if kind == "close_or_end":  # an end before it may have ended a routine too early
+        if may_end_routine:  # an end before it may have ended a routine too early
             for routine in self.begins:
                 self.faulty_routines.setdefault(routine, i)
 
@@ -265,9 +267,11 @@ class ControlFlow:
         return False
 
     def _end_open_block(self, i: int, kind: str, block: _OpenBlock) -> None:
-        """End the innermost block at index i, or begin its next branch there.
+        """End the innermost block, a branch, loop or routine, at index i, or begin its next branch there.
 
-        The successors of an operation are the indices of operations where the program may continue behind it.
+        Add to `successors` where the program may continue: behind the beginning of the block at each branch
+        or, if the block may be skipped, at its end; behind each branch, and behind jumps out of it, at its
+        end.
         """
         begins_next_branch = kind in {"branch", "default"}
         if begins_next_branch:
@@ -277,8 +281,9 @@ class ControlFlow:
         self._open_blocks.pop()
         if block.kind == "routine":
             self.ends[i] = self._open_routines.pop()
-        # Where a further branch begins, the branch before it ends, and continues at the end of the block.
-        for index in (*block.other_branches, *block.exits):
+        # The text of a branch ends where the next one begins: from there, the program continues at the end.
+        ends_of_branches = block.other_branches
+        for index in (*ends_of_branches, *block.exits):
             self.successors[index].append(i)
         self.successors[block.begin] += block.other_branches
         may_be_skipped = block.kind in {"if", "switch", "loop"} and not block.has_default

@@ -111,21 +111,34 @@ class Propagation:
         `callers` are the routines that call each routine.
         """
         self._contents.forget_judgements()  # from here on, all changes are known
-        can_start_anywhere = self._language.callable_from_outside
         main = next((name for name in self._flow.begins if name not in self._flow.anytime_routines), "")
         # The program does not show when statements outside of its routines run: they may run at any time.
-        if main and (can_start_anywhere or main not in callers):
+        if main and (self._language.callable_from_outside or main not in callers):
             self._changes.anytime.update(self._changes.of_routine[""])
-        called_from_outside = self._flow.anytime_routines | self._flow.shared_routines
         for routine, begin in self._flow.begins.items():
-            calls_itself_at_most = callers.get(routine, set()) <= {routine}
-            is_start = routine == main and calls_itself_at_most
-            if can_start_anywhere or is_start:
-                self._incoming[begin] = {}
-            elif calls_itself_at_most or routine in called_from_outside:
-                reason = f"another program may call {quote_text(routine)} while other frames are active"
-                cause = Cause(0, reason, "set the frames in the routine, before its moves")
-                self._incoming[begin] = {UNKNOWN: (cause, At())}
+            is_called = bool(callers.get(routine, set()) - {routine})
+            state = self._find_entry_state(routine, is_main=routine == main, is_called=is_called)
+            if state is not None:
+                self._incoming[begin] = state
+
+    def _find_entry_state(self, routine: str, *, is_main: bool, is_called: bool) -> State | None:
+        """Return the state in which a routine begins if it may be started otherwise than by the program.
+
+        Return None if only other routines of the program call it.
+
+        Args:
+            routine: name of the routine.
+            is_main: whether the program begins with this routine, unless others call it.
+            is_called: whether another routine of the program calls it.
+        """
+        if self._language.callable_from_outside or (is_main and not is_called):
+            return {}
+        may_other_programs_call = routine in self._flow.anytime_routines | self._flow.shared_routines
+        if is_called and not may_other_programs_call:
+            return None
+        reason = f"another program may call {quote_text(routine)} while other frames are active"
+        cause = Cause(0, reason, "set the frames in the routine, before its moves")
+        return {UNKNOWN: (cause, At())}
 
     def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
         """Pass states through operations of a routine once, and record their moves.

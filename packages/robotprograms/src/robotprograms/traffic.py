@@ -83,7 +83,10 @@ class TrafficFinder:
         return kept
 
     def _find_writes(self, bodies: Mapping[str, list[int]]) -> dict[str, set[int]]:
-        """Return the operations that give each name a new content."""
+        """Return the operations that give each name a new content, by their indices.
+
+        `bodies` are the indices of each routine's operations.
+        """
         writes: dict[str, set[int]] = defaultdict(set)
         for i in chain(*bodies.values()):
             for name in self._effects.list_written(i):
