@@ -321,7 +321,10 @@ class Propagation:
         return after
 
     def _join_into(self, i: int, state: State | None) -> bool:
-        """Join a state into the state in which jumps reach operation i; return whether that state changed."""
+        """Join a state into the one in which jumps reach operation i; return whether the joined state is new.
+
+        A state has the content of each variable. Contents that nothing reads from there on are left out.
+        """
         known = self._incoming.get(i)
         unread_names = self._liveness.dead.get(i)
         if state is not None and unread_names:
