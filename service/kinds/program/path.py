@@ -406,7 +406,7 @@ _MOST: Final = 1e9
 
 @dataclass(frozen=True, slots=True)
 class _Word:
-    """What a number of the arm's configuration, such as KUKA's S or ABB's cf1, states about one joint.
+    """Statement of a configuration's number, such as KUKA's S or ABB's cf1, about one joint of the arm.
 
     The number allows the joint a range of angles. A number with sign bits states the ranges of several
     joints, and has a word for each of them.

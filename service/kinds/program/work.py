@@ -568,7 +568,7 @@ def _refuse_points(path: ProgramPath, points: Sequence[int], reason: str, remedy
 def _read_program(
     files: Sequence[tuple[str, bytes]], request: ProgramRequest | ProcessRequest, external_axes: ExternalAxes
 ) -> ReadProgram:
-    """Read the program of a request, of which some moves may be left without a correction.
+    """Read the program of a request; some of its moves may be left without a correction.
 
     Args:
         files: name and content of each file of the program.

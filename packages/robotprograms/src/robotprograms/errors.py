@@ -121,7 +121,7 @@ class ProgramError(Exception):
         """Build the error of a program.
 
         Args:
-            faults: faults of the program, of which the first `MAX_FAULTS` are kept.
+            faults: faults of the program; the first `MAX_FAULTS` are kept.
             count: count of all faults, if only the first ones are given.
             left: moves that cannot be corrected.
         """

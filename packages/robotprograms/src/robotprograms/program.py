@@ -275,7 +275,7 @@ class Program:
 
 
 class _NewNumbers(NamedTuple):
-    """New numbers of m targets, of which n differ from the numbers in the text."""
+    """New numbers of m targets; n numbers differ from those in the text."""
 
     written: FloatArray  # (m, 7) numbers as they are written
     spans: Places  # (n, 2) first and last + 1 character of each number that differs
