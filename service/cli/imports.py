@@ -404,12 +404,13 @@ def _is_accepted(proposed: ProposedImport, *, may_ask: bool, yes: bool) -> bool:
 def _list_robots(robot: RobotDocument | None) -> Sequence[KnownRobot]:
     """Return the stated robot, or without one the arms of the catalogue."""
     from jointstiff.service.conversion.prepared import prepare_robot
+    from jointstiff.service.problems import as_campaign_error
     from jointstiff.service.resources.known_robots import catalogue_robots
     from jointstiff.solver.mechanics.robot import KnownRobot
 
     if robot is None:
         return list(catalogue_robots())
-    with _name_options_in_errors():
+    with _name_options_in_errors(), as_campaign_error("robot"):
         return [KnownRobot(robot.name, prepare_robot(robot).robot)]
 
 
@@ -597,14 +598,14 @@ def _write_campaign(
 ) -> None:
     """Write a campaign file; without a robot, write only the measurement set.
 
-    If only unloaded positions were read, write unloaded poses, with the robot if it is known.
+    If only unloaded positions or a weight step were read, write these, with the robot if it is known.
 
     Raises:
         typer.Exit: information is missing, or the file cannot be written.
     """
     from jointstiff.service.problems import http_problem
 
-    readings = answer.measurement_set or answer.geometry
+    readings = answer.measurement_set or answer.geometry or answer.weight_step
     if readings is None:
         missing = "; ".join(answer.missing)
         raise print_problem(
@@ -621,6 +622,9 @@ def _write_campaign(
         document |= robot_part
         robot_option = "" if robot_part else " --robot ROBOT"
         content, next_step = "unloaded poses", f"jointstiff geometry {path}{robot_option}"
+        if answer.weight_step is not None:
+            content = "a weight step"
+            next_step = f"jointstiff gearbox {path}{robot_option} --load KG±KG,X,Y,Z"
     elif robot_part:
         document = {**robot_part, "measurement_set": document}
         if answer.leave_out:
@@ -809,6 +813,8 @@ def make_import_report(answer: ImportAnswer) -> list[Part]:
         parts.append(Line(f"  masses: {len(answer.bodies)} bodies, {total_mass:g} kg together"))
     if answer.missing:
         parts += _make_first_lines(answer.missing, "missing: ", "care")
+    elif answer.weight_step is not None:
+        parts.append(Line("  complete: a weight step of two encoders", "good"))
     elif not has_blocking_findings(answer):
         # The measurement set of a file with unloaded poses only serves to identify by the robot's own weight.
         purpose = "" if answer.geometry is None else " for the robot's own weight"

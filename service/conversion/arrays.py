@@ -326,7 +326,8 @@ def _arrange_by_target(
         array = np.stack([column.reshape(len(column), -1) for column in columns], axis=1)
     else:
         array = to_number_array(value, name)
-        if array.ndim > 0 and array.size and array[0].size % components == 0:
+        has_flat_rows = array.ndim in (1, 2) and array.size > 0
+        if has_flat_rows and array[0].size % components == 0:
             array = array.reshape(len(array), -1, components)
     names = names or [f"T{t}" for t in range(1, array.shape[1] + 1 if array.ndim > 1 else 2)]
     if array.shape != (count, len(names), components):

@@ -78,6 +78,14 @@ def import_files(
         bodies = _name_joints_of_bodies(understood.bodies, robot)
     except ImportFileError as fault:
         faults.append(fault)
+    if understood.weight_step is not None:
+        return ImportAnswer(
+            **dict(understood.preview),
+            missing=[],
+            leave_out=[],
+            measurement_set=None,
+            weight_step=understood.weight_step,
+        )
     # Readings without any load serve to identify by the robot's own weight, if the masses are known.
     is_by_own_weight = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
     unusual: list[str] = []

@@ -28,6 +28,7 @@ from jointstiff.service.runs.verdicts import (
     RunModel,
     assess_with_run,
     find_beyond_campaign,
+    find_beyond_limits,
     find_far_points,
     find_implausible_deflection,
     find_missing_numbers,
@@ -122,7 +123,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     return DeflectionResult(
         joint_kinds=joint_kinds_by_name(robot),
         assessment=assess_with_run(
-            "prediction", _find_reasons(answers, cases, run_model.result), run_model.result.assessment
+            "prediction", _find_reasons(robot, answers, cases, run_model.result), run_model.result.assessment
         ),
         confidence=confidence,
         model_error_postures=run_model.postures,
@@ -131,7 +132,9 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     )
 
 
-def _find_reasons(answers: Sequence[CaseResult], cases: LoadCases, run: RunResult) -> list[Finding]:
+def _find_reasons(
+    robot: Robot, answers: Sequence[CaseResult], cases: LoadCases, run: RunResult
+) -> list[Finding]:
     """Return reasons to doubt a prediction, in addition to those in the assessment of its run."""
     lengths = [hypot(*answer.displacement) for answer in answers if answer.displacement is not None]
     bounds = [answer.with_model_error for answer in answers if answer.with_model_error is not None]
@@ -142,6 +145,7 @@ def _find_reasons(answers: Sequence[CaseResult], cases: LoadCases, run: RunResul
         *find_missing_numbers(len(answers) - len(lengths), len(answers), "cases"),
         *find_far_points(points),
         *find_beyond_campaign(extrapolated_count, len(answers), "cases"),
+        *find_beyond_limits(robot, cases.joints, [answer.label for answer in answers]),
     ]
 
 

@@ -19,13 +19,15 @@ from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.service.tables.report import describe_passed_checks, format_count
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.integrity.values import FLANGE_LENGTHS
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, ModelError
+from jointstiff.solver.process.correct import LIMIT_TOLERANCE
 from jointstiff.solver.process.prior import FACTOR, build_prior_model
-from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure
+from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure, length_text
 
 
 def find_accepted_run(inputs: Inputs, run_id: str, accept_verdict: str | None) -> MeasuredRun:
@@ -351,12 +353,19 @@ def find_implausible_deflection(greatest: float | None, run: RunResult | None) -
 
 
 def find_far_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
-    """Return a reason if a point on the tool [m, flange frame] is unusually far from the flange, else []."""
+    """Return a reason if points on the tool [m, flange frame] are unusually far from the flange, or near.
+
+    [] is returned for usual points, such as the origin of the flange frame. Other points nearer than
+    `FLANGE_LENGTHS` are not usual.
+    """
     greatest_distance = max((hypot(*point) for point in points if point is not None), default=0.0)
-    if greatest_distance <= LONGEST_TOOL:
+    least_length, _ = FLANGE_LENGTHS
+    is_near = 0.0 < greatest_distance < least_length
+    if not is_near and greatest_distance <= LONGEST_TOOL:
         return []
-    distance = f"{greatest_distance:.3g} m from the flange"
-    message = f"the load point or the place is {distance}; up to {LONGEST_TOOL:g} m is plausible"
+    distance = f"{length_text(greatest_distance)} from the flange"
+    plausible = f"{length_text(least_length)} to {LONGEST_TOOL:g} m"
+    message = f"the load point or the place is {distance}; {plausible} is plausible"
     remedy = f"check the unit and the frame of this point; {PAST_CARE}"
     return [make_reason("point_implausible", "use_with_care", message, remedy)]
 
@@ -371,6 +380,30 @@ def find_beyond_campaign(count: int, total: int, what: str) -> list[Finding]:
     message = f"{count} of {total} {what} have loads or postures beyond those of the campaign"
     remedy = "measure with such loads and postures"
     return [make_reason("beyond_campaign", "use_with_care", message, remedy)]
+
+
+def find_beyond_limits(robot: Robot, joints: FloatArray, labels: Sequence[str]) -> list[Finding]:
+    """Return a reason if a posture is beyond the limits of the robot's joints, else [].
+
+    Args:
+        robot: the robot, n joints.
+        joints: (m, n) controller's positions of the joints [rad or m].
+        labels: names of the m postures.
+    """
+    lower, upper = robot.limits.T
+    positions = robot.joint_map.model_angles(joints)
+    excess = np.maximum(lower - positions, positions - upper)
+    is_beyond = excess > LIMIT_TOLERANCE
+    if not is_beyond.any():
+        return []
+    row, joint = divmod(int(np.argmax(excess)), robot.n)
+    count = int(is_beyond.any(axis=1).sum())
+    message = (
+        f"{count} of {len(joints)} postures {'is' if count == 1 else 'are'} beyond the limits of the joints, "
+        f"such as {robot.joint_names[joint]} in posture {labels[row]}"
+    )
+    remedy = "check the positions of the joints and their unit, or correct the limits of the robot"
+    return [make_reason("joint_outside_limits", "use_with_care", message, remedy)]
 
 
 def find_missing_numbers(count: int, total: int, what: str, *, unseen: bool = True) -> list[Finding]:

@@ -17,6 +17,7 @@ from jointstiff.service.problems import FilesError
 from jointstiff.service.runs.deflection import parse_vector_header
 from jointstiff.service.runs.verdicts import moment_factor
 from jointstiff.service.tables.files import split_table_rows
+from jointstiff.service.tables.packed import is_packed, unpack_sheet
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.process.cut import MATERIALS, Cut, Material
@@ -36,7 +37,7 @@ _TABLE_CELLS: Final = 8
 """Greatest count of columns of a table of loads: point or length, and the numbers of a load."""
 _FIRST_ROW: Final = 2
 """Line of the first row of a table below its header."""
-_LARGEST: Final = 1e9
+_GREATEST: Final = 1e9
 """Greatest magnitude of a number in a table of loads."""
 _REMEDY: Final = (
     "write `point`, `label` or `length [mm]`, then Fx [N], Fy [N], Fz [N], and, if known, Mx [N.m] … and "
@@ -56,6 +57,14 @@ class _LoadRow(NamedTuple):
 
     key: float  # number of the point, or length along the path in the unit of the header
     load: FloatArray  # (7,) force [N], moment [N·m] and feed [m/s]; zero without a column
+
+
+class _LoadsByLength(NamedTuple):
+    """Rows of a table of loads by length along the path."""
+
+    places: FloatArray  # (k,) lengths [m]
+    loads: FloatArray  # (k, 7) loads in SI units
+    lines: IndexArray  # (k,) lines of the rows, for errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +94,8 @@ def collect_loads(
 
     Args:
         options: options with one load for the whole program, or with loads for segments of lines.
-        table: content of the CSV file with a load for each point; None if the loads are in the options.
+        table: CSV file, or packed numbers, with a load for each point or length; None if the loads are in the
+            options.
         lines: (v,) line of the move at each visit.
         points: (v,) number of the point at each visit, from 1.
         names: names of the points in the program, for a table of labels; empty where a point has none.
@@ -97,6 +107,8 @@ def collect_loads(
         RequestError: segments overlap, or the unit of a moment is missing.
         FilesError: the table has a mistake.
     """
+    if table is not None and is_packed(table):
+        return _read_packed_table(table, points, measure_lengths)
     if table is not None:
         return read_load_table(table, points, names, measure_lengths, common)
     # Row 0 of the loads is the zero load, for visits without load.
@@ -183,7 +195,7 @@ def read_load_table(
     columns = _parse_header(header)
     key = _parse_key(header[0])
     if key == "length":
-        return _interpolate_loads(rows, columns, measure_lengths())
+        return _interpolate_loads(_read_lengths(rows, columns), measure_lengths(), columns)
     points_of_label = _number_labels(names, common) if key == "label" else None
     loads = [np.zeros(_ROW_WIDTH)]  # row 0 is the zero load
     load_of_point = np.zeros(point_count + 1, dtype=np.intp)  # index in `loads` by the point's number
@@ -253,22 +265,60 @@ def _parse_key(header: str) -> str:
     return key
 
 
-def _interpolate_loads(
-    rows: Sequence[Sequence[str]], columns: Sequence[_LoadColumn], lengths: FloatArray
+def _read_packed_table(
+    content: bytes, points: IndexArray, measure_lengths: Callable[[], FloatArray]
 ) -> Loads:
+    """Read a table of loads that was packed as numbers; its columns are those of a CSV file.
+
+    Raises:
+        FilesError: a column is missing or unknown, or a row has a mistake.
+        RequestError: the bytes are damaged.
+    """
+    sheet = unpack_sheet(content)
+    header = list(sheet.columns)
+    columns = _parse_header(header)
+    key = _parse_key(header[0])
+    if sheet.texts or key == "label":
+        raise _table_fault(1, "the packed table has labels", "number the points")
+    first, *others = sheet.columns.values()
+    numbers = np.stack([first, *others], axis=1)
+    is_known = (np.abs(numbers) <= _GREATEST).all(axis=1)
+    lines = _FIRST_ROW + np.arange(len(numbers))
+    if not is_known.all():
+        line = int(lines[np.argmin(is_known)])
+        raise _table_fault(line, "a number is out of range", "give a finite number in each column")
+    loads = np.zeros((len(numbers), _ROW_WIDTH))
+    for column, cells in zip(columns, others, strict=True):
+        loads[:, column.component] = column.factor * cells
+    if key == "length":
+        places = _parse_length_unit(header[0]) * numbers[:, 0]
+        return _interpolate_loads(_LoadsByLength(places, loads, lines), measure_lengths(), columns)
+    count = int(points.max(initial=0))
+    is_distinct = len(np.unique(first)) == len(first)
+    if not (is_distinct and np.isin(first, np.arange(1, count + 1)).all()):
+        remedy = f"number the points from 1 to {count}, and give each point at most once"
+        raise _table_fault(1, f"the table has {len(first)} points, and the path {count}", remedy)
+    load_of_point = np.zeros(count + 1, dtype=np.intp)  # row 0 of the loads is the zero load
+    load_of_point[first.astype(np.intp)] = np.arange(1, len(first) + 1)
+    return _split_feed(np.vstack([np.zeros(_ROW_WIDTH), loads]), load_of_point[points], columns)
+
+
+def _interpolate_loads(table: _LoadsByLength, lengths: FloatArray, columns: Sequence[_LoadColumn]) -> Loads:
     """Return the loads at v visits, interpolated between the rows of a table by length along the path.
 
     Two rows of one length are a step: the second one holds from there on.
 
     Args:
-        rows: cells of the table, with the header.
-        columns: columns of the table after the first.
+        table: rows of the table.
         lengths: (v,) length of the path up to each visit [m].
+        columns: columns of the table after the first.
 
     Raises:
-        FilesError: a row has a mistake, lengths decrease, or the table leaves a part of the path out.
+        FilesError: lengths decrease, or the table leaves a part of the path out.
     """
-    places, loads = _read_lengths(rows, columns, float(lengths[-1]))
+    places, loads, lines = table
+    _refuse_unsorted(places, lines)
+    _refuse_uncovered(places, lines, float(lengths[-1]))
     # Each visit is between two rows of the table, `before` and `after`.
     after = np.clip(np.searchsorted(places, lengths, side="right"), 1, len(places) - 1)
     before = after - 1
@@ -285,21 +335,15 @@ def _interpolate_loads(
     return _split_feed(np.concatenate([zero_load, distinct]), of_visit, columns)
 
 
-def _read_lengths(
-    rows: Sequence[Sequence[str]], columns: Sequence[_LoadColumn], whole: float
-) -> tuple[FloatArray, FloatArray]:
-    """Read a table by length along the path, whose rows have to cover the whole path.
+def _read_lengths(rows: Sequence[Sequence[str]], columns: Sequence[_LoadColumn]) -> _LoadsByLength:
+    """Read the rows of a CSV table by length along the path.
 
     Args:
         rows: cells of the table, with the header.
         columns: columns of the table after the first.
-        whole: length of the path [m].
-
-    Returns:
-        Lengths (k,) of the rows [m]; their loads (k, 7) in SI units.
 
     Raises:
-        FilesError: a row has a mistake, lengths decrease, or the table leaves a part of the path out.
+        FilesError: a row has a mistake.
     """
     header, *rows_below = rows
     unit = _parse_length_unit(header[0])
@@ -309,29 +353,33 @@ def _read_lengths(
         if is_blank:
             continue
         length, load = _parse_load_row(line, row, columns)
-        place = unit * length
-        decreases = len(places) > 0 and place < places[-1]
-        is_third_of_same_length = len(places) > 1 and place == places[-2]
-        if decreases or is_third_of_same_length:
-            raise _table_fault(
-                line,
-                f"the length {row[0]} is less than that of the row before, or occurs three times",
-                "sort the rows by length; two rows of one length are a step of the load",
-            )
-        places.append(place)
+        places.append(unit * length)
         loads.append(load)
         lines.append(line)
-    _refuse_uncovered_path(places, whole, lines[-1] if lines else 1)
-    return np.array(places), np.array(loads)
+    loads_of_rows = np.array(loads).reshape(-1, _ROW_WIDTH)
+    return _LoadsByLength(np.array(places), loads_of_rows, np.array(lines, dtype=np.intp))
 
 
-def _refuse_uncovered_path(places: Sequence[float], whole: float, last_line: int) -> None:
-    """Refuse a table by length that does not cover the path from its beginning to its end.
+def _refuse_unsorted(places: FloatArray, lines: IndexArray) -> None:
+    """Refuse lengths (k,) [m] that decrease, or occur three times; `lines` (k,) are for the error.
 
-    Args:
-        places: lengths of the rows [m], in ascending order.
-        whole: length of the path [m].
-        last_line: last line of the table, for the error.
+    Raises:
+        FilesError: names the first such row.
+    """
+    is_wrong = np.diff(places, prepend=-np.inf) < 0.0
+    is_wrong[2:] |= places[2:] == places[:-2]
+    if is_wrong.any():
+        row = int(np.argmax(is_wrong))
+        length = f"{1e3 * places[row]:.6g} mm"
+        raise _table_fault(
+            int(lines[row]),
+            f"the length {length} is less than that of the row before, or occurs three times",
+            "sort the rows by length; two rows of one length are a step of the load",
+        )
+
+
+def _refuse_uncovered(places: FloatArray, lines: IndexArray, whole: float) -> None:
+    """Refuse a table of lengths (k,) [m] that does not cover a path of length `whole` [m].
 
     Raises:
         FilesError: the table leaves a part of the path out, or the path has no length.
@@ -342,9 +390,9 @@ def _refuse_uncovered_path(places: Sequence[float], whole: float, last_line: int
     slack = _SLACK * whole
     covers_path = len(places) > 0 and places[0] <= slack and abs(places[-1] - whole) <= slack
     if not covers_path:
-        covered = f"{1e3 * places[0]:.4g} to {1e3 * places[-1]:.4g} mm" if places else "nothing"
+        covered = f"{1e3 * places[0]:.4g} to {1e3 * places[-1]:.4g} mm" if len(places) else "nothing"
         raise _table_fault(
-            last_line,
+            int(lines[-1]) if len(lines) else 1,
             f"the table covers {covered}, but the lines and arcs of the path have 0 to {1e3 * whole:.4g} mm",
             "give rows for the whole path, with zeros where there is no load",
         )
@@ -424,7 +472,7 @@ def _parse_load_row(line: int, row: Sequence[str], columns: Sequence[_LoadColumn
         key, *numbers = [float(cell) for cell in row]
     except ValueError:
         raise _table_fault(line, "a cell is not a number", "write numbers with decimal points") from None
-    are_in_range = (np.abs([key, *numbers]) <= _LARGEST).all()
+    are_in_range = (np.abs([key, *numbers]) <= _GREATEST).all()
     if len(numbers) != len(columns) or not are_in_range:
         raise _table_fault(
             line, "a cell is missing, or a number is out of range", "give a finite number in each column"

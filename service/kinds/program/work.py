@@ -42,6 +42,7 @@ from jointstiff.service.kinds.program.path import (
     find_path,
     measure_lengths,
 )
+from jointstiff.service.kinds.program.rows import RowsWriting, find_rows
 from jointstiff.service.kinds.program.text import FaultsError, insert_mark, read_program
 from jointstiff.service.kinds.work import (
     Arrays,
@@ -402,13 +403,12 @@ def write_compensated_program(
     model: ForwardModel,
     inverse: InverseKinematics,
     quantile: float,
-) -> tuple[list[bytes], WrittenPoints]:
+    rewriting: Rewriting | RowsWriting,
+) -> WrittenPoints:
     """Write the compensated program, and check the written numbers with the model of the loaded robot.
 
-    The residuals are computed from the written text, so that rounded digits count.
-
-    Returns:
-        The contents of the program's files, and the points with their residuals.
+    The residuals are computed from the numbers as written, so that rounded digits count. `rewriting` then has
+    the program's files. Return the points with their residuals.
 
     Raises:
         FaultsError: a correction leads out of the joints' limits, or a corrected target is not reached.
@@ -416,7 +416,6 @@ def write_compensated_program(
     robot, program = model.robot, path.program
     _refuse_out_of_limits(path, corrections)
     targets = path.targets[corrections.points]  # under load
-    rewriting = Rewriting(program)
     residual = np.empty((len(targets), 6))
     is_changed = np.zeros(len(targets), dtype=np.bool_)
     unreached: list[int] = []
@@ -433,7 +432,7 @@ def write_compensated_program(
         unreached += corrections.points[rows[~reached]].tolist()
     reason = "the robot does not reach the corrected target"
     _refuse_points(path, sorted(unreached), reason, "move the part away from the singularity")
-    points = WrittenPoints(
+    return WrittenPoints(
         path=path,
         corrections=corrections,
         residual=residual,
@@ -443,7 +442,6 @@ def write_compensated_program(
         arm=inverse.select_arm_joints(path.cases.joints),
         quantile=quantile,
     )
-    return rewriting.files(), points
 
 
 def _write_corrected_numbers(
@@ -452,9 +450,9 @@ def _write_corrected_numbers(
     rows: IndexArray,
     corrected: Postures,
     inverse: InverseKinematics,
-    rewriting: Rewriting,
+    rewriting: Rewriting | RowsWriting,
 ) -> FloatArray:
-    """Write the corrected numbers of b targets into the program's text; return the numbers (b, 7) as written.
+    """Write the corrected numbers of b targets into the program; return the numbers (b, 7) as written.
 
     Args:
         path: path of the program.
@@ -462,7 +460,7 @@ def _write_corrected_numbers(
         rows: (b,) indices in `corrections` of the points to write.
         corrected: corrected postures of these points.
         inverse: inverse kinematics, with the choice of the joints that belong to the arm.
-        rewriting: text of the program, in which the numbers are replaced.
+        rewriting: text or rows of the program, in which the numbers are replaced.
     """
     targets = path.program.targets
     points = corrections.points[rows]
@@ -631,7 +629,7 @@ def _refuse_compensating_controller(request: ProgramRequest | ProcessRequest) ->
 class _RequestFiles(NamedTuple):
     """Files of a request, decompressed."""
 
-    of_program: list[tuple[str, bytes]]  # name and content of each file
+    of_program: dict[str, bytes]  # content of each file by its name
     load_table: bytes | None  # content of the table of loads; None without
 
 
@@ -641,17 +639,16 @@ def _separate_load_table(request: ProgramRequest | ProcessRequest) -> _RequestFi
     Raises:
         RequestError: the table was not sent, or a file has no content.
     """
-    program_files = [file for file in request.files if file.name != request.loads]
-    contents = [(file.name, decompress_file(file)) for file in program_files]
-    is_table_missing = request.loads is not None and len(program_files) == len(request.files)
+    contents = {file.name: decompress_file(file) for file in request.files}
+    table = None if request.loads is None else contents.pop(request.loads, None)
+    is_table_missing = request.loads is not None and table is None
     if is_table_missing:
         raise RequestError(
             "the table of loads was not sent",
             where="loads",
             remedy="send the table together with the files of the program",
         )
-    tables = [file for file in request.files if file.name == request.loads]
-    return _RequestFiles(contents, decompress_file(tables[0]) if tables else None)
+    return _RequestFiles(contents, table)
 
 
 class ProgramWork(Work):
@@ -703,10 +700,14 @@ class ProgramWork(Work):
                     masses=request.masses,
                     length=LENGTH[request.units.length],
                 )
-        files, table = _separate_load_table(request)
+        files = _separate_load_table(request)
         self._external_axes = _interpret_external_axes(request, robot)
-        self._program = _read_program(files, request, self._external_axes)
-        self._visits = Visits.collect(self._program, request, table, self._measure_lengths)
+        self._rows = find_rows(files.of_program, request.units, robot)
+        if self._rows is None:
+            self._program = _read_program([*files.of_program.items()], request, self._external_axes)
+        else:
+            self._program = self._rows.program
+        self._visits = Visits.collect(self._program, request, files.load_table, self._measure_lengths)
         feeds = find_feeds(self._program, request, self._visits)
         # (v, n) greatest motion of the model's joints for a length of the line to each visit [rad/m or m/m]
         self._joint_limits = Pace(feeds, robot.speeds, rate=np.inf).limits()
@@ -828,10 +829,12 @@ class ProgramWork(Work):
         corrections = Corrections(**concatenate_steps(computed_parts))
         del parts  # free the memory, as `corrections` is a copy
         quantile = self._run_model.model.quantile(self._request.confidence)
-        contents, points = write_compensated_program(
-            self._path, corrections, self._run_model.model, self._inverse, quantile
+        rewriting = Rewriting(self._program) if self._rows is None else RowsWriting(self._rows)
+        points = write_compensated_program(
+            self._path, corrections, self._run_model.model, self._inverse, quantile, rewriting
         )
-        self._check_written(contents, points)
+        contents = rewriting.files()
+        self._check_written(rewriting, points)
         program, unchanged_moves = self._program, len(self._program.left_moves)
         assessment = self._assess_corrections(corrections)
         if self.must_mark(assessment, unchanged_moves) and points.changed.any():
@@ -849,8 +852,8 @@ class ProgramWork(Work):
         files = [compress_file(name, content) for name, content in zip(names, contents, strict=True)]
         return self._make_result(points, files, assessment)
 
-    def _check_written(self, contents: Sequence[bytes], points: WrittenPoints) -> None:
-        """Check the written files, without marks; a compensated program needs no further check."""
+    def _check_written(self, rewriting: Rewriting | RowsWriting, points: WrittenPoints) -> None:
+        """Check what was written; a compensated program needs no further check."""
 
     def must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
         """Return whether the written program gets a comment that marks it as compensated."""

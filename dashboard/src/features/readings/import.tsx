@@ -364,6 +364,11 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
 
       <Step at={3} title={words.understood}>
         {facts && <Preview facts={facts} />}
+        {answer?.weight_step && (
+          <p>
+            {words.weightStep} <LinkButton href="#/gearboxes">{words.toGearboxes}</LinkButton>
+          </p>
+        )}
         {bodies.length > 0 && <p>{words.bodies(bodies.length, significant(mass, 4))}</p>}
         {answer?.findings && <Findings warnings={answer.findings} />}
         <Arm source={robot ? { robot_id: robot } : null} start={facts?.firstJoints ?? null} sliders={false} />

@@ -230,7 +230,10 @@ class ChangeCollector:
                 self._changes.anytime[UNKNOWN] = cause
         elif not is_event:
             permission = "the request states that this routine neither moves the robot nor changes frames"
-            name = self._statements.restore_spelling(place, str(op.name))
+            if isinstance(op.name, ir.NumberedName):
+                name = place.qualify(op.name)  # with its number
+            else:
+                name = self._statements.restore_spelling(place, op.name)
             self._statements.columns.add_remark(place.at, f"{name} is called; {permission}")
 
     def _may_change_arguments(self, op: ir.Call, own: list[str], passed: Collection[str]) -> bool:

@@ -249,6 +249,36 @@ class Program:
     faults: tuple[Fault, ...] = ()  # why these moves cannot be corrected
     own_numbers: tuple[OwnNumbers, ...] = ()  # numbers in the first file that take the place of names
 
+    @classmethod
+    def from_rows(cls, name: str, numbers: FloatArray, notation: Notation) -> Program:
+        """Build the program of a table that has no text: a linear move to each row of numbers.
+
+        Args:
+            name: name of the table.
+            numbers: (N, 3 + count) numbers of the poses of the tool `tool` in the base `part`.
+            notation: meaning of the numbers.
+        """
+        count = len(numbers)
+        rows, zeros = np.arange(count), np.zeros(count, dtype=np.intp)
+        values = np.full((count, NUMBERS + WORDS), np.nan)
+        values[:, : numbers.shape[1]] = numbers
+        line = rows + 2  # the header of a table is line 1
+        targets = Targets(
+            names=[""] * count,
+            source=zeros,
+            line=line,
+            literal=zeros,
+            literals=(Literal(notation, tuple(range(numbers.shape[1]))),),
+            base=zeros,
+            tool=zeros + 1,
+            frames=(FrameName("part"), FrameName("tool")),
+            values=values,
+            spans=np.full((*values.shape, 2), -1, dtype=np.int32),
+        )
+        motion = np.full(count, _MOTIONS.index(Motion.LINEAR))
+        moves = Moves(line, motion, ends=rows + 1, visits=rows, feed=np.full(count, np.nan))
+        return cls("csv", (Source.from_bytes(name, b""),), targets, moves, ())
+
     @property
     def common_names(self) -> frozenset[str]:
         """Names in capitals that several targets have because they are own numbers of one declared target.
