@@ -70,8 +70,9 @@ def test_the_description_is_small(openapi):
     # process and the speeds of its joints, 14,000 for gearboxes with their examples, 7,300 for logs of a
     # motion, 2,200 for arms, marks and references of a robot, and
     # 400 for gearbox and structure apart; 2,300 for the job of corrections, the form with their table, and
-    # their files; 800 for grounds of statements, less 500 for the least mistakes of causes; 400 for the weight
-    # step of an import, 300 for `same_cell` in comparisons and trends, 200 for causes of the load's path.
+    # their files; 800 for grounds of statements, less 500 for the least mistakes of causes; 400 for the
+    # weight step of an import, 300 for `same_cell` in comparisons and trends, 200 for causes of the path of
+    # the load.
     assert len(json.dumps(openapi, ensure_ascii=False, separators=(",", ":")).encode()) <= 294_700
 
 
