@@ -60,6 +60,9 @@ BENCHMARKS = {
     "prismatic": Benchmark("studies.prismatic", "a SCARA and an arm on a rail beside exact springs"),
     "causes": Benchmark("studies.causes", "planted, named and mended; clean ones", in_parts=True),
     "posture_errors": Benchmark("studies.posture_errors", "errors that a posture's targets share: coverage"),
+    "repeatability": Benchmark(
+        "studies.repeatability", "few postures or one target of joints that do not repeat; some minutes"
+    ),
     "statements": Benchmark("studies.statements", "loads within what is stated: accusations, ratios"),
     "levers": Benchmark("studies.levers", "a load near axis 6: coverage, widths beside a dense grid"),
     "pure_error": Benchmark("studies.pure_error", "noise whatever the model: clean ones, mistakes"),
