@@ -270,9 +270,8 @@ class Robot(StoredRobot, RobotSummary):
 class RobotChange(ResourceChange):
     """Changes of a robot except its kinematics. Omitted fields remain unchanged."""
 
-    marks: Annotated[list[Mark], Field(max_length=MAX_MARKS)] | None = Field(
-        default=None, description="All marks; null: unchanged."
-    )
+    add_mark: Mark | None = None
+    remove_mark: Mark | None = Field(default=None, description="A mark of the robot, with all its fields.")
     reference_set_ids: Annotated[list[Identifier], Field(max_length=MAX_MARKS)] | None = Field(
         default=None, description="All references; null: unchanged."
     )

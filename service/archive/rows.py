@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, TypeAdapter
 from pydantic_core import to_json
@@ -14,7 +14,7 @@ from jointstiff.schemas import live
 from jointstiff.schemas.fields import Identifier, Message, Name
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.measurement import ResolvedFrame, SetMetadata, StoredMeasurementSet
-from jointstiff.schemas.robot import Mark, RobotChange, StoredRobot
+from jointstiff.schemas.robot import MAX_MARKS, Mark, StoredRobot
 from jointstiff.service.archive.arrays import pack_arrays
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.history.raising import raise_document
@@ -57,8 +57,8 @@ class _DocumentLine(_Line):
 class _RobotLine(_DocumentLine):
     name: Name
     content_hash: str
-    marks: list[Mark] | None = None
-    reference_set_ids: list[Identifier] | None = None
+    marks: Annotated[list[Mark], Field(max_length=MAX_MARKS)] | None = None
+    reference_set_ids: Annotated[list[Identifier], Field(max_length=MAX_MARKS)] | None = None
 
 
 class _SetLine(_DocumentLine):
@@ -164,7 +164,6 @@ def _build_robot(values: Mapping[str, Any]) -> Built:
     """Return the row of a robot."""
     line = _RobotLine.model_validate(values)
     checked = _check_document("robot", StoredRobot, line, frozenset({"last_campaign"}))
-    noted = RobotChange(marks=line.marks, reference_set_ids=line.reference_set_ids)
     record = RobotRecord(
         id=line.id,
         name=line.name,
@@ -172,7 +171,7 @@ def _build_robot(values: Mapping[str, Any]) -> Built:
         content_hash=line.content_hash,
         summary=checked.message.model_dump(mode="json", include={"joints", "nominal_arm"}),
         document=checked.text,
-        **noted.model_dump(mode="json", include={"marks", "reference_set_ids"}),
+        **line.model_dump(mode="json", include={"marks", "reference_set_ids"}),
     )
     return Built(asdict(record) | {"deleted_at": line.deleted_at}, checked.dropped)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Final, Generic, TypeVar
 from uuid import uuid4
 
@@ -98,15 +98,15 @@ class StoredInputs(Generic[Record, Entry, Prepared]):
         """
         if change.deleted is False:
             self.records.restore(identifier)
-        columns = self._list_changed_columns(identifier, change)
-        record = self.records.change(identifier, columns, include_deleted=change.deleted is True)
+        find_values = partial(self._list_changed_columns, change)
+        record = self.records.change(identifier, find_values, include_deleted=change.deleted is True)
         self.load_prepared.cache_clear()
         if change.deleted:
             self.delete(identifier)
         return record
 
-    def _list_changed_columns(self, _identifier: str, change: ResourceChange) -> dict[str, object]:
-        """Return column → new value for the fields that a change states."""
+    def _list_changed_columns(self, change: ResourceChange, _record: Record) -> dict[str, object]:
+        """Return column → new value for the fields of a record that a change states."""
         stated = {name: getattr(change, name) for name in change.model_fields_set - {"deleted"}}
         # A name cannot be removed: null leaves it unchanged.
         return {name: value for name, value in stated.items() if name != "name" or value is not None}
@@ -207,22 +207,36 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
             yield KnownRobot(record.name, self.load_prepared(record.id)[0], record.id)
         yield from catalogue_robots(excluded={record.content_hash for record in page.records})
 
-    def _list_changed_columns(self, identifier: str, change: ResourceChange) -> dict[str, object]:
-        """Return column → new value; the payload is a field of the document."""
-        columns = super()._list_changed_columns(identifier, change)
-        for name in ("marks", "reference_set_ids"):
-            if columns.get(name, ()) is None:  # unchanged
-                del columns[name]
-        if isinstance(change, robots.RobotChange):
-            if change.marks is not None:
-                marks = sorted(change.marks, key=lambda mark: mark.at)
-                columns["marks"] = [mark.model_dump(mode="json") for mark in marks]
-            if change.reference_set_ids is not None:
-                self._refuse_foreign_references(identifier, change.reference_set_ids)
-        payload = columns.pop("payload", None)
-        if payload is not None:
-            stored = robots.StoredRobot.model_validate_json(self._store.robots.get(identifier).document)
-            changed = stored.model_copy(update={"payload": payload})
+    def change(self, identifier: str, change: ResourceChange) -> RobotRecord:
+        """Change fields of a robot as `StoredInputs.change` does; references must be sets of the robot.
+
+        Raises:
+            RequestError: a new reference is no set of the robot, or a mark cannot be added or removed.
+        """
+        if isinstance(change, robots.RobotChange) and change.reference_set_ids:
+            self._refuse_foreign_references(identifier, change.reference_set_ids)
+        return super().change(identifier, change)
+
+    def _list_changed_columns(self, change: ResourceChange, record: RobotRecord) -> dict[str, object]:
+        """Return column → new value for the fields of a robot that a change states.
+
+        Marks and payload are changed in what the record has now, which nobody else can change meanwhile.
+
+        Raises:
+            RequestError: a mark cannot be added or removed.
+        """
+        columns = super()._list_changed_columns(change, record)
+        if not isinstance(change, robots.RobotChange):
+            return columns
+        for name in ("add_mark", "remove_mark", "reference_set_ids", "payload"):
+            columns.pop(name, None)
+        if change.add_mark is not None or change.remove_mark is not None:
+            columns["marks"] = _change_marks(record, change)
+        if change.reference_set_ids is not None:
+            columns["reference_set_ids"] = change.reference_set_ids
+        if change.payload is not None:
+            stored = robots.StoredRobot.model_validate_json(record.document)
+            changed = stored.model_copy(update={"payload": change.payload})
             columns["document"] = changed.model_dump_json(exclude={"last_campaign"})
         return columns
 
@@ -233,7 +247,7 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
             RequestError: one of the sets is neither a set of the robot nor one of its references.
         """
         known = {entry.id for entry in self._store.sets_of_robot(robot_id)}
-        known |= {*(self._store.robots.get(robot_id).reference_set_ids or ())}
+        known |= {*(self._store.robots.get(robot_id, include_deleted=True).reference_set_ids or ())}
         for set_id in set_ids:
             if set_id not in known:
                 raise RequestError(
@@ -274,6 +288,32 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         """Build a stored robot; return (robot, hash of its content)."""
         record = self._store.robots.get(robot_id)
         return build_robot(robot_from_record(record)), record.content_hash
+
+
+def _change_marks(record: RobotRecord, change: robots.RobotChange) -> list[dict[str, Any]]:
+    """Return the marks of a robot after a change, oldest first, as its record stores them.
+
+    Raises:
+        RequestError: the mark to be removed is no mark of the robot, or the robot has too many marks.
+    """
+    marks = [robots.Mark.model_validate(mark) for mark in record.marks or ()]
+    if change.remove_mark is not None:
+        if change.remove_mark not in marks:
+            raise RequestError(
+                "the robot has no such mark",
+                remedy="read the robot again: another user may have removed the mark",
+                where="remove_mark",
+            )
+        marks.remove(change.remove_mark)
+    if change.add_mark is not None:
+        marks.append(change.add_mark)
+    if len(marks) > robots.MAX_MARKS:
+        raise RequestError(
+            f"the robot has {robots.MAX_MARKS} marks, the most that are stored",
+            remedy="remove a mark by `remove_mark` first",
+            where="add_mark",
+        )
+    return [mark.model_dump(mode="json") for mark in sorted(marks, key=lambda mark: mark.at)]
 
 
 def robot_from_record(record: RobotRecord) -> robots.Robot:

@@ -226,25 +226,36 @@ class Collection(Generic[Record, Entry]):
         return record
 
     def change(
-        self, identifier: str, values: Mapping[str, object], *, include_deleted: bool = False
+        self,
+        identifier: str,
+        find_values: Callable[[Record], Mapping[str, object]],
+        *,
+        include_deleted: bool = False,
     ) -> Record:
         """Change columns of a record that is no job; return the changed record.
 
+        Nobody else can change the record between the call of `find_values` and the change.
+
         Args:
             identifier: id of the record.
-            values: column → new value; only columns such as names, on which no result depends.
+            find_values: function of the present record that returns column → new value; only columns such as
+                names, on which no result depends.
             include_deleted: whether a deleted record can be changed, too.
 
         Raises:
             NotFoundError: no record has this id.
             DeletedError: the record was deleted.
         """
-        if values and is_indexable(identifier):
-            is_record = [self._table.c.id == identifier, sa.true() if include_deleted else self._is_visible]
+        if is_indexable(identifier):
+            by_id = self._by_id_with_deleted if include_deleted else self._by_id
             with self._database.writing() as connection:
-                if connection.execute(sa.update(self._table).where(*is_record).values(**values)).rowcount:
-                    self._update_name_copies(connection, identifier)
-                    self._mark_campaign_outdated(connection, identifier)
+                for row in connection.execute(by_id.with_for_update(), {"id": identifier}).all():
+                    values = find_values(self._make_record(row._mapping))
+                    if values:
+                        own_row = self._table.c.id == identifier
+                        connection.execute(sa.update(self._table).where(own_row).values(**values))
+                        self._update_name_copies(connection, identifier)
+                        self._mark_campaign_outdated(connection, identifier)
         return self.get(identifier, include_deleted=include_deleted)
 
     def page(

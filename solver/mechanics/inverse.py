@@ -53,7 +53,7 @@ _NEAR_SINGULAR: Final = 0.04
 """Least singular value of a solution up to which another solution close by may be missing."""
 _POSES_AT_ONCE: Final = 4096
 """Poses of a path whose solutions are held at a time."""
-_LONGEST_RUN: Final = 256
+_LONGEST_RUN: Final = 512
 """Poses along which a branch is followed at a time."""
 _SURE_STEP: Final = 0.5 * np.pi
 """Step of a joint [rad] up to which it is clear which of several full turns is meant."""

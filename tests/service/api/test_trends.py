@@ -1,5 +1,6 @@
 """Trends: what campaigns share, and which joint changed."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
@@ -9,6 +10,7 @@ from scipy import stats
 from support.in_process import Client
 
 import jointstiff as js
+from jointstiff.schemas.robot import MAX_MARKS
 from jointstiff.schemas.run import JointResult
 from jointstiff.service.library.results import RobotTrend
 from jointstiff.service.runs.trend import (
@@ -435,18 +437,43 @@ def test_marks_of_a_robot_are_kept_in_the_order_of_their_times(client):
     robot = robot_of(client)
     crash = {"at": "2026-03-01T10:00:00+01:00", "note": "crash into the press", "serial_number": "W-1"}
     repair = {"at": "2026-02-01T09:00:00Z", "note": "gearbox of joint 3"}
-    stored = change_robot(client, robot, marks=[crash, repair]).json()["marks"]
+    change_robot(client, robot, add_mark=crash)
+    stored = change_robot(client, robot, add_mark=repair).json()["marks"]
     assert stored == [
         repair | {"serial_number": None},
         crash | {"at": "2026-03-01T09:00:00Z"},
     ]
     assert change_robot(client, robot, name="arm 4").json()["marks"] == stored
     assert client.get(f"/v1/robots/{robot}").json()["marks"] == stored
-    assert change_robot(client, robot, marks=[{"at": "2026-03-01", "note": "x"}]).status_code == 422
-    for at in ("1980-01-01T00:00:00+14:00", "2200-12-31T23:59:00-05:00", "0001-01-01T00:00:00+14:00"):
-        assert change_robot(client, robot, marks=[{"at": at, "note": "x"}]).status_code == 422
+    for at in (
+        "2026-03-01",
+        "1980-01-01T00:00:00+14:00",
+        "2200-12-31T23:59:00-05:00",
+        "0001-01-01T00:00:00+14:00",
+    ):
+        assert change_robot(client, robot, add_mark={"at": at, "note": "x"}).status_code == 422
     assert client.get("/v1/robots").status_code == 200
-    assert change_robot(client, robot, marks=[]).json()["marks"] == []
+    assert change_robot(client, robot, remove_mark=crash).json()["marks"] == stored[:1]
+    gone = change_robot(client, robot, remove_mark=crash)
+    assert gone.status_code == 422
+    assert "read the robot again" in gone.text
+
+
+def test_marks_that_several_users_add_at_once_are_all_kept(client):
+    robot = robot_of(client)
+    marks = [{"at": f"2026-02-{day:02}T09:00:00Z", "note": f"check {day}"} for day in range(1, 17)]
+    with ThreadPoolExecutor(4) as users:
+        answers = list(users.map(lambda mark: change_robot(client, robot, add_mark=mark), marks))
+    assert {answer.status_code for answer in answers} == {200}
+    notes = [mark["note"] for mark in client.get(f"/v1/robots/{robot}").json()["marks"]]
+    assert notes == [mark["note"] for mark in marks]
+
+
+def test_a_robot_has_a_limited_number_of_marks(client):
+    robot = robot_of(client)
+    mark = {"at": "2026-02-01T09:00:00Z", "note": "check"}
+    answers = [change_robot(client, robot, add_mark=mark).status_code for _ in range(MAX_MARKS + 1)]
+    assert answers == [200] * MAX_MARKS + [422]
 
 
 @pytest.mark.parametrize("freedom", [(6, 9), None])

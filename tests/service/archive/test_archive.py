@@ -233,7 +233,7 @@ class TestEqual:
         first = restore_archive(today, url)
         with Store.open(url) as store:
             robot = store.robots.page(limit=1).records[0]
-            store.robots.change(robot.id, {"name": "renamed since"})
+            store.robots.change(robot.id, lambda _: {"name": "renamed since"})
         again = restore_archive(today, url)
         assert added(again) == {}
         assert {name: outcome.present for name, outcome in again.tables.items()} == {

@@ -65,7 +65,7 @@ def test_sets_and_runs_are_found_by_operator_and_instrument(store):
     runs = store.jobs(RUN)
     assert found(store.sets, "keller at960") == found(store.sets, "first leica") == ["s1"]
     assert found(runs, "KELLER") == ["j1"]
-    store.sets.change("s1", {"operator": "O. Okafor"})
+    store.sets.change("s1", lambda _: {"operator": "O. Okafor"})
     assert (found(store.sets, "keller"), found(runs, "keller")) == ([], [])
     assert (found(store.sets, "okafor leica"), found(runs, "okafor leica")) == (["s1"], ["j1"])
 
@@ -138,8 +138,8 @@ def test_a_search_goes_through_what_a_robot_and_its_set_are_called_now(store):
     add_robot(store, "r1", "old cell")
     add_set(store, "s1", "old day", serial_number="W-1")
     add_run(store, "u1")
-    store.robots.change("r1", {"name": "new cell"})
-    store.sets.change("s1", {"name": "new day", "serial_number": "W-2"})
+    store.robots.change("r1", lambda _: {"name": "new cell"})
+    store.sets.change("s1", lambda _: {"name": "new day", "serial_number": "W-2"})
     (entry,) = store.jobs(RUN).page(limit=9).records
     shown = (entry.robot_name, entry.measurement_set_name, entry.serial_number)
     assert shown == ("new cell", "new day", "W-2")
@@ -156,9 +156,9 @@ def test_names_that_change_while_runs_come_are_those_of_all_rows(store):
     def work(number: int) -> None:
         for step in range(5):
             if number == 0:
-                store.robots.change("r1", {"name": f"robot {step}"})
+                store.robots.change("r1", lambda _, step=step: {"name": f"robot {step}"})
             elif number == 1:
-                store.sets.change("s1", {"name": f"set {step}"})
+                store.sets.change("s1", lambda _, step=step: {"name": f"set {step}"})
             else:
                 add_run(store, f"u{number}_{step}", trend=TREND)
                 store.jobs(RUN).delete(f"u{number}_{step}")
@@ -215,7 +215,7 @@ def test_a_robot_shows_its_last_campaign_until_runs_or_sets_change(store):
         lambda: add_run(store, "u1", trend=TREND),
         lambda: store.jobs(RUN).delete("u1"),
         lambda: store.jobs(RUN).restore("u1"),
-        lambda: store.sets.change("s1", {"serial_number": "W-2"}),
+        lambda: store.sets.change("s1", lambda _: {"serial_number": "W-2"}),
     ]
     for number, change in enumerate(changes):
         change()

@@ -111,7 +111,7 @@ def beat(store: Store, _queue: Queue | None, rows: Rows) -> None:
 
 
 def rename(store: Store, _queue: Queue | None, rows: Rows) -> None:
-    store.robots.change(rows.robot, {"name": secrets.token_hex(8)})
+    store.robots.change(rows.robot, lambda _: {"name": secrets.token_hex(8)})
 
 
 WRITES = [store_step, end, post, add_parts, beat, rename]

@@ -52,11 +52,11 @@ export function Marks({ robot, serial }: { robot: Robot; serial: string | null }
   const add = useAction(async () => {
     if (!ready) return;
     const mark = { at: noonOf(day), note: note.trim(), serial_number: serial };
-    await api.robots.change(robot.id, { marks: [...robot.marks, mark] });
+    await api.robots.change(robot.id, { add_mark: mark });
     setNote("");
   });
   const remove = useAction((gone: Robot["marks"][number]) =>
-    api.robots.change(robot.id, { marks: robot.marks.filter((mark) => mark !== gone) }),
+    api.robots.change(robot.id, { remove_mark: gone }),
   );
   const own = robot.marks.filter(({ serial_number: of }) => of === null || of === serial);
   return (
