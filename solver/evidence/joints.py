@@ -143,6 +143,11 @@ class JointsAlone:
         return self.identified.rows
 
     @property
+    def tested(self) -> Rows:
+        """Rows of the N observations, with the scatter that tests count: what is stated or shown."""
+        return self.given if self.measurements.scatter.is_assumed else self.rows
+
+    @property
     def measurements(self) -> Measurements:
         """The N observations, with the scatter that the fit accounts for."""
         return self.identified.rows.measurements

@@ -82,7 +82,7 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
     least_mistakes: tuple[LeastMistake, ...] = ()
     if not (screening.causes or screening.lack_of_fit) and joints.are_sound:
         prior = None if settings.prior is None else settings.prior.in_units_of(estimate.sigma or 1.0)
-        least_mistakes = find_least_mistakes(rows, estimate, len(screening.tests), prior)
+        least_mistakes = find_least_mistakes(joints.tested, estimate, len(screening.tests), prior)
     prediction = predict(
         rows.at(estimate.balanced),
         estimate.compliance,
