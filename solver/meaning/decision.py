@@ -22,8 +22,14 @@ LARGEST_SCALE_ERROR: Final = 6e-3
 """Relative difference of all lengths up to which an arm may differ from its model."""
 LEAST_FREEDOM: Final = 9
 """Least number of degrees of freedom of a fit that decides."""
-COMPUTED: Final = 1.5e-4
-"""Median distance [m] below which a controller has computed the positions: a nominal model is no better."""
+_LARGEST_COMPUTED: Final = 1.5e-4
+"""Median distance [m] up to which positions may have been computed by a controller from rounded joints."""
+_ROUNDINGS: Final = 3.0
+"""Ratio of distances up to which rounding of the written numbers explains the other distance."""
+_LEAST_PART: Final = 1.0 / 6.0
+"""Least part of the joints' rounding by which positions differ: most postures reach less far."""
+_EXACT: Final = 5e-6
+"""Median distance [m] below which positions were computed, whatever the rounding: no reading is as good."""
 _CLEARLY_WORSE: Final = 4.0
 """Ratio of the distances of a position by two interpretations from which the position is a vote."""
 _LEAST_VOTES: Final = 3
@@ -64,9 +70,10 @@ def decide(interpretations: Sequence[Interpretation]) -> Decision:
     if not fitting:
         best = right_handed[0]
         return Decision(None, best, (), f"no columns fit the robot (best {best.fit.typical * 1e3:.3g} mm)")
-    # Positions that a controller computed for one robot are no measured positions of another robot either.
+    # Positions that a controller computed for one robot are no measured positions of another robot either,
+    # nor are y and z of them with x of the next positions.
     computed = [each.points for each in fitting if is_computed(each)]
-    measured = [each for each in fitting if not any(_are_same_positions(each.points, c) for c in computed)]
+    measured = [each for each in fitting if not any(each.points.overlaps(columns) for columns in computed)]
     if not measured:
         reason = "the positions were computed from the joints, so that they are no readings"
         return Decision(None, fitting[0], (), reason)
@@ -101,8 +108,27 @@ def measure_share(interpretation: Interpretation) -> float:
 
 
 def is_computed(interpretation: Interpretation) -> bool:
-    """Return whether positions are nearer to a nominal model than the positions of any real arm."""
-    return interpretation.fit.typical < COMPUTED
+    """Return whether a controller seems to have computed the positions from the joints."""
+    return explains_by_rounding(interpretation, interpretation.fit.typical)
+
+
+def explains_by_rounding(interpretation: Interpretation, typical: float) -> bool:
+    """Return whether rounding explains the distances of positions from their places by the nominal model.
+
+    Positions by exact joints differ by the rounding of the positions, whatever their frame. Positions by
+    rounded joints differ by about the joints' rounding, and are in R0: a tracker has a frame of its own. What
+    differs otherwise is a reading, even of an arm that differs from its model by noise alone.
+
+    Args:
+        interpretation: joints of the positions, and the frame of the positions.
+        typical: median distance of the positions [m].
+    """
+    are_exact = typical < _ROUNDINGS * interpretation.point_rounding + _EXACT
+    if are_exact:
+        return True
+    is_possible = interpretation.fit.frame.is_base and typical < _LARGEST_COMPUTED
+    rounding = interpretation.joint_rounding
+    return is_possible and _LEAST_PART * rounding < typical < _ROUNDINGS * rounding
 
 
 def _choose_simplest(measured: Sequence[Interpretation]) -> Interpretation:

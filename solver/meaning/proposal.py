@@ -10,12 +10,12 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.decision import (
-    COMPUTED,
     LARGEST_PART,
     LARGEST_RESIDUAL,
     LEAST_SHARE,
     Decision,
     decide,
+    explains_by_rounding,
     find_doubt,
 )
 from jointstiff.solver.meaning.hypotheses import build_joints, build_points
@@ -34,10 +34,6 @@ USUAL_RESIDUAL: Final = 2e-3
 """Median distance [m] up to which arms usually fit their nominal models."""
 _SAME_PLACE: Final = 0.02
 """Distance [m] of places on the flange up to which two readings are states of one target."""
-_BASE_ANGLE: Final = float(np.radians(1.0))
-"""Angle [rad] of a frame against R0 from which positions are turned."""
-_BASE_DISTANCE: Final = 0.02
-"""Distance [m] of the origin of a frame from that of R0 from which positions are shifted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +71,7 @@ class Proposal:
     @property
     def is_in_base_frame(self) -> bool:
         """Return whether the positions are in R0 as they are written."""
-        cosine_of_turn = 0.5 * (float(np.trace(self.frame.rotation)) - 1.0)
-        turn = float(np.arccos(np.clip(cosine_of_turn, -1.0, 1.0)))
-        distance_of_origin = float(np.linalg.norm(self.frame.origin))
-        return turn < _BASE_ANGLE and distance_of_origin < _BASE_DISTANCE
+        return self.frame.is_base
 
     @property
     def target_count(self) -> int:
@@ -205,7 +198,7 @@ def _find_readings(
         positions = interpretation.fit.frame.to_base(hypothesis.points)
         targets, distances = fit_targets(rotation, place, positions)
         is_chosen = hypothesis.columns == interpretation.points
-        if is_chosen or _fit_as_targets(positions, distances):
+        if is_chosen or _fit_as_targets(positions, distances, interpretation):
             fitting.append(_PointSet(hypothesis.columns, targets, distances, is_chosen=is_chosen))
     used: list[_PointSet] = []
     for points in sorted(fitting, key=lambda points: points.rank):
@@ -242,11 +235,15 @@ def _is_free(columns: PointColumns, used: Sequence[PointColumns], joints: JointC
     return not are_joints and not are_used
 
 
-def _fit_as_targets(positions: FloatArray, distances: FloatArray) -> bool:
+def _fit_as_targets(positions: FloatArray, distances: FloatArray, interpretation: Interpretation) -> bool:
     """Return whether positions (N, K, 3) [m] are those of measured targets.
 
-    `distances` (N, K) [m] are those from where the robot would put the targets. Most positions must be near,
-    but not as near as positions that a controller has computed.
+    Most positions must be near where the robot would put them, but not as near as computed positions.
+
+    Args:
+        positions: in R0 [m].
+        distances: (N, K) distances from where the robot would put the targets [m].
+        interpretation: joints of the positions, and the frame of the positions.
     """
     is_known = np.isfinite(distances)
     if is_known.mean() < LEAST_SHARE:
@@ -257,7 +254,8 @@ def _fit_as_targets(positions: FloatArray, distances: FloatArray) -> bool:
     largest_typical = min(LARGEST_RESIDUAL, LARGEST_PART * movement)
     near = min(2.0 * LARGEST_RESIDUAL, max(5.0 * typical, USUAL_RESIDUAL))
     share_of_near = float(np.mean(known_distances < near))
-    return COMPUTED < typical < largest_typical and share_of_near >= LEAST_SHARE
+    fits_as_readings = typical < largest_typical and share_of_near >= LEAST_SHARE
+    return fits_as_readings and not explains_by_rounding(interpretation, typical)
 
 
 def _number_targets(readings: Sequence[TargetReading]) -> Iterator[TargetReading]:

@@ -24,6 +24,12 @@ _FLAT: Final = 0.05
 """Ratio of singular values below which positions are in a plane, and cannot show a mirrored frame."""
 
 
+_BASE_ANGLE: Final = float(np.radians(1.0))
+"""Angle [rad] of a frame against R0 from which positions are turned."""
+_BASE_DISTANCE: Final = 0.02
+"""Distance [m] of the origin of a frame from that of R0 from which positions are shifted."""
+
+
 @dataclass(frozen=True, eq=False)
 class FramePlacement:
     """Frame of the positions in R0: p [m] in R0 is s W p + c."""
@@ -36,6 +42,14 @@ class FramePlacement:
     def is_mirrored(self) -> bool:
         """Return whether the frame is left-handed."""
         return bool(np.linalg.det(self.rotation) < 0.0)
+
+    @property
+    def is_base(self) -> bool:
+        """Return whether the frame is R0, up to the errors of a model."""
+        cosine_of_turn = 0.5 * (float(np.trace(self.rotation)) - 1.0)
+        turn = float(np.arccos(np.clip(cosine_of_turn, -1.0, 1.0)))
+        distance_of_origin = float(np.linalg.norm(self.origin))
+        return turn < _BASE_ANGLE and distance_of_origin < _BASE_DISTANCE
 
     def to_base(self, points: FloatArray) -> FloatArray:
         """Return positions (..., 3) of the file in R0 [m]."""

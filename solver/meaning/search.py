@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -24,7 +24,7 @@ from jointstiff.solver.meaning.hypotheses import (
 from jointstiff.solver.meaning.kinematics import FlangeModel
 from jointstiff.solver.meaning.refinement import RigidFit, fit_frame
 from jointstiff.solver.meaning.screening import FlangePlaces, LinearFit, fit_all
-from jointstiff.solver.meaning.table import JointColumns, PointColumns, RowGroups, Table
+from jointstiff.solver.meaning.table import JointColumns, PointColumns, RowGroups, Table, find_rounding
 from jointstiff.solver.mechanics.robot import KnownRobot
 
 _SCREENED_ROWS: Final = 48
@@ -59,6 +59,8 @@ class Interpretation:
     points: PointColumns
     fit: RigidFit
     movement: float  #: largest standard deviation of a coordinate [m]
+    joint_rounding: float  #: typical distance by which rounding of the joints moves a position [m]
+    point_rounding: float  #: typical distance by which rounding of the positions moves a position [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +122,7 @@ def _list_searches(tables: Sequence[Table], known: KnownRobot) -> Iterator[_Sear
                 joints += build_joints(table, window, groups, rows, known.robot, countings)
             points = list(build_points(tables, table, groups, rows))
             if joints and points and len(rows) >= _LEAST_POSTURES:
-                yield _Search(known, model, joints, points)
+                yield _Search({each.name: each for each in tables}, known, model, joints, points)
 
 
 def count_hypotheses(tables: Sequence[Table], robots: Sequence[KnownRobot]) -> int:
@@ -138,6 +140,7 @@ def count_hypotheses(tables: Sequence[Table], robots: Sequence[KnownRobot]) -> i
 class _Search:
     """Hypotheses of the joints of one robot in one table, with the positions of all tables."""
 
+    tables: Mapping[str, Table]  #: by name
     known: KnownRobot
     model: FlangeModel
     joints: Sequence[JointHypothesis]
@@ -199,7 +202,33 @@ class _Search:
         fit = fit_frame(rotation, place, points, candidate.linear.matrix, targets)
         deviations = np.nanstd(points - np.nanmean(points, axis=0), axis=0)
         movement = fit.frame.scale * float(np.nanmax(deviations))
-        return Interpretation(self.known, candidate.joints.columns, candidate.points.columns, fit, movement)
+        joints, columns = candidate.joints.columns, candidate.points.columns
+        reach = float(np.median(np.linalg.norm(place, axis=1)))
+        angle, length = self._find_roundings(joints, columns, metres=fit.frame.scale)
+        return Interpretation(
+            known=self.known,
+            joints=joints,
+            points=columns,
+            fit=fit,
+            movement=movement,
+            # The three joints of the arm move the flange by about the reach, those of the wrist by much less.
+            joint_rounding=float(np.sqrt(3.0 / 12.0) * reach * angle),
+            point_rounding=float(np.sqrt(3.0 / 12.0) * length),
+        )
+
+    def _find_roundings(
+        self, joints: JointColumns, points: PointColumns, *, metres: float
+    ) -> tuple[float, float]:
+        """Return the steps to which angles [rad] and coordinates [m] were rounded; 0 for steps too small.
+
+        Args:
+            joints: columns of the joints.
+            points: columns of the positions.
+            metres: unit of the positions [m].
+        """
+        angle = find_rounding(self.tables[joints.table].numbers[:, list(joints.columns)])
+        length = find_rounding(self.tables[points.table].numbers[:, list(points.columns)])
+        return np.radians(angle) if joints.unit == "deg" else angle, length * metres
 
 
 def choose_rows(count: int, most: int) -> IndexArray:

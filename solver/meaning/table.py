@@ -18,6 +18,10 @@ RowOrder = Literal["rows", "in turn", "in blocks"]
 has a block of all postures, then the next block.
 """
 
+_MOST_DECIMALS = 5
+"""Decimals up to which rounding moves a position by more than a tracker's noise."""
+_ARITHMETIC = 1e-4
+"""Error of a number of rounding steps by binary arithmetic."""
 METRES: dict[LengthUnit, float] = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 """Unit of length → its size [m]."""
 
@@ -92,6 +96,20 @@ class PointColumns:
     def overlaps(self, other: PointColumns) -> bool:
         """Return whether two triples share a column."""
         return self.table == other.table and bool(set(self.columns) & set(other.columns))
+
+
+def find_rounding(numbers: FloatArray) -> float:
+    """Return the step to which all numbers were rounded, such as 0.01; 0 if they have more decimals.
+
+    Numbers that are not finite do not count.
+    """
+    known = numbers[np.isfinite(numbers)]
+    for decimals in range(_MOST_DECIMALS + 1):
+        step = 10.0**-decimals
+        steps = known / step
+        if np.abs(steps - np.round(steps)).max(initial=0.0) < _ARITHMETIC:
+            return step
+    return 0.0
 
 
 def find_moving_columns(numbers: FloatArray) -> list[bool]:

@@ -93,13 +93,35 @@ def test_nothing_is_proposed_where_no_columns_are_right(robots, arm, mistake):
     assert answer.reason
 
 
-def test_positions_that_the_controller_computed_are_no_readings(robots):
+def place_exactly(known, joints):
+    """Return the positions (N, 3) of the flange by the nominal model [mm]."""
+    nominal = Postures(known.robot, known.robot.joint_map.model_angles(np.radians(joints)))
+    return 1e3 * nominal.flange_translation
+
+
+@pytest.mark.parametrize("decimals", [2, 3, 4, 16])
+def test_positions_that_the_controller_computed_are_no_readings(robots, decimals):
     known = robots["Stäubli TX2-60"]
     joints, _ = measure(known)
-    nominal = Postures(known.robot, known.robot.joint_map.model_angles(np.radians(joints)))
-    answer = propose([Table("a", wide(joints, 1e3 * nominal.flange_translation))], [known])
+    computed = np.round(place_exactly(known, joints), decimals)
+    answer = propose([Table("a", wide(np.round(joints, decimals), computed))], [known])
     assert answer.best is None
     assert answer.reason == "the positions were computed from the joints, so that they are no readings"
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.02, 0.05, 0.1, 0.3])  # [mm]
+def test_readings_of_an_arm_as_good_as_its_model_are_readings(robots, noise):
+    """An arm that was calibrated differs from its model by noise alone, in the frame of a tracker, too."""
+    known = robots["KUKA KR 210 R2700 extra"]
+    joints = np.round(measure(known)[0], 2)  # as commanded
+    exact = (place_exactly(known, joints) - [2000.0, 500.0, 300.0]) @ TRACKER.T
+    generator = np.random.default_rng(5)
+    first, second = (
+        exact + shift + generator.normal(0.0, noise, exact.shape) for shift in (0.0, [0, 0, -0.5])
+    )
+    best = propose([Table("a", wide(joints, first, second))], [known]).best
+    assert [each.points.columns for each in best.readings] == [(6, 7, 8), (9, 10, 11)]
+    assert [(each.target, each.state) for each in best.readings] == [(1, 0), (1, 1)]
 
 
 def test_too_few_postures_are_not_decided(robots):
