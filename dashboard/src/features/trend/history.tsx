@@ -55,9 +55,7 @@ export function Marks({ robot, serial }: { robot: Robot; serial: string | null }
     await api.robots.change(robot.id, { add_mark: mark });
     setNote("");
   });
-  const remove = useAction((gone: Robot["marks"][number]) =>
-    api.robots.change(robot.id, { remove_mark: gone }),
-  );
+  const remove = useAction((gone: Robot["marks"][number]) => api.robots.change(robot.id, { remove_mark: gone }));
   const own = robot.marks.filter(({ serial_number: of }) => of === null || of === serial);
   return (
     <section class="marks" aria-label={words.marks}>
