@@ -59,11 +59,14 @@ BENCHMARKS = {
     "coverage": Benchmark("studies.coverage", "how often intervals hold the truth; some minutes"),
     "prismatic": Benchmark("studies.prismatic", "a SCARA and an arm on a rail beside exact springs"),
     "causes": Benchmark("studies.causes", "planted, named and mended; clean ones", in_parts=True),
+    "load_paths": Benchmark(
+        "studies.load_paths", "tool, rope, hook, growth, another stiffness: named; clean ones", in_parts=True
+    ),
     "posture_errors": Benchmark("studies.posture_errors", "errors that a posture's targets share: coverage"),
     "statements": Benchmark("studies.statements", "loads within what is stated: accusations, ratios"),
     "levers": Benchmark("studies.levers", "a load near axis 6: coverage, widths beside a dense grid"),
     "pure_error": Benchmark("studies.pure_error", "noise whatever the model: clean ones, mistakes"),
-    "reliability": Benchmark("studies.reliability", "mistakes that no reading shows: said, and foretold"),
+    "grounds": Benchmark("studies.grounds", "load points stated with and without a ground; 10 minutes"),
     "base": Benchmark("studies.base", "pedestals that bend, and clean arms; an hour", in_parts=True),
     "live": Benchmark("studies.live", "readings until a goal is met; mistakes at the reading", in_parts=True),
     "live_service": Benchmark(

@@ -56,9 +56,13 @@ class ComparisonOptions(Message):
         default=False,
         description="Also identify both sets together, with no joint softer in the second set.",
     )
-    same_load_point: Annotated[bool, Field(strict=True)] = Field(
+    same_load: Annotated[bool, Field(strict=True)] = Field(
         default=False,
         description="True if the load of both sets acted at the same point of the flange, with one error.",
+    )
+    same_cell: Annotated[bool, Field(strict=True)] = Field(
+        default=False,
+        description="True if the same cell or weights gave the forces of both sets, with one error of scale.",
     )
     confidence: Confidence | None = Field(
         default=None,

@@ -71,8 +71,10 @@ class NamedCause(Message):
 
     name: Name = Field(
         description="`load_point`, `constant_force` (axes of R0), `load_zero` (a force along the flange's "
-        "axes), `load_scale` (of each distinct load, or before and after), `play`, `curved_springs`, `shift` "
-        "or `turn` (with a shift) of all positions under load."
+        "axes), `rope_zero` (along the rope), `hook_weight`, `load_scale` (of each distinct load, or before "
+        "and after), `tool` (bends), `play`, `curved_springs`, `stiffness` (another one since `first`), "
+        "`growth` (of the arm), `growth_over_time`, `shift` or `turn` (with a shift) of all positions under "
+        "load."
     )
     first: Name | None = Field(
         default=None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import FailFast, Field, model_validator
 
@@ -22,6 +22,7 @@ from jointstiff.schemas.fields import (
     Terminal,
     Torque,
     Vector3,
+    parse_numbers,
 )
 from jointstiff.schemas.finding import Assessment, Finding, ResultSummary
 from jointstiff.schemas.job import Job, Result
@@ -104,6 +105,24 @@ class StepPosture(Message):
     )
 
 
+class StepReadings(Message):
+    """Readings of a weight step in a table, without its load."""
+
+    units: GearboxUnits
+    observations: list[StepPosture]
+
+
+def parse_load(text: str) -> dict[str, Any]:
+    """Parse `MASS[±UNCERTAINTY],X,Y,Z` in kg and units.length; return the fields of a hung load."""
+    mass_text, _, point_text = text.partition(",")
+    mass, sign, uncertainty = mass_text.replace("+-", "±").partition("±")
+    try:
+        load: dict[str, Any] = {"mass": float(mass), "point": parse_numbers(point_text)}
+        return load | {"mass_uncertainty": float(uncertainty)} if sign else load
+    except ValueError:
+        raise ValueError(f"'{text}' must be a mass and its place, such as 100.2±0.1,0,0,150") from None
+
+
 class GearboxRequest(Message):
     """Angles of two encoders of one robot: of a weight step at rest, or of a motion."""
 
@@ -113,7 +132,9 @@ class GearboxRequest(Message):
         default=None, description="Id of the robot; or give `robot`."
     )
     robot: RobotDocument | None = Field(default=None, description="The robot, which is not stored.")
-    load: HungLoad | None = Field(default=None, description="Load of the weight step.")
+    load: Annotated[HungLoad | None, Terminal("--load", "KG[±KG],X,Y,Z", parse_load)] = Field(
+        default=None, description="Load of the weight step."
+    )
     gravity: Vector3 = Field(
         default=(0.0, 0.0, -9.80665),
         description="Acceleration of gravity in R0, in m/s².",

@@ -8,6 +8,7 @@ from pydantic import Field, StrictBool
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Quantity, Vector3
 from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.gearbox import StepReadings
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_TARGETS, AngleUnit, LengthUnit, MeasurementSetDocument, Noise
@@ -295,6 +296,10 @@ class ImportAnswer(ImportPreview):
         default=None,
         description="Unloaded poses, to be posted to /v1/geometries with `robot_id`, if the files have "
         "joint angles and unloaded positions only.",
+    )
+    weight_step: StepReadings | None = Field(
+        default=None,
+        description="Readings of two encoders, to be posted to /v1/gearboxes with `robot_id` and `load`.",
     )
     leave_out: list[Name] = Field(
         description="Observations that a column `validation` holds out from the fit."

@@ -131,6 +131,25 @@ class AxisUncertainty(_Uncertain):
     )
 
 
+LoadPointGround = Literal["tracker", "drawing", "hand"]
+"""How the load point became known, from the most exact to the least."""
+
+
+class Grounds(Message):
+    """How the user knows what a campaign states; each ground has a least uncertainty in the fit.
+
+    A field that is absent is an open question: then the assumptions of a campaign without `noise` remain.
+    """
+
+    load_point: LoadPointGround | None = Field(
+        default=None,
+        description="How the load point is known, with the least standard uncertainty of each coordinate in "
+        "the fit: measured by `tracker` at the hook 1 mm, from a `drawing` 3 mm, by `hand` 10 mm. Absent: "
+        "10 mm.",
+        examples=["tracker"],
+    )
+
+
 class Noise(Message):
     """Uncertainties of tracker, secondary encoders, load and positions.
 
@@ -164,7 +183,7 @@ class Noise(Message):
     load_point: Place | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of the load point, in units.length; one error "
-        "for all observations; if absent, 10 mm is assumed, with a note.",
+        "for all observations. The fit uses at least that of `grounds.load_point`.",
         examples=[5e-4],
     )
     target_places: Place | None = Field(
@@ -183,6 +202,9 @@ class Noise(Message):
     axes: AxisUncertainty | None = Field(
         default=None,
         description="Uncertainty of the robot's geometry; if absent, the geometry counts as exact.",
+    )
+    grounds: Grounds | None = Field(
+        default=None, description="How the statements about the load are known; absent: not stated."
     )
     refuted: StrictBool = Field(
         default=False,

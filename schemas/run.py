@@ -475,17 +475,6 @@ class CauseTest(Message):
         description="p-value of the F test of the cause: the larger of those with stated and with equal "
         "weights."
     )
-    least_found: float | None = Field(
-        default=None,
-        description="Least mistake that a test finds in 80 % of campaigns, in `unit`; null if `first` is "
-        "given, or if a cause or links were found.",
-    )
-    unit: Literal["m", "rad", "N", "1"] | None = Field(default=None, description="Unit of `least_found`.")
-    joint: Name | None = Field(default=None, description="Joint whose compliance this mistake changes most.")
-    moves: Dimensionless[float | None] = Field(
-        default=None,
-        description="Change of this compliance, in standard uncertainties.",
-    )
 
 
 _NO_PROMISE = {"anyOf": [{"type": "object"}, {"type": "null"}]}

@@ -30,9 +30,13 @@ class TrendQuery(Message):
         default=None, description="True if compliances are constrained to be zero or more."
     )
     encoders: Encoders | None = Field(default=None, description="Encoders that closed the position loop.")
-    same_load_point: bool = Field(
+    same_load: bool = Field(
         default=False,
         description="True if the load of all campaigns acted at the same point of the flange.",
+    )
+    same_cell: bool = Field(
+        default=False,
+        description="True if the same cell or weights gave the forces of all campaigns.",
     )
     campaigns: int = Field(
         default=100,

@@ -53,7 +53,7 @@ from jointstiff.service.store.jobs import JOB, JobStatus
 from jointstiff.service.store.layouts import SCHEMA
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, AccessKey, IdempotencyKey, JobEntry, JobRecord
-from jointstiff.solver.comparison.campaigns import check_same_load_point
+from jointstiff.solver.comparison.campaigns import check_same_cell, check_same_load
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 MAX_OPEN: Final = 1_000
@@ -525,12 +525,17 @@ class Parts(Resources):
 
         Raises:
             NotFoundError: there is no such robot.
-            RequestError: the campaigns cannot have the same load point.
+            RequestError: the campaigns cannot have the same load point or the same cell.
         """
         trend = self.trends.trend(robot_id, query)
-        if query.same_load_point and trend.campaigns:
+        is_same = query.same_load or query.same_cell
+        if is_same and trend.campaigns:
             sets = [self.sets.prepared(each.measurement_set_id) for each in trend.campaigns]
-            check_same_load_point([each.measurements for each in sets])
+            measured = [each.measurements for each in sets]
+            if query.same_load:
+                check_same_load(measured)
+            if query.same_cell:
+                check_same_cell(measured)
         return trend
 
     def jobs_of(self, job_id: str) -> Jobs:

@@ -68,6 +68,10 @@ MODELS: Final = (
 """The models, from simple to rich."""
 
 
+_ENTRIES_OF_LINK: Final = 21
+"""Number of entries in the upper triangle of a 6 × 6 compliance matrix."""
+
+
 def find_model(name: ModelName) -> Model:
     """Return the model with this name."""
     return next(model for model in MODELS if model.name == name)
@@ -87,6 +91,7 @@ class Columns:
     links: tuple[int, ...]  #: indices of the joints whose links may bend; the base may bend in any case
 
     def __post_init__(self) -> None:
+        """Refuse a robot with too many joints."""
         if self.n > MOST_JOINTS:
             raise UnsupportedMethodError(
                 f"the robot has {self.n} joints; elastic links support at most {MOST_JOINTS}",
@@ -103,13 +108,13 @@ class Columns:
             UnsupportedMethodError: the robot has too many joints.
         """
         named_links = sorted({robot.joint_index(name, "links") for name in options.links})
-        links = named_links or range(robot.n)
-        return cls(robot.n, tuple(links))
+        all_links = range(robot.n)
+        return cls(robot.n, tuple(named_links or all_links))
 
     @property
     def width(self) -> int:
         """Number P of columns: of the joints, of their coupling, and 21 for each link and for the base."""
-        return self.n + len(self.coupling) + 21 * len(self.frames)
+        return self.n + len(self.coupling) + _ENTRIES_OF_LINK * len(self.frames)
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -124,7 +129,8 @@ class Columns:
     @property
     def coupling(self) -> IndexArray:
         """Columns (n (n + 1) / 2,) of the full compliance matrix C_θ of the joints [m/(rad/(N·m))]."""
-        return np.arange(self.n, self.n + self.n * (self.n + 1) // 2)
+        entry_count = self.n * (self.n + 1) // 2  # of the upper triangle
+        return np.arange(self.n, self.n + entry_count)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -133,6 +139,6 @@ class Columns:
 
     def link_columns(self, frame: int) -> IndexArray:
         """Return the columns (21,) of the 6 × 6 compliance of the link behind joint `frame`, or of `BASE`."""
-        number = self.frames.index(frame)
-        first = self.n + len(self.coupling) + 21 * number
-        return np.arange(first, first + 21)
+        columns_of_joints = self.n + len(self.coupling)
+        first = columns_of_joints + _ENTRIES_OF_LINK * self.frames.index(frame)
+        return np.arange(first, first + _ENTRIES_OF_LINK)

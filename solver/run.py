@@ -3,7 +3,7 @@
 1. The request is checked against the robot, or refused; named causes are fitted together with the joints.
 2. The joints are identified alone, once, and screened for what they leave unexplained.
 3. Models that the screening asks for compete with them on held-out postures.
-4. Evidence for the chosen model is gathered: postures that are left out, budget, mistakes that no test finds.
+4. Evidence for the chosen model is gathered: postures that are left out, budget, doubt about the load point.
 5. The model is judged, and reported with what to do about it.
 """
 
@@ -80,7 +80,9 @@ class Identification:
     ) -> None:
         """Check the request, and decide whether the run has a long part.
 
-        If the model is to be chosen automatically, the joints are identified to decide this.
+        If the model is to be chosen automatically, the joints are identified to decide this. Errors of the
+        campaign that the user names as causes are fitted first, and subtracted from the readings. A run by
+        the robot's own weight has no long part, and is checked when it is computed.
 
         Args:
             robot: robot with n joints.
@@ -95,9 +97,9 @@ class Identification:
         self._noticed = tuple(noticed)
         self._obstacle: str | None = None  # option that rules out elastic links in an automatic choice
         self.long: Draws | Competition | None = None
-        if options.weight is not None:  # a run by the robot's own weight has no long part
+        is_by_own_weight = options.weight is not None
+        if is_by_own_weight:
             return
-        # Errors that the user names are fitted first, and subtracted from the readings.
         named_causes = [cause.name_and_first_label for cause in options.causes]
         refuted = list_refuted(measurements, self._noticed)  # stated numbers that the readings contradict
         as_measured = Rows(robot, measurements.require_loads())
@@ -114,22 +116,27 @@ class Identification:
     def _compares_models(self) -> bool:
         """Return whether elastic models compete: if requested, or if links or base seem to bend.
 
-        Unsound readings are no reason to compare models: a gross mistake leaves residuals that look like
-        those of elastic links.
+        They do not compete if an option rules them out, or if the readings are unsound: a gross mistake
+        leaves residuals that look like those of elastic links. If the identification of the joints fails, the
+        answer is no: `conclude` then fails with the same error, which says why.
         """
-        if self._options.elasticity != "automatic":
-            return self._options.elasticity != "joints"
+        requested = self._options.elasticity
+        if requested != "automatic":
+            return requested != "joints"
         if self._obstacle is not None:
             return False
         try:
             screening = self._joints.screening
             seems_to_bend = screening.links_need_validation or screening.base_needs_validation
-        except JointstiffError:  # `conclude` fails with the same error, which says why
+        except JointstiffError:
             return False
         return seems_to_bend and self._joints.are_sound
 
     def conclude(self, parts: Sequence[Arrays]) -> RunResult:
         """Compute the result of the run from the arrays of its long part.
+
+        The result has advice on further readings only if only joints bend and the readings contain no
+        mistake: else the gain of another reading is unknown.
 
         Args:
             parts: arrays that the steps of the long part computed, in the order of the steps; empty for a
@@ -145,10 +152,8 @@ class Identification:
         else:
             found = self._find_joints()
         joints = self._joints
-        assessment = assess(joints, found.estimate, found.prediction, found.screening, found.unseen)
+        assessment = assess(joints, found.estimate, found.prediction, found.screening, found.doubt)
 
-        # Further readings are advised only if the readings contain no mistake and only joints bend: else the
-        # gain of another reading is unknown.
         only_joints_bend = found.links is None
         is_usable = assessment.verdict != "do_not_use"
         advice: tuple[Advice, ...] = ()

@@ -36,6 +36,16 @@ def length_text(length: float) -> str:
     return f"{figure(length * 1e9, '.3g')} nm"
 
 
+_SHOWN_UNITS: Final = {
+    "rad": (60.0 * degrees(1.0), "arcmin"),
+    "1": (1e2, "%"),
+    "m/m": (1e6, "µm/m"),
+    "m/N": (1e9, "µm/kN"),
+    "rad/(N·m)": (1e6, "µrad/(N·m)"),
+}
+"""Unit of unknowns → factor and unit in which people read them."""
+
+
 def unknowns_text(unit: str, values: Sequence[float]) -> str:
     """Format fitted unknowns with their unit for people, such as "(12, -3) µm".
 
@@ -49,7 +59,10 @@ def unknowns_text(unit: str, values: Sequence[float]) -> str:
     if unit == "m":
         in_micrometres = max(map(abs, values), default=0.0) < 1e-3
         return f"({_join_scaled(1e6, values)}) µm" if in_micrometres else f"({_join_scaled(1e3, values)}) mm"
-    factor, shown_unit = {"rad": (60.0 * degrees(1.0), "arcmin"), "1": (1e2, "%")}.get(unit, (1.0, unit))
+    if unit == "m/N, rad/(N·m)":
+        by_force, by_moment = values
+        return f"{unknowns_text('m/N', [by_force])} and {unknowns_text('rad/(N·m)', [by_moment])}"
+    factor, shown_unit = _SHOWN_UNITS.get(unit, (1.0, unit))
     return f"({_join_scaled(factor, values)}) {shown_unit}"
 
 

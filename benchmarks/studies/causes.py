@@ -33,7 +33,7 @@ from jointstiff.solver.mechanics.block import fitted_errors
 from jointstiff.solver.mechanics.measurements import DifferenceNoise, Instrument, Measurements
 from tests.support.springs import robot_of
 
-__all__ = ["run"]
+__all__ = ["Outcome", "identify_with_causes", "run"]
 
 _STATION = 6e-5
 """Standard deviation of a station's error along each axis [m]."""
@@ -42,7 +42,7 @@ _BEYOND = 3.0
 
 
 @dataclass(frozen=True)
-class _Outcome:
+class Outcome:
     """Outcome of a campaign: causes named, whether links are tried, and joints whose intervals hold."""
 
     named: tuple[str, ...]
@@ -52,7 +52,8 @@ class _Outcome:
     worst: float = 0.0  #: largest error of a joint, in standard uncertainties
 
 
-def _outcome(arm: SpringArm, measured: Measurements) -> _Outcome:
+def identify_with_causes(arm: SpringArm, measured: Measurements) -> Outcome:
+    """Identify the joints, and once more with the causes that are named."""
     robot = robot_of(arm)
     settings = Settings.from_options(RunOptions(), robot)
     joints = JointsAlone(Rows(robot, measured), settings)
@@ -74,7 +75,7 @@ def _outcome(arm: SpringArm, measured: Measurements) -> _Outcome:
         if joint.standard_uncertainty
     )
     names = tuple(name for name, _ in named)
-    return _Outcome(names, screening.links_need_validation, covered, len(ends), worst)
+    return Outcome(names, screening.links_need_validation, covered, len(ends), worst)
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
@@ -113,13 +114,15 @@ def run(*, quick: bool, part: Part) -> list[Section]:
     ]
 
 
-def _planted(plant: Plant, seed: int) -> _Outcome:
+def _planted(plant: Plant, seed: int) -> Outcome:
     generator = np.random.default_rng([seed, STREAM, 1])
     design = design_campaign(seed)
-    return _outcome(design.arm, read(plant(Planted.clean(design), generator), generator, sigma=seed % 2 == 0))
+    return identify_with_causes(
+        design.arm, read(plant(Planted.clean(design), generator), generator, sigma=seed % 2 == 0)
+    )
 
 
-def _clean(seed: int) -> _Outcome:
+def _clean(seed: int) -> Outcome:
     """Read a clean arm; every other campaign states a data sheet of the wrong shape."""
     generator = np.random.default_rng([seed, STREAM, 2])
     design = design_campaign(1000 + seed)
@@ -128,7 +131,7 @@ def _clean(seed: int) -> _Outcome:
         sheet = Instrument((4.0, 1.0, 1.5), 3e-6, 1e-6, 1e-5, 5e-6)
         noise = DifferenceNoise.from_instrument(sheet, robot_of(design.arm), measured)
         measured = replace(measured, sigma=noise.sigma, covariance=noise.covariance)
-    return _outcome(design.arm, measured)
+    return identify_with_causes(design.arm, measured)
 
 
 def _study_further(*, quick: bool) -> list[Section]:
@@ -148,7 +151,7 @@ def _study_curved_springs(*, quick: bool) -> Section:
     for seed in seeds:
         generator, design = np.random.default_rng([seed, STREAM, 4]), design_campaign(3000 + seed)
         planted = plant_curved_springs(Planted.clean(design), generator)
-        outcome = _outcome(design.arm, read(planted, generator, sigma=seed % 2 == 0))
+        outcome = identify_with_causes(design.arm, read(planted, generator, sigma=seed % 2 == 0))
         names[" or ".join(sorted(set(outcome.named))) or "none"] += 1
         off.append(outcome.worst)
     right = sum(

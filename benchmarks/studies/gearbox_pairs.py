@@ -11,6 +11,7 @@ import numpy as np
 from benchmarks.designs import planned_design
 from benchmarks.report import Figure, Part, Section
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.comparison.campaigns import SharedErrors
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from tests.support.encoder_campaigns import MOTOR, READ, compare_pair, simulate_pair
 
@@ -27,14 +28,14 @@ class _Loads:
 
     name: str
     common: CommonUncertainty
-    same_load_point: bool
+    shared: SharedErrors
     widest: float  # greatest width of the second gearbox, relative to that of the difference
 
 
 _LOADS: Final = (
-    _Loads("stated, same load point", _STATED, same_load_point=True, widest=0.6),
-    _Loads("stated, hung anew", _STATED, same_load_point=False, widest=0.6),
-    _Loads("scale assumed to 1 %", _ASSUMED, same_load_point=False, widest=0.6),
+    _Loads("stated, same load point", _STATED, SharedErrors(load=True), widest=0.6),
+    _Loads("stated, hung anew", _STATED, SharedErrors(), widest=0.6),
+    _Loads("scale assumed to 1 %, same cell", _ASSUMED, SharedErrors(cell=True), widest=0.6),
 )
 
 
@@ -52,8 +53,8 @@ def _section(loads: _Loads, seeds: Sequence[int]) -> Section:
     ratios, widths, accused = [], [], 0
     for seed in seeds:
         design = planned_design(MOTOR, seed=seed % 20)
-        pair = simulate_pair(design, loads.common, seed, same_load_point=loads.same_load_point)
-        compared = compare_pair(pair, same_load_point=loads.same_load_point)
+        pair = simulate_pair(design, loads.common, seed, loads.shared)
+        compared = compare_pair(pair, loads.shared)
         apart = compared.apart
         if apart is None:
             raise RuntimeError("the runs were not taken apart")

@@ -116,7 +116,12 @@ class Reader:
                 "name": self.row.name,
                 "units": {"length": "m", "angle": "rad", "force": "N"},
                 "encoders": "motor",
-                "noise": {"sigma": self.row.sigma, "load_point": 1e-4, "force": {"scale": 1e-3}},
+                "noise": {
+                    "sigma": self.row.sigma,
+                    "load_point": 1e-4,
+                    "grounds": {"load_point": "tracker"},
+                    "force": {"scale": 1e-3},
+                },
                 "load_point": list(LOAD_POINT),
                 "open": {
                     "goal": self.row.goal,

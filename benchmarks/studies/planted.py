@@ -21,17 +21,19 @@ from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurem
 
 __all__ = [
     "CAUSES",
+    "POINTS",
     "STREAM",
     "Plant",
     "Planted",
     "design_campaign",
+    "place_targets",
     "plant_bump",
     "plant_curved_springs",
     "read",
 ]
 
 STREAM = 71
-_POINTS: FloatArray = np.array(list(TARGETS.values()))
+POINTS: FloatArray = np.array(list(TARGETS.values()))
 _ROUNDS = 50
 Generator = np.random.Generator
 
@@ -129,9 +131,9 @@ def _turn_tracker(planted: Planted, generator: Generator) -> Planted:
     return planted.move(_since(len(planted.loaded), generator) * moved)
 
 
-def _place_targets(design: Design, angles: FloatArray) -> FloatArray:
+def place_targets(design: Design, angles: FloatArray) -> FloatArray:
     """Return the places (N, T, 3) of the targets at joint angles (N, n) [m]."""
-    return design.arm.posture(angles).targets_to_base(_POINTS)
+    return design.arm.posture(angles).targets_to_base(POINTS)
 
 
 def _turn_gears(planted: Planted, generator: Generator) -> Planted:
@@ -139,7 +141,7 @@ def _turn_gears(planted: Planted, generator: Generator) -> Planted:
     arm, experiment = planted.true.arm, planted.true.experiment
     bent = equilibrium(arm, experiment.joints, *experiment.wrenches)
     play = generator.uniform(1e-4, 2e-4) * generator.choice([0.0, 1.0], 6, p=[0.3, 0.7])
-    turned = _place_targets(planted.true, experiment.joints + bent + np.sign(bent) * play)
+    turned = place_targets(planted.true, experiment.joints + bent + np.sign(bent) * play)
     return planted.move(turned - planted.true.loaded)
 
 
@@ -173,7 +175,7 @@ def plant_curved_springs(planted: Planted, generator: Generator) -> Planted:
         else:
             wound = _solve_cubic(x, hardening)
         angle = arm.compliances * largest * np.sign(torque) * wound
-    return planted.move(_place_targets(planted.true, experiment.joints + angle) - planted.true.loaded)
+    return planted.move(place_targets(planted.true, experiment.joints + angle) - planted.true.loaded)
 
 
 def _solve_cubic(torque: FloatArray, hardening: float) -> FloatArray:

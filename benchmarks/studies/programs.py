@@ -25,7 +25,7 @@ from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import flange_poses
 from jointstiff.solver.mechanics.robot import Robot
-from robotprograms import read_program
+from robotprograms import Rewriting, read_program
 from tests.support.programs import ARM, TOOL, exact_run, loaded_poses, path, tool_poses, work_of
 
 __all__ = ["run"]
@@ -108,7 +108,8 @@ def timing(robot: Robot, count: int) -> list[tuple[str, float]]:
     lap("postures")
     found = Corrections(**concatenate_steps(map(work.compute, work._spans())))
     lap("compensate")
-    _, points = write_compensated_program(made, found, work._run_model.model, work._inverse, 2.0)
+    rewriting = Rewriting(made.program)
+    points = write_compensated_program(made, found, work._run_model.model, work._inverse, 2.0, rewriting)
     lap("write and certify")
     csv_text(points_sheet(points.pack_table()))
     lap("table")

@@ -14,7 +14,7 @@ from fastapi import Body, Depends, Header, HTTPException, Request, Response, par
 from fastapi.exceptions import RequestValidationError
 from fastapi.openapi.models import Example
 from pydantic import BaseModel
-from starlette.datastructures import FormData, UploadFile
+from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH
@@ -193,14 +193,28 @@ def garbage_collector_paused() -> Iterator[None]:
 
 
 class _Parser(MultiPartParser):
-    """Starlette's parser of forms, which keeps files in memory and notes whether the form was complete."""
+    """Starlette's parser of forms, which keeps files in memory and refuses a form without its end."""
 
     spool_max_size = max(MAX_BYTES.values())
-    is_complete = False
+
+    def __init__(self, headers: Headers, stream: AsyncGenerator[bytes], **limits: int) -> None:
+        super().__init__(headers, self._yield_all(stream), **limits)
+        self._is_complete = False
 
     def on_end(self) -> None:
         """Note that the closing boundary of the form was read."""
-        self.is_complete = True
+        self._is_complete = True
+
+    async def _yield_all(self, chunks: AsyncGenerator[bytes]) -> AsyncGenerator[bytes]:
+        """Yield the parts of the body.
+
+        Raises:
+            MultiPartException: the body ends before the closing boundary.
+        """
+        async for chunk in chunks:
+            yield chunk
+        if not self._is_complete:
+            raise MultiPartException("The form does not end with its boundary.")
 
 
 async def read_form(request: Request) -> FormData:
@@ -210,18 +224,10 @@ async def read_form(request: Request) -> FormData:
         RequestError: the body is not a form with these fields.
         HTTPException: the form has too many fields, or its options are too long (413).
     """
-
-    async def read_chunks() -> AsyncGenerator[bytes]:
-        """Yield the parts of the body; raise MultiPartException if the closing boundary was missing."""
-        async for chunk in request.stream():
-            yield chunk
-        if not parser.is_complete:
-            raise MultiPartException("The form does not end with its boundary.")
-
+    # One file more than allowed, as the options may be sent as a file.
     limits = {"max_files": MAX_FILES + 1, "max_fields": _MAX_TEXT_FIELDS, "max_part_size": SMALL_BYTES}
-    parser = _Parser(request.headers, read_chunks(), **limits)
     try:
-        form = await parser.parse()
+        form = await _Parser(request.headers, request.stream(), **limits).parse()
     except MultiPartException as error:
         if error.message.startswith(_TOO_LARGE):
             raise HTTPException(413, error.message) from None

@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 from contextlib import suppress
+from typing import NoReturn
 
 from jointstiff.service.process import collect_rarely, use_one_thread
 
@@ -36,12 +37,19 @@ def main() -> None:
         finally:
             sys.stdout.flush()  # a failed flush when Python ends would print a traceback
     except OSError as error:
-        if error.filename is not None:  # an error of a named file, not of the standard output
+        is_of_named_file = error.filename is not None
+        if is_of_named_file:
             raise
-        # Text left in the buffer goes to /dev/null, so that Python prints no traceback when it ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        if error.errno != errno.EPIPE:  # EPIPE: the reader, such as `head`, has closed the pipe
-            with suppress(OSError):
-                reason = error.strerror or error
-                print(f"cannot write: {reason}\n  remedy: free space for the output", file=sys.stderr)  # noqa: T201
-        sys.exit(2)
+        _end_after_failed_write(error)
+
+
+def _end_after_failed_write(error: OSError) -> NoReturn:
+    """End the command with status 2 after a failed write to the standard output, and print the reason."""
+    # Text left in the buffer goes to /dev/null, so that Python prints no traceback when it ends.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    reader_has_closed = error.errno == errno.EPIPE  # such as `head`, which needs no message
+    if not reader_has_closed:
+        reason = error.strerror or error
+        with suppress(OSError):
+            print(f"cannot write: {reason}\n  remedy: free space for the output", file=sys.stderr)  # noqa: T201
+    sys.exit(2)

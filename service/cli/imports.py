@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from jointstiff.schemas.fields import Terminal
+from jointstiff.schemas.fields import Message, Terminal
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
-from jointstiff.schemas.measurement import SetMetadata
+from jointstiff.schemas.measurement import Grounds, MeasurementSetDocument, Noise, SetMetadata
 from jointstiff.service.cli import options as cli
 from jointstiff.service.cli.failures import print_problem
 from jointstiff.service.cli.fields import (
@@ -57,6 +57,13 @@ _CHOICE_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] 
 
 The default is None where a wrong guess could change numbers: then the person must answer.
 """
+
+_GROUND_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
+    "load_point": ("How the load point is known", ("tracker", "drawing", "hand")),
+}
+"""Field of `Grounds` → (question, possible answers); a person who does not know presses Enter."""
+_NOT_KNOWN: Final = "unknown"
+"""Answer that states nothing, so that the assumptions remain."""
 
 
 def _parse_pair(text: str) -> tuple[str, str]:
@@ -162,6 +169,17 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
         ],
         None,
     ),
+    "ground": (
+        Annotated[
+            list[str] | None,
+            typer.Option(
+                metavar="KEY=VALUE",
+                help="How a statement is known: load_point=tracker (1 mm at least), drawing (3 mm) or hand "
+                "(10 mm). Repeatable.",
+            ),
+        ],
+        None,
+    ),
     "output": (
         Annotated[
             Path | None,
@@ -236,7 +254,8 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     """
     from jointstiff.service.resources.documents import read_robot
 
-    notes = _parse_notes(values["about"] or [])
+    notes = _parse_pairs(values["about"] or [], SetMetadata, "--about")
+    grounds = _parse_pairs(values["ground"] or [], Grounds, "--ground")
     template_fields, meaning = _read_template(values["template"])
     options = _merge_options(template_fields, _convert_to_template_unit(fields, template_fields))
     may_ask = is_terminal_input() and not values["as_json"]
@@ -259,8 +278,9 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     if robot is not None and import_answer.bodies:
         robot = robot.model_copy(update={"bodies": import_answer.bodies})
     if import_answer.measurement_set is not None:
-        set_with_notes = import_answer.measurement_set.model_copy(update=notes)
-        import_answer = import_answer.model_copy(update={"measurement_set": set_with_notes})
+        noted_set = import_answer.measurement_set.model_copy(update=notes)
+        complete_set = _complete_grounds(noted_set, grounds, may_ask=may_ask)
+        import_answer = import_answer.model_copy(update={"measurement_set": complete_set})
     _print_answer(import_answer, as_json=values["as_json"])
     if values["save_template"] is not None:
         template = import_answer.template and _build_template(import_answer.template, readings)
@@ -271,6 +291,43 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
         raise typer.Exit(1)
     if values["output"] is not None:
         _write_campaign(values["output"], import_answer, robot, overwrite=values["overwrite"])
+
+
+def _complete_grounds(
+    document: MeasurementSetDocument, grounds: Options, *, may_ask: bool
+) -> MeasurementSetDocument:
+    """Return a measurement set with its grounds: those of options, then those that a person states."""
+    stated = _state_grounds(document, grounds)
+    return _state_grounds(stated, _ask_for_grounds(stated)) if may_ask else stated
+
+
+def _ask_for_grounds(document: MeasurementSetDocument) -> dict[str, Any]:
+    """Ask a person how the statements of a campaign are known; return fields of its grounds.
+
+    A question that the campaign answers, or that does not concern it, is not asked.
+    """
+    is_loaded = any(any(observation.force) for observation in document.observations)
+    grounds = None if document.noise is None else document.noise.grounds
+    answers = dict[str, Any]()
+    for field, (question, choices) in _GROUND_QUESTIONS.items():
+        is_answered = getattr(grounds, field, None) is not None
+        if not is_loaded or is_answered:
+            continue
+        answer = _prompt_choice(question, (*choices, _NOT_KNOWN), _NOT_KNOWN)
+        if answer != _NOT_KNOWN:
+            answers[field] = answer
+    return answers
+
+
+def _state_grounds(document: MeasurementSetDocument, grounds: Options) -> MeasurementSetDocument:
+    """Return a measurement set with further fields of its grounds."""
+    from jointstiff.service.resources.documents import parse_document
+
+    if not grounds:
+        return document
+    fields = document.noise.model_dump(mode="json", exclude_unset=True) if document.noise else {}
+    fields["grounds"] = {**(fields.get("grounds") or {}), **grounds}
+    return document.model_copy(update={"noise": parse_document(fields, Noise)})
 
 
 def _state_payload(robot: RobotDocument | None, payload: float | None) -> RobotDocument | None:
@@ -521,8 +578,8 @@ def _read_sources(files: Sequence[Path]) -> list[SourceFile]:
     return sources
 
 
-def _parse_notes(texts: Sequence[str]) -> dict[str, Any]:
-    """Parse the values of `--about KEY=VALUE`; return fields of a measurement set's metadata.
+def _parse_pairs(texts: Sequence[str], message: type[Message], option: str) -> dict[str, Any]:
+    """Parse the values KEY=VALUE of an option; return the stated fields of a message.
 
     Raises:
         CampaignError: a key or a value is not valid.
@@ -532,11 +589,11 @@ def _parse_notes(texts: Sequence[str]) -> dict[str, Any]:
 
     pairs = (text.partition("=") for text in texts)
     try:
-        notes = parse_document({key.strip(): value.strip() for key, _, value in pairs}, SetMetadata)
+        parsed = parse_document({key.strip(): value.strip() for key, _, value in pairs}, message)
     except CampaignError as error:
-        where = f"--about.{error.problem.where}"
+        where = f"{option}.{error.problem.where}"
         raise CampaignError(error.problem.model_copy(update={"where": where})) from None
-    return {name: getattr(notes, name) for name in notes.model_fields_set}
+    return {name: getattr(parsed, name) for name in parsed.model_fields_set}
 
 
 def _read_template(path: Path | None) -> tuple[Options, TableMeaning | None]:
@@ -598,14 +655,14 @@ def _write_campaign(
 ) -> None:
     """Write a campaign file; without a robot, write only the measurement set.
 
-    If only unloaded positions were read, write unloaded poses, with the robot if it is known.
+    If only unloaded positions or a weight step were read, write these, with the robot if it is known.
 
     Raises:
         typer.Exit: information is missing, or the file cannot be written.
     """
     from jointstiff.service.problems import http_problem
 
-    readings = answer.measurement_set or answer.geometry
+    readings = answer.measurement_set or answer.geometry or answer.weight_step
     if readings is None:
         missing = "; ".join(answer.missing)
         raise print_problem(
@@ -622,6 +679,9 @@ def _write_campaign(
         document |= robot_part
         robot_option = "" if robot_part else " --robot ROBOT"
         content, next_step = "unloaded poses", f"jointstiff geometry {path}{robot_option}"
+        if answer.weight_step is not None:
+            content = "a weight step"
+            next_step = f"jointstiff gearbox {path}{robot_option} --load KG±KG,X,Y,Z"
     elif robot_part:
         document = {**robot_part, "measurement_set": document}
         if answer.leave_out:
@@ -810,6 +870,8 @@ def make_import_report(answer: ImportAnswer) -> list[Part]:
         parts.append(Line(f"  masses: {len(answer.bodies)} bodies, {total_mass:g} kg together"))
     if answer.missing:
         parts += _make_first_lines(answer.missing, "missing: ", "care")
+    elif answer.weight_step is not None:
+        parts.append(Line("  complete: a weight step of two encoders", "good"))
     elif not has_blocking_findings(answer):
         # The measurement set of a file with unloaded poses only serves to identify by the robot's own weight.
         purpose = "" if answer.geometry is None else " for the robot's own weight"

@@ -76,12 +76,13 @@ def to_weight_step(request: GearboxRequest, load: HungLoad, robot: Robot) -> Wei
 
 
 def find_joint(robot: Robot, name: str, where: str) -> int:
-    """Return the index of a joint that turns and is not coupled.
+    """Return the index of a joint that turns and is not coupled, by its name or its number from the base.
 
     Raises:
         RequestError: the robot has no such joint, or the joint slides or is coupled.
     """
-    joint = robot.joint_index(name, where)
+    is_number = name not in robot.joint_names and name.isdecimal() and 1 <= int(name) <= robot.n
+    joint = int(name) - 1 if is_number else robot.joint_index(name, where)
     if robot.prismatic[joint]:
         raise RequestError(
             f"{name} slides: a twist is an angle", where=where, remedy="omit the readings of this joint"

@@ -227,11 +227,17 @@ class PreparedSet:
         return replace(self, measurements=replace(self.measurements, order=order))
 
     def run_hash(self, request: RunRequest) -> str:
-        """Return the SHA-256 of robot, readings and options of a run: equal runs have equal hashes."""
+        """Return the SHA-256 of all on which the result of a run depends: equal runs have equal hashes.
+
+        The bodies of the robot count only if the run fits own weight. A robot without a payload has no text
+        for the payload, so that hashes of such runs are those from before robots had payloads.
+        """
         options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})
-        bodies = "" if request.weight is None else repr(self.robot.bodies)
-        payload = () if self.robot.payload is None else (repr(self.robot.payload),)
-        return hash_texts(self.content, options, bodies, *payload)
+        fits_own_weight = request.weight is not None
+        texts = [self.content, options, repr(self.robot.bodies) if fits_own_weight else ""]
+        if self.robot.payload is not None:
+            texts.append(repr(self.robot.payload))
+        return hash_texts(*texts)
 
 
 def prepare_robot(document: RobotDocument) -> PreparedRobot:

@@ -32,6 +32,7 @@ from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
     ISOTROPIC_DIFFERENCE,
+    LEAST_OF_GROUND,
     CommonUncertainty,
     DifferenceNoise,
     EncoderReadings,
@@ -444,16 +445,37 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
         common = replace(common, direction=force.direction)
     if force is not None and force.scale is not None:
         common = replace(common, scale=force.scale, assumed=common.assumed - {"force_scale"})
-    if noise.load_point is not None:
-        common = replace(
-            common, load_point=length * noise.load_point, assumed=common.assumed - {"load_point"}
-        )
     return replace(
-        common,
+        _state_load_point(common, noise, length),
         target_places=length * (noise.target_places or 0.0),
         drift=length * (noise.drift or 0.0),
         axis_position=0.0 if axes is None else length * axes.position,
         axis_direction=0.0 if axes is None else axes.direction,
+    )
+
+
+def _state_load_point(common: CommonUncertainty, noise: Noise, length: float) -> CommonUncertainty:
+    """Return uncertainties with that of the load point, which is at least that of its ground.
+
+    Without a ground the assumed uncertainty remains, unless a larger one is stated.
+
+    Args:
+        common: uncertainties, in which that of the load point is assumed.
+        noise: noise that is stated for the set.
+        length: the set's unit of length in m.
+    """
+    ground = None if noise.grounds is None else noise.grounds.load_point
+    least = ASSUMED_LOAD_POINT if ground is None else LEAST_OF_GROUND[ground]
+    stated = None if noise.load_point is None else length * noise.load_point
+    is_smaller = stated is not None and stated < least
+    uncertainty = least if stated is None or is_smaller else stated
+    is_known = ground is not None or (stated is not None and not is_smaller)
+    has_weak_ground = ground in (None, "hand")
+    return replace(
+        common,
+        load_point=uncertainty,
+        assumed=common.assumed - {"load_point"} if is_known else common.assumed,
+        doubtful_load_point=stated if is_smaller and has_weak_ground else None,
     )
 
 
@@ -617,11 +639,12 @@ def compute_content_hash(
     header: MeasurementSetHeader, readings: ReadingArrays, resolved: ResolvedFrame | None = None
 ) -> str:
     """Return the SHA-256 of a set's content: header, readings and resolved frame, but not its name."""
-    refuted = header.noise is not None and header.noise.refuted
+    # Sets were hashed before these fields existed: where nothing is stated, the hash has to stay what it was.
+    newer_fields = {"refuted", "grounds"}
+    unstated_fields = {name for name in newer_fields if not getattr(header.noise, name, None)}
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
-        # Sets were hashed before this field existed: where it is False, the hash has to stay what it was.
-        exclude=None if refuted else {"noise": {"refuted"}},
+        exclude={"noise": unstated_fields},
     )
     if header.frame is not None and resolved is not None:
         text += f"{header.frame.forces} {resolved.model_dump_json()}"

@@ -58,12 +58,20 @@ def raise_document(kind: str, document: dict[str, Any], version: int | None) -> 
 
 
 def _take_steps(kind: str, document: dict[str, Any], version: int) -> Raised:
-    """Carry out the steps from a version on a document, in place."""
-    dropped = list[str]()
+    """Change a document of a version, in place, by each later step of the history that concerns its kind.
+
+    A step changes fields, and then removes values that have no place any more; their paths are returned.
+    """
+    dropped: list[str] = []
     for step in STEPS:
-        if step.after > version and kind in step.kinds:
-            step.change(document)
-            dropped += [f"{kind}: {path}" for path in step.dropped if remove(document, path)]
+        is_newer = step.after > version
+        if not is_newer or kind not in step.kinds:
+            continue
+        step.change(document)
+        for path in step.dropped:
+            was_there = remove(document, path)
+            if was_there:
+                dropped.append(f"{kind}: {path}")
     return Raised(document, tuple(dropped))
 
 

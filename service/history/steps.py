@@ -280,6 +280,16 @@ def _set_absolute_loss_aside(run: Document) -> None:
             options["absolute_loss"] = options.pop("loss")
 
 
+def _name_the_same_load(comparison: Document) -> None:
+    """Rename the option that the load of both sets acted at the same point."""
+    _rename(comparison, "request.same_load_point", "same_load")
+
+
+_LEAST_MISTAKES: Final = tuple(
+    f"result.causes[].{field}" for field in ("least_found", "unit", "joint", "moves")
+)
+"""Places of the least mistake that the test of a cause finds."""
+
 STEPS: Final[tuple[Step, ...]] = (
     *_FROM_9,
     Step(14, 17, KINDS),
@@ -288,6 +298,9 @@ STEPS: Final[tuple[Step, ...]] = (
     Step(18, 19, ("process",), dropped=("request.step", "request.smoothness")),
     Step(18, 19, ("run",), _set_absolute_loss_aside, ("request.absolute_loss",)),
     Step(18, 19, ("trend",), _state_verdicts_of_campaigns),
+    Step(19, 20, tuple(kind for kind in KINDS if kind not in {"run", "comparison"})),
+    Step(19, 20, ("comparison",), _name_the_same_load),
+    Step(19, 20, ("run",), dropped=_LEAST_MISTAKES),
 )
 """All steps; those from one version come after those to that version."""
 

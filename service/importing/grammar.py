@@ -44,6 +44,8 @@ _STATE_OF: Final[Mapping[str, State]] = _values_by_word(_WORDS["states"])
 _VECTOR_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["vectors"])
 MASSES: Final[Mapping[str, str]] = _values_by_word(_WORDS["masses"])
 """Columns of a table of masses by their headers."""
+STEPS: Final[Mapping[str, str]] = _values_by_word(_WORDS["steps"])
+"""Columns of a table of a weight step by their headers, without those of joint positions."""
 MARKS: Final[Mapping[str, bool]] = MappingProxyType(
     {word: mark == "true" for word, mark in _values_by_word(_WORDS["marks"]).items()}
 )

@@ -122,13 +122,19 @@ def _split_struct(name: str, array: np.ndarray, depth: int = 0) -> list[tuple[st
 
 
 def _join_cell_array(array: np.ndarray) -> np.ndarray | None:
-    """Return a cell array of texts as an array of texts; other arrays as they are."""
-    if array.dtype.kind != "O":
+    """Return a MATLAB cell array whose cells are texts as an array of texts; other arrays as they are.
+
+    SciPy reads a cell array as an array of objects: an array for the content of each cell. None
+    is returned for a cell array with a cell that is not one text.
+    """
+    is_cell_array = array.dtype.kind == "O"
+    if not is_cell_array:
         return array
-    texts = [np.asarray(each).ravel() for each in array.ravel()]
-    if not all(each.dtype.kind == "U" and each.size == 1 for each in texts):
+    cells = [np.asarray(cell).ravel() for cell in array.ravel()]
+    are_texts = all(cell.dtype.kind == "U" and cell.size == 1 for cell in cells)
+    if not are_texts:
         return None
-    return np.array([clean_text(each[0]) for each in texts]).reshape(array.shape)
+    return np.array([clean_text(cell[0]) for cell in cells]).reshape(array.shape)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from typing import Final, Literal
 
 from pydantic_core import from_json
 
+from jointstiff.schemas.gearbox import StepReadings
 from jointstiff.schemas.imports import (
     MAX_PREVIEW_ROWS,
     Delimiter,
@@ -47,6 +48,7 @@ from jointstiff.service.importing.rows import (
     TimesAndRoundings,
     Value,
 )
+from jointstiff.service.importing.weight_steps import is_step_table, read_step_table
 
 _NO_OPTIONS: Final = ImportOptions()
 _Uncertainty = Literal["coordinate", "point"]
@@ -95,6 +97,7 @@ class Understood:
     times_and_roundings: TimesAndRoundings = field(default_factory=TimesAndRoundings)
     bodies: tuple[Body, ...] = ()  # from tables of masses; joints as they are named or numbered there
     unusual: tuple[str, ...] = ()  # values to be confirmed, such as those far from all others of their column
+    weight_step: StepReadings | None = None  # readings of two encoders, in place of observations
 
     @property
     def places(self) -> dict[str, str]:
@@ -168,6 +171,7 @@ class _Reader:
         self._layouts: list[Layout] = []  # of the files whose rows were found
         self._previews: list[FilePreview] = []  # of all files that were read, in their order
         self._bodies: list[Body] = []
+        self._steps: list[StepReadings | None] = []  # of tables of a weight step; None for one with faults
         self._notes: list[str] = []
         self._units: dict[str, str] = {}
         self._times_and_roundings = TimesAndRoundings()
@@ -183,6 +187,8 @@ class _Reader:
             with faults.collect():
                 for table in read_grids(file, self._options):
                     self._read_table(table)
+        if self._steps:
+            return self._conclude_weight_step()
         all_were_read = {preview.file for preview in self._previews} == {file.name for file in files}
         if all(not layout.columns.faulty for layout in self._layouts) and all_were_read:
             if not self._layouts:  # all files were read, and each is a table of masses
@@ -201,8 +207,36 @@ class _Reader:
         observations = merger.merge_by_label(records)
         return self.build_answer() if faults.found else self._check_and_assemble(observations)
 
+    def _conclude_weight_step(self) -> Understood:
+        """Return the readings of the one table of a weight step.
+
+        Raises:
+            ImportFileError: there are further tables.
+        """
+        if len(self._previews) > 1:
+            remedy = "import the table of the weight step alone"
+            raise ImportFileError(NOWHERE, "a weight step was sent with further tables", remedy)
+        understood, step = self.build_answer(), self._steps[0]
+        if self._faults.found or step is None:
+            return understood
+        labels = [posture.label for posture in step.observations]
+        update = {
+            "observation_count": len(labels),
+            "first_labels": labels[:MAX_PREVIEW_ROWS],
+            "joint_count": len(step.observations[0].joints),
+            "states": ["unloaded", "loaded"],
+            "reading_count": sum(len(posture.encoder_readings) for posture in step.observations),
+        }
+        preview = understood.preview.model_copy(update=update)
+        return replace(understood, preview=preview, weight_step=step)
+
     def _read_table(self, table: Grid) -> None:
-        """Read and store the bodies of a table of masses, or the header of any other table."""
+        """Read and store a weight step, the bodies of a table of masses, or the header of any other table."""
+        if is_step_table(table):
+            step, preview = read_step_table(table, self._options, self._faults, self._joints)
+            self._steps.append(step)
+            self._previews.append(preview)
+            return
         if is_mass_table(table):
             bodies, preview = read_mass_table(table, self._options, self._faults)
             self._bodies += bodies

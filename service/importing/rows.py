@@ -7,7 +7,6 @@ safely: no field may contain a character that begins a text between fields, so a
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -480,6 +479,25 @@ class TimesAndRoundings:
         return notes
 
 
+class _UnclearNames:
+    """Faults of names of points: names that are unclear for the same reason make one fault."""
+
+    def __init__(self) -> None:
+        self._faults_by_remedy: dict[str, list[ImportFileError]] = {}
+
+    def add(self, fault: ImportFileError) -> None:
+        """Add the fault of one name."""
+        self._faults_by_remedy.setdefault(fault.remedy, []).append(fault)
+
+    def summarize(self) -> Iterator[ImportFileError]:
+        """Yield the first fault with each remedy, with the number of other names to which it applies."""
+        for first, *others in self._faults_by_remedy.values():
+            concerns_point = bool(first.place.line)  # a fault without a line concerns the name of the file
+            if others and concerns_point:
+                first.reason += f", and {len(others)} other names are also unclear"
+            yield first
+
+
 class RowReader:
     """Reader of the rows of a file, by the meanings of its columns."""
 
@@ -497,11 +515,9 @@ class RowReader:
 
         Names that are unclear for the same reason are reported as one fault.
         """
-        first_faults: dict[str, ImportFileError] = {}  # first fault with each remedy
-        fault_counts: Counter[str] = Counter()
-        time_columns = [
-            index for index, meaning in enumerate(self._columns.meanings) if meaning.kind == "time"
-        ]
+        unclear_names = _UnclearNames()
+        meanings = enumerate(self._columns.meanings)
+        time_columns = [index for index, meaning in meanings if meaning.kind == "time"]
         for row_number, row in enumerate(self._layout.rows, start=1):
             if faults.full:
                 break
@@ -509,16 +525,13 @@ class RowReader:
             try:
                 name_parts = self._names.name_row(row)
             except ImportFileError as fault:
-                first_faults.setdefault(fault.remedy, fault)
-                fault_counts[fault.remedy] += 1
+                unclear_names.add(fault)
                 continue
+            label = name_parts.label or str(row_number)
             with faults.collect():
-                yield self._read_record(row, name_parts, name_parts.label or str(row_number), faults)
-        for remedy, first in first_faults.items():
-            # A fault without a line concerns the name of the file, not names of points.
-            if fault_counts[remedy] > 1 and first.place.line:
-                first.reason += f", and {fault_counts[remedy] - 1} other names are also unclear"
-            faults.add(first)
+                yield self._read_record(row, name_parts, label, faults)
+        for each in unclear_names.summarize():
+            faults.add(each)
 
     def _read_record(self, row: Row, name_parts: NameParts, label: str, faults: Faults) -> ObservationRecord:
         """Return the values of one row as a record with a label; report all faults in the row's cells."""

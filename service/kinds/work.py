@@ -105,7 +105,10 @@ class QuickWork(Work):
 
 @contextmanager
 def watching(watch: Callable[[str], object]) -> Iterator[None]:
-    """Call `watch` with each part that work in the block begins to conclude, as `begin_part` names it."""
+    """Report the progress of work in the block: `watch` is called with the name of each part that begins.
+
+    Work names its parts by `begin_part`, such as "find_joints".
+    """
     token = _WATCH.set(watch)
     try:
         yield

@@ -309,7 +309,8 @@ class Client(Verbs):
         Args:
             robot: stored robot, its summary, or its id.
             filters: filters of the API, such as `serial_number`; default: the values of the latest campaign.
-                `same_load_point=True` if the load of all campaigns hung at the same point of the flange.
+                `same_load=True` if the load of all campaigns hung at the same point of the flange,
+                `same_cell=True` if the same cell or weights gave the forces.
         """
         identifier = robot if isinstance(robot, str) else robot.id
         answer = self.send("GET", f"/v1/robots/{quote(identifier, safe='')}/trend", filters)

@@ -18,7 +18,7 @@ from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.arguments import complete_units
 from jointstiff.service.conversion.arrays import read_numbers
-from jointstiff.service.conversion.poses import read_frame, read_poses
+from jointstiff.service.conversion.poses import read_frame
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.correction.work import CorrectionWork
 from jointstiff.service.kinds.width import CancelledWorkError
@@ -34,8 +34,7 @@ from jointstiff.service.runs.correction.columns import (
     convert_headers,
     make_sheet,
 )
-from jointstiff.service.runs.correction.orientation import ROTATION_VECTOR
-from jointstiff.service.runs.correction.poses import PoseTable
+from jointstiff.service.runs.correction.poses import PoseTable, name_poses
 from jointstiff.service.runs.correction.verdict import count_statuses, describe_rows, find_first_rows
 from jointstiff.service.runs.verdicts import refuse_unaccepted
 from jointstiff.service.tables.files import make_data_frame, write_sheet
@@ -151,8 +150,7 @@ class CorrectionCall:
             file = read_number_table(Path(poses).read_bytes())
             columns, labels = convert_headers(file.columns, units, robot), file.labels
         else:
-            rows = read_poses(poses, "poses", units.angle)
-            columns = dict(zip((*POSITION, *ROTATION_VECTOR), rows.T, strict=True))
+            columns = name_poses(poses, "poses", units.angle)
         if joints is not None and "j1" in columns:
             raise RequestError(
                 "the joints are stated twice: by `joints` and by the column j1 of the file",

@@ -152,6 +152,12 @@ class ImportedReadings(Presented, ImportAnswer):
             raise RequestError(
                 "the readings have no robot", where="robot", remedy="call `import_files` with `robot`"
             )
+        if self.weight_step is not None:
+            raise RequestError(
+                "the file is a weight step of two encoders",
+                where="files",
+                remedy="identify its gearboxes: `jointstiff.gearbox(file, robot=…, load=…)`",
+            )
         if self.measurement_set is None:
             raise RequestError(
                 f"the files are no campaign: {', '.join(self.missing) or 'the files have no loads'}",
@@ -181,7 +187,7 @@ def import_files(
     """Import files of readings, as the command `jointstiff import` does.
 
     Args:
-        files: tables of readings, lists of points, or a table of masses; text or Excel.
+        files: tables of readings, lists of points, a table of masses or of a weight step; text or Excel.
         robot: measured robot: a document, as in a campaign, or a file. With a robot, the answer has the
             findings of the integrity checks; unloaded positions of a robot with masses become a set that is
             identified by the robot's own weight.

@@ -14,6 +14,7 @@ from jointstiff.schemas.deflection import CaseResult, DeflectionOptions, LoadCas
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise
 from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, Goodness, JointResult, RunResult, WeightResult
+from jointstiff.service.conversion.readings import to_common_uncertainty
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.run.kind import format_tested_causes
@@ -571,15 +572,23 @@ def _describe_noise(readings: MeasurementSetDocument) -> Iterator[str]:
             yield "from the data sheet of the instrument."
         yield from _describe_shared_uncertainties(noise, 1e3 * length)
     if any(any((*each.force, *(each.moment or ()))) for each in readings.observations):
-        yield from _describe_assumed_uncertainties(noise)
+        yield from _describe_assumed_uncertainties(noise, length)
 
 
-def _describe_assumed_uncertainties(noise: Noise | None) -> Iterator[str]:
-    """Yield sentences on uncertainties of the load that are assumed because they are not stated."""
-    if noise is None or noise.force is None or noise.force.scale is None:
+def _describe_assumed_uncertainties(noise: Noise | None, length: float) -> Iterator[str]:
+    """Yield sentences on uncertainties of the load that are assumed because they are not stated.
+
+    `length` is the set's unit of length in m.
+    """
+    common = to_common_uncertainty(noise, length)
+    if "force_scale" in common.assumed:
         yield f"Size of the force: no uncertainty is stated; ±{100 * ASSUMED_FORCE_SCALE:g} % is assumed."
-    if noise is None or noise.load_point is None:
-        yield f"Load point: no uncertainty is stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm is assumed."
+    if "load_point" in common.assumed:
+        missing = "no uncertainty" if common.doubtful_load_point is None else "no ground of its uncertainty"
+        yield f"Load point: {missing} is stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm is assumed."
+    elif noise is not None and noise.grounds is not None:
+        millimetres = format_rounded(1e3 * common.load_point)
+        yield f"Load point known by {noise.grounds.load_point}: {millimetres} mm a coordinate in the fit."
 
 
 def _describe_shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:

@@ -78,6 +78,14 @@ def import_files(
         bodies = _name_joints_of_bodies(understood.bodies, robot)
     except ImportFileError as fault:
         faults.append(fault)
+    if understood.weight_step is not None:
+        return ImportAnswer(
+            **dict(understood.preview),
+            missing=[],
+            leave_out=[],
+            measurement_set=None,
+            weight_step=understood.weight_step,
+        )
     # Readings without any load serve to identify by the robot's own weight, if the masses are known.
     is_by_own_weight = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
     unusual: list[str] = []
@@ -270,13 +278,15 @@ def _convert_lengths(value: Any, old_unit: str, new_unit: str, name: str = "") -
         value: the part: a number, or nested lists and dictionaries.
         old_unit: unit of the lengths in `value`.
         new_unit: unit of the lengths in the returned part.
-        name: field that holds the part; numbers of fields that are not in `_LENGTHS` are not converted.
+        name: field that holds the part; numbers of fields that are not in `_LENGTHS` are not converted, nor
+            are texts.
     """
     if isinstance(value, dict):
         return {key: _convert_lengths(item, old_unit, new_unit, key) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return tuple(_convert_lengths(item, old_unit, new_unit, name) for item in value)
-    if old_unit == new_unit or name not in _LENGTHS or value is None:
+    is_length = name in _LENGTHS and isinstance(value, int | float)
+    if old_unit == new_unit or not is_length:
         return value
     return value / 1e3 if new_unit == "m" else value * 1e3
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from math import log
 from typing import Any, Final
 
@@ -252,59 +253,72 @@ def _declare_unit(measurement_set: _Set, action: AdvisedAction) -> _Set:
         changed_units = {"force": unit, "moment": units.moment}
         return measurement_set.model_copy(update={"units": units.model_copy(update=changed_units)})
     new_units = Units.model_validate({**units.model_dump(), "length": unit, "moment": moment})
-    old_metres, new_metres = LENGTH[units.length], LENGTH[new_units.length]
-    return _convert_typed_lengths(
-        measurement_set.model_copy(update={"units": new_units}), old_metres, new_metres
-    )
+    change = _UnitChange(old=LENGTH[units.length], new=LENGTH[new_units.length])
+    return _convert_typed_lengths(measurement_set.model_copy(update={"units": new_units}), change)
 
 
-def _convert_typed_lengths(measurement_set: _Set, old_metres: float, new_metres: float) -> _Set:
-    """Return the set with some typed lengths converted: those that are more usual in the old unit.
+@dataclass(frozen=True)
+class _UnitChange:
+    """Change of a set's unit of length, with the lengths that people typed in the old unit."""
 
-    `old_metres` and `new_metres` are the sizes of the old and the new unit in metres.
-    """
+    old: float  #: old unit [m]
+    new: float  #: new unit [m]
 
-    def conversion_factor(number: float, usual_size: float) -> float:
-        """Return the factor from old to new unit; 1 if the number is more usual in the new unit."""
-        is_in_old_unit = number == 0.0 or abs(log(old_metres * number / usual_size)) <= abs(
-            log(new_metres * number / usual_size)
-        )
-        return old_metres / new_metres if is_in_old_unit else 1.0
+    def find_factor(self, number: float, usual_size: float) -> float:
+        """Return the factor for a number: old / new if it was typed in the old unit, else 1.
 
-    def convert_place(place: Vector3 | None) -> Vector3 | None:
+        A number was typed in the unit in which its length is nearer to the usual one, on a logarithmic scale.
+
+        Args:
+            number: length as typed, at least 0.
+            usual_size: usual size of such a length [m].
+        """
+        if number == 0.0:
+            return self.old / self.new
+        distance_in_old = abs(log(self.old * number / usual_size))
+        distance_in_new = abs(log(self.new * number / usual_size))
+        return self.old / self.new if distance_in_old <= distance_in_new else 1.0
+
+    def convert_place(self, place: Vector3 | None) -> Vector3 | None:
+        """Return a place on the flange with its coordinates in the new unit."""
         if place is None:
             return None
-        x, y, z = (
-            conversion_factor(float(np.linalg.norm(place)), _USUAL_DISTANCE) * component
-            for component in place
-        )
-        return x, y, z
+        factor = self.find_factor(float(np.linalg.norm(place)), _USUAL_DISTANCE)
+        x, y, z = place
+        return factor * x, factor * y, factor * z
 
-    noise = measurement_set.noise
-    if noise is not None and noise.sigma is not None:
-        scale = conversion_factor(noise.sigma, _USUAL_SIGMA)
+    def convert_noise(self, noise: Noise | None) -> Noise | None:
+        """Return a noise with its lengths in the new unit; its sigma shows in which unit they were typed."""
+        if noise is None or noise.sigma is None:
+            return noise
+        factor = self.find_factor(noise.sigma, _USUAL_SIGMA)
         lengths = {name: getattr(noise, name) for name in ("sigma", "load_point", "target_places", "drift")}
-        noise = noise.model_copy(
-            update={name: None if length is None else scale * length for name, length in lengths.items()}
-        )
+        converted = {name: None if length is None else factor * length for name, length in lengths.items()}
+        return noise.model_copy(update=converted)
 
-    def convert_sigma(reading: Reading) -> Reading:
-        sigma = reading.sigma and conversion_factor(reading.sigma, _USUAL_SIGMA) * reading.sigma
+    def convert_sigma(self, reading: Reading) -> Reading:
+        """Return a reading with its own sigma in the new unit."""
+        if not reading.sigma:
+            return reading
+        sigma = self.find_factor(reading.sigma, _USUAL_SIGMA) * reading.sigma
         return reading.model_copy(update={"sigma": sigma})
 
-    changes: dict[str, Any] = {
-        "noise": noise,
-        "load_point": convert_place(measurement_set.load_point),
-        "flange_targets": {
-            name: convert_place(place) for name, place in measurement_set.flange_targets.items()
+
+def _convert_typed_lengths(measurement_set: _Set, change: _UnitChange) -> _Set:
+    """Return the set with its typed lengths converted, where they are more usual in the old unit."""
+    targets = {name: change.convert_place(place) for name, place in measurement_set.flange_targets.items()}
+    observations = _change_observations(
+        measurement_set,
+        lambda observation: {
+            "load_point": change.convert_place(observation.load_point),
+            "readings": [change.convert_sigma(reading) for reading in observation.readings],
         },
-        "observations": _change_observations(
-            measurement_set,
-            lambda observation: {
-                "load_point": convert_place(observation.load_point),
-                "readings": [convert_sigma(reading) for reading in observation.readings],
-            },
-        ),
+    )
+    changes: dict[str, Any] = {
+        "noise": change.convert_noise(measurement_set.noise),
+        "load_point": change.convert_place(measurement_set.load_point),
+        "flange_targets": targets,
+        "observations": observations,
     }
     return measurement_set.model_copy(update=changes)
 

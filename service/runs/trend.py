@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -24,9 +24,10 @@ from jointstiff.service.resources.stored import robot_from_record
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry, RobotEntry
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.comparison.campaigns import CHANGED_LEVEL, Change, log_stiffness
+from jointstiff.solver.comparison.campaigns import CHANGED_LEVEL, Change, SharedErrors, log_stiffness
 
 _MAX_RUNS: Final = 2_000
+_OWN: Final = SharedErrors()
 _MAX_CACHED_RUNS: Final = 4_000
 _OPEN_INTERVAL = "the stiffness has no upper limit, or its uncertainty exceeds a quarter of the stiffness"
 
@@ -181,7 +182,7 @@ def compare_campaigns(
     names: Sequence[str],
     campaigns: Sequence[Campaign],
     *,
-    same_load_point: bool = False,
+    shared: SharedErrors = _OWN,
     most: int = _MAX_RUNS,
     references: Sequence[str] = (),
 ) -> dict[str, Any]:
@@ -191,13 +192,12 @@ def compare_campaigns(
         names: names of the robot's joints.
         campaigns: comparable campaigns, oldest first.
         most: greatest number of campaigns in the fields.
-        same_load_point: True if the load of all campaigns hung at the same point of the flange, so that the
-            error of the load point is the same.
+        shared: errors that are the same in all campaigns.
         references: ids of measurement sets; the comparison begins with the latest campaign that is one of
             them, or with the first campaign.
     """
     compared = _drop_before_reference(campaigns, references)
-    changes = {name: _estimate_change(compared, name, same_load_point=same_load_point) for name in names}
+    changes = {name: _estimate_change(compared, name, shared) for name in names}
     # The more joints are tested, the stricter each test has to be.
     test_count = sum(1 for change in changes.values() if change is not None)
     shown = choose_shown(names, campaigns, most, compared)
@@ -220,7 +220,7 @@ def compare_campaigns(
         "reference_set_id": None if compared is campaigns else compared[0].measured.id,
         "joints": joints,
         "level": CHANGED_LEVEL,
-        "note": _write_note(compared, joints, same_load_point=same_load_point),
+        "note": _write_note(compared, joints, shared),
     }
 
 
@@ -232,39 +232,27 @@ def _drop_before_reference(campaigns: Sequence[Campaign], references: Sequence[s
     return campaigns
 
 
-def _estimate_change(
-    campaigns: Sequence[Campaign], name: str, *, same_load_point: bool = False
-) -> Change | None:
+def _estimate_change(campaigns: Sequence[Campaign], name: str, shared: SharedErrors) -> Change | None:
     """Return the change of a joint's stiffness from the first to the latest campaign that determines it.
 
-    None if fewer than two campaigns determine the stiffness. With `same_load_point` both campaigns have one
-    error of the load point, and only the difference between their responses to this error counts.
+    None if fewer than two campaigns determine the stiffness. Of one error of the load point, only the
+    difference between the responses of both campaigns to this error counts.
     """
     first_and_last = _find_compared(campaigns, name)
     if first_and_last is None:
         return None
-    instruments = {campaign.measured.instrument for campaign in first_and_last}
-    # A budget with a single source says nothing about the load cell.
-    budgets = [sources for campaign in first_and_last if len(sources := campaign.sources(name)) > 1]
     responses = [campaign.relative_responses_to_load_point(name) for campaign in first_and_last]
-    shared = None
-    if same_load_point and responses[0] is not None and responses[1] is not None:
-        shared = float(np.linalg.norm(responses[0] - responses[1]))
-    first, last = (
-        _compute_log_stiffness(
-            campaign,
-            name,
-            same_load_cell=len(instruments) == 1 and None not in instruments,
-            # If neither campaign states the scale of its load cell, both are taken to use the same cell.
-            assumed_cell=all(budget.get("assumed_force_scale", 0.0) > 0.0 for budget in budgets),
-            same_load_point=shared is not None,
-        )
-        for campaign in first_and_last
-    )
+    by_load_point, left_out = 0.0, list[str]()
+    if shared.load and responses[0] is not None and responses[1] is not None:
+        by_load_point = float(np.linalg.norm(responses[0] - responses[1]))
+        left_out.append("load_point")
+    if shared.cell:
+        left_out.append("force_scale")
+    first, last = (_compute_log_stiffness(campaign, name, left_out) for campaign in first_and_last)
     if first is None or last is None:
         return None
     freedom = min(map(_find_fewest_degrees_of_freedom, first_and_last))
-    return Change.between(first, last, freedom, 0.0 if shared is None else shared)
+    return Change.between(first, last, freedom, by_load_point)
 
 
 def _find_compared(campaigns: Sequence[Campaign], name: str) -> tuple[Campaign, Campaign] | None:
@@ -309,44 +297,27 @@ def _find_fewest_degrees_of_freedom(campaign: Campaign) -> float:
 
 
 def _compute_log_stiffness(
-    campaign: Campaign,
-    name: str,
-    *,
-    same_load_cell: bool = False,
-    assumed_cell: bool = False,
-    same_load_point: bool = False,
+    campaign: Campaign, name: str, left_out: Collection[str] = ()
 ) -> tuple[float, float] | None:
     """Return ln k of a joint's stiffness k, and the standard uncertainty of ln k.
 
-    An error that is equal in both compared campaigns is left out of the uncertainty. Return None if the joint
-    has no stiffness to compare.
+    Return None if the joint has no stiffness to compare.
 
     Args:
         campaign: one of the two campaigns.
         name: name of the joint.
-        same_load_cell: True to leave out the stated error of the load cell's scale.
-        assumed_cell: True to leave out the assumed error of the load cell's scale.
-        same_load_point: True to leave out the error of the load point.
+        left_out: sources of errors, stated or assumed, that are left out of the uncertainty, because they are
+            equal in both compared campaigns.
     """
     joint = campaign.joints.get(name)
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
         return None
-    if not (same_load_cell or assumed_cell or same_load_point):
-        return log_stiffness(joint.compliance, joint.standard_uncertainty, 0.0)
-    is_shared = {
-        "force_scale": same_load_cell,
-        "assumed_force_scale": assumed_cell,
-        "load_point": same_load_point,
-        "assumed_load_point": same_load_point,
-    }
-    shared_uncertainty = hypot(
-        *(
-            contribution
-            for source, contribution in campaign.sources(name).items()
-            if is_shared.get(source, False)
-        )
-    )
-    return log_stiffness(joint.compliance, joint.standard_uncertainty, shared_uncertainty)
+    shared = [
+        contribution
+        for source, contribution in campaign.sources(name).items()
+        if source.removeprefix("assumed_") in left_out
+    ]
+    return log_stiffness(joint.compliance, joint.standard_uncertainty, hypot(*shared))
 
 
 def _summarise_joint(
@@ -385,7 +356,7 @@ def _make_estimate_of_change(change: Change) -> Estimate:
 
 
 def _write_note(
-    campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint], *, same_load_point: bool
+    campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint], shared: SharedErrors
 ) -> str | None:
     """Return a remark on too few campaigns, on joints that change together, or on load points; else None."""
     if not campaigns:
@@ -400,7 +371,7 @@ def _write_note(
             f"{agreeing} of {len(joints)} joints changed in one direction; this suggests an error of "
             "the force: check the load of the first and of the latest campaign"
         )
-    if same_load_point:
+    if shared.load:
         without = [
             campaign.measured.name
             for campaign in campaigns
@@ -443,7 +414,7 @@ def choose_selection(
     Return the selection; None if no selection matches the query. Counting campaigns keeps a single run with
     other options from ending a trend.
     """
-    filters = query.model_dump(exclude_none=True, exclude={"same_load_point", "campaigns"})
+    filters = query.model_dump(exclude_none=True, exclude={"same_load", "same_cell", "campaigns"})
     matching = {
         selection: campaigns
         for selection, campaigns in group_by_selection(runs).items()
@@ -599,7 +570,7 @@ class Trends:
             **compare_campaigns(
                 [joint.name for joint in robot.joints],
                 campaigns_of_trend,
-                same_load_point=query.same_load_point,
+                shared=SharedErrors(load=query.same_load, cell=query.same_cell),
                 most=query.campaigns,
                 references=robot.reference_set_ids,
             ),

@@ -218,11 +218,15 @@ class BodyBudget:
         self._has_been_large |= all_bytes > LARGE_BYTES
 
     def take_trim(self) -> bool:
-        """Return whether much memory has become free since the last call that returned True."""
-        is_due = self._has_been_large and self._all == 0
-        if is_due:
-            self._has_been_large = False
-        return is_due
+        """Return whether free memory should be given back to the system now: once after each large load.
+
+        This is the case when more than `LARGE_BYTES` were in flight since the last time, and none are now.
+        """
+        nothing_in_flight = self._all == 0
+        if not self._has_been_large or not nothing_in_flight:
+            return False
+        self._has_been_large = False
+        return True
 
 
 def _large_part(size: int) -> int:

@@ -396,16 +396,21 @@ def _make_numbered_table(
             sa.Identity(always=True),
             primary_key=True,
         ),
-        *sorted(columns, key=_estimate_length),
+        *sorted(columns, key=_rank_by_length),
         *indexes,
     )
 
 
-def _estimate_length(column: sa.Column[Any]) -> int:
-    """Return 2 for the column of a document, 1 for a column of numbers, and 0 for short columns."""
-    if isinstance(column.type, CompressedText | CompressedBytes):
+def _rank_by_length(column: sa.Column[Any]) -> int:
+    """Return the rank of a column in its table: columns with long values come last.
+
+    A database reads the columns before them without the pages of the long values.
+    """
+    is_document = isinstance(column.type, CompressedText | CompressedBytes)
+    if is_document:
         return 2
-    return int(column.name == "numbers")
+    has_numbers_of_a_list = column.name == "numbers"
+    return 1 if has_numbers_of_a_list else 0
 
 
 def _make_index(name: str, *columns: str, where: str | None = None) -> sa.Index:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
 from statistics import median
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import sqlalchemy as sa
 
@@ -89,6 +89,13 @@ class LockWait:
     def describe(self) -> str:
         """Return the end of a sentence that names both."""
         return f"worker {self.worker} waits for a lock of {self.blocker}"
+
+
+class _NotedWait(NamedTuple):
+    """A wait for a lock, and when it was seen."""
+
+    wait: LockWait
+    at: float  # monotonic time [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,8 +176,7 @@ class Waits:
     def __init__(self, database: Database) -> None:
         self._database = database
         self._parts_query: sa.Select[Any] | None = None  # once the table of DBOS was seen
-        # job's id → (last wait for a lock of a worker with a part of the job, monotonic time of the wait)
-        self._last_locks: dict[str, tuple[LockWait, float]] = {}
+        self._last_locks: dict[str, _NotedWait] = {}  # by the id of the job whose worker waited last
 
     def end_lost_sessions(self, seconds: float = LOST_SECONDS) -> list[str]:
         """End sessions of this program that have waited for the rest of a message for some time [s].
@@ -231,8 +237,8 @@ class Waits:
             longest = _STEPS_WITHOUT * median_steps.get(job.job_id, 0.0)
             if job.seconds < longest:
                 continue
-            lock, _ = self._last_locks.get(job.job_id, (None, 0.0))
-            why = unwritable or explain(own_parts, beats, lock)
+            noted = self._last_locks.get(job.job_id)
+            why = unwritable or explain(own_parts, beats, None if noted is None else noted.wait)
             if why is None and job.seconds >= max(COMPUTING_SECONDS, longest):
                 why = _explain_computing(own_parts)
             turn = _explain_turn(own_parts, waiting_priorities) if why is None else None
@@ -278,9 +284,7 @@ class Waits:
         """Note for which locks workers with parts of jobs wait now; forget waits of long ago."""
         at = time.monotonic()
         self._last_locks = {
-            job_id: (lock, noted_at)
-            for job_id, (lock, noted_at) in self._last_locks.items()
-            if at - noted_at < _LOCK_SECONDS
+            job_id: noted for job_id, noted in self._last_locks.items() if at - noted.at < _LOCK_SECONDS
         }
         if self._database.dialect == "sqlite":
             return
@@ -292,7 +296,7 @@ class Waits:
         }
         for part in parts:
             if part.worker in locks:
-                self._last_locks[part.job_id] = (locks[part.worker], at)
+                self._last_locks[part.job_id] = _NotedWait(locks[part.worker], at)
 
     def _read_median_steps(self, job_ids: Sequence[str]) -> dict[str, float]:
         """Return job's id → median time between two steps that were stored one after the other [s]."""

@@ -57,6 +57,7 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.models import Columns, find_model
 
 _Paths: TypeAlias = dict[tuple[ModelName, Loss], PenaltyPath]
+"""For each model and loss the fits with each fold held out, for several weights of the penalty."""
 
 _PENALTIES_PER_STEP: Final = 4
 """Number of penalties that one step fits: with all models 0.2 s for 30 targets, 1 s for 300."""
@@ -71,7 +72,8 @@ def find_obstacle_to_elastic_links(
 ) -> str | None:
     """Return the field of the request that rules out models with bending links or base; None if nothing does.
 
-    The field is "observations" if all observations have the same posture.
+    The field is "observations" if all observations have the same posture: cross-validation holds postures
+    out, so that it needs two.
 
     Raises:
         RequestError: a link is named that the robot does not have.
@@ -79,14 +81,13 @@ def find_obstacle_to_elastic_links(
     if options.resampling is not None:
         return "resampling"
     try:
-        # The checks of a fit with links; the results are not needed here.
+        # Call the functions that a fit with links calls first, for their refusals only.
         refuse_unsupported_elastic(settings)
         Columns.from_options(options, robot)
         if options.loss != "automatic":
             list_losses_to_compare(measurements, (options.loss,))
     except UnsupportedMethodError as error:
         return error.where or "elasticity"
-    # Cross-validation holds postures out, so that at least two different ones are needed.
     has_one_posture = (measurements.joints == measurements.joints[0]).all()
     return "observations" if has_one_posture else None
 
@@ -120,6 +121,10 @@ class Competition:
     def __init__(self, joints: JointsAlone, options: RunOptions) -> None:
         """Check the request, and determine the losses and penalties to compare.
 
+        If the request gives the penalty, models are still compared, but by one draw of folds, as repeated
+        draws serve to choose the penalty; and by squares, as the strength of a given penalty is relative to
+        the squared loss.
+
         Args:
             joints: identification of joints alone, with which the models are compared.
             options: model, losses, penalty and cross-validation.
@@ -138,13 +143,12 @@ class Competition:
         self._joints, self._options = joints, options
         self._columns = Columns.from_options(options, joints.robot)
         self._requested = None if options.elasticity == "automatic" else options.elasticity
-        # Repeated draws serve to choose the penalty; if it is given, one draw shows how well a model
-        # predicts.
-        one_draw = {} if requested_penalty is None else {"draws": 1}
-        self._validation = options.cross_validation.model_copy(update=one_draw)
-        self._weights = WEIGHTS if requested_penalty is None else (requested_penalty,)
-        # A given penalty is relative to the squared loss: with another loss it would be weaker or stronger.
-        losses: tuple[Loss, ...] = LOSSES if requested_penalty is None else ("squared",)
+        self._validation, self._weights = options.cross_validation, WEIGHTS
+        losses: tuple[Loss, ...] = LOSSES
+        if requested_penalty is not None:
+            self._validation = options.cross_validation.model_copy(update={"draws": 1})
+            self._weights = (requested_penalty,)
+            losses = ("squared",)
         if options.loss != "automatic":
             losses = (options.loss,)
         self._losses = list_losses_to_compare(measurements, losses)
@@ -181,9 +185,10 @@ class Competition:
         weight_count = len(self._weights)
         spans: list[tuple[int, int]] = []
         for fold in range(self._fold_count):
-            first_pair, end = fold * weight_count, (fold + 1) * weight_count
-            starts = range(first_pair, end, _PENALTIES_PER_STEP)
-            spans += [(start, min(start + _PENALTIES_PER_STEP, end)) for start in starts]
+            first_of_fold, first_of_next_fold = fold * weight_count, (fold + 1) * weight_count
+            for start in range(first_of_fold, first_of_next_fold, _PENALTIES_PER_STEP):
+                stop = min(start + _PENALTIES_PER_STEP, first_of_next_fold)
+                spans.append((start, stop))
         return tuple(spans)
 
     def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
@@ -199,9 +204,10 @@ class Competition:
         Raises:
             JointstiffError: joints alone cannot be identified, or the penalty has no scale.
         """
-        start, stop = span
-        fold, first_weight = divmod(start, len(self._weights))
-        weights = self._weights[first_weight : first_weight + stop - start]
+        first_pair, end_of_pairs = span
+        fold, first_weight = divmod(first_pair, len(self._weights))
+        weight_count = end_of_pairs - first_pair
+        weights = self._weights[first_weight : first_weight + weight_count]
         compliances_of_models, errors_of_models = [], []
         for candidate in self._squared_candidates:
             compliances, errors = fit_fold(self._folds, candidate, fold, weights)
@@ -212,31 +218,37 @@ class Competition:
     def choose_winner(self, parts: Sequence[Mapping[str, FloatArray]]) -> Winner:
         """Choose model, loss and penalty, and fit the chosen model to the whole set.
 
+        All models are fitted by squares; those that predict nearly as well as the best are then fitted with
+        Huber's loss, too.
+
         Args:
             parts: results of `compute` of all steps, in order.
 
         Raises:
             JointstiffError: joints alone cannot be identified, or no optimum is certified.
         """
-        paths = self._collect_paths(parts)
-        near_the_best = self._list_near_models(paths)
+        paths = self._collect_paths_of_squares(parts)
+        near_the_best = self._list_models_near_best(paths)
         for candidate in near_the_best:
-            self._refine_squares(candidate, paths)
+            paths[candidate.key] = self._search_penalty_of_squares(candidate, paths[candidate.key])
         if "huber" in self._losses:
-            paths |= self._fit_huber(near_the_best, paths)
+            paths |= self._fit_folds_by_huber(near_the_best, paths)
         selection, chosen = self._choose_model(paths)
         elastic = None
         if chosen.model != "joints":
             elastic = self._fit_whole_set(chosen, selection, paths)
         return Winner(selection, chosen, elastic, given=self._requested is not None)
 
-    def _collect_paths(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
+    def _collect_paths_of_squares(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
         """Return the fits by squares with each fold held out; keys are pairs of model and loss.
 
-        `parts` are the results of `compute` of all steps, in order.
+        If the request gives the penalty, there are no steps, and the fits are computed here.
+
+        Args:
+            parts: results of `compute` of all steps, in order.
         """
         weight_count = len(self._weights)
-        if self.penalty_is_given:  # then there are no steps, and the fits are computed here
+        if self.penalty_is_given:
             spans = [(fold * weight_count, (fold + 1) * weight_count) for fold in range(self._fold_count)]
             parts = [self.compute(span) for span in spans]
         # The second axis of both arrays numbers the pairs of fold and weight.
@@ -251,7 +263,7 @@ class Competition:
             )
         return paths
 
-    def _list_near_models(self, paths: _Paths) -> list[Candidate]:
+    def _list_models_near_best(self, paths: _Paths) -> list[Candidate]:
         """Return the models whose fits by squares predict nearly as well as the best.
 
         If the request names another loss than squares, all models are returned.
@@ -262,8 +274,11 @@ class Competition:
         limit = _NEAR * min(least_errors.values())
         return [candidate for candidate in self._squared_candidates if least_errors[candidate.key] <= limit]
 
-    def _fit_huber(self, candidates: Sequence[Candidate], paths: _Paths) -> _Paths:
-        """Return the fits of some models by Huber's loss, with each fold held out."""
+    def _fit_folds_by_huber(self, candidates: Sequence[Candidate], paths: _Paths) -> _Paths:
+        """Return the fits of some models by Huber's loss, with each fold held out.
+
+        `paths` are the fits by squares, whose penalties show which penalties to try.
+        """
         huber_paths = {}
         for candidate in candidates:
             with_huber = replace(candidate, loss="huber")
@@ -272,9 +287,10 @@ class Competition:
         return huber_paths
 
     def _list_weights_for_huber(self, candidate: Candidate, path: PenaltyPath) -> list[float]:
-        """Return the weights to try with Huber's loss, around the weight that squares chose.
+        """Return the weights to try with Huber's loss, around the weight that is as strong as squares' best.
 
-        Weights are ``λ = 10^(q/4)`` with whole quarters of a decade q.
+        Weights are ``λ = 10^(q/4)`` with whole quarters of a decade q. All weights are returned if none of
+        squares was certified, or if the request gives the only weight.
 
         Args:
             candidate: model, fitted by squares.
@@ -285,19 +301,23 @@ class Competition:
         best = choose_weight_index(path.errors, "best")
         mean_unknowns = path.unknowns[:, best].mean(axis=0)  # over the folds
         training_rows = self._folds.reduce_training_rows(candidate)
-        # With Huber's loss another weight is as strong as the weight with squares.
-        as_strong = convert_weight_to_huber(training_rows, candidate, mean_unknowns, path.weights[best])
-        quarter = round(4.0 * float(np.log10(as_strong)))
-        least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
-        quarters = {min(max(quarter + step, least), greatest) for step in _STEPS_NEAR}
+        equal_weight = convert_weight_to_huber(training_rows, candidate, mean_unknowns, path.weights[best])
+        middle = _count_quarters_of_decade(equal_weight)
+        least, greatest = (_count_quarters_of_decade(limit) for limit in LIMITS)
+        quarters = {min(max(middle + step, least), greatest) for step in _STEPS_NEAR}
         return [10.0 ** (quarter / 4.0) for quarter in sorted(quarters)]
 
-    def _refine_squares(self, candidate: Candidate, paths: _Paths) -> None:
-        """Search the penalty of a model fitted by squares on a finer grid; replace its path in `paths`."""
-        path = paths[candidate.key]
-        has_penalty = not (self.penalty_is_given or candidate.model.has_only_joints)
-        if has_penalty and find_certified_weights(path.errors).any():
-            paths[candidate.key] = refine_path(self._folds, candidate, path)
+    def _search_penalty_of_squares(self, candidate: Candidate, path: PenaltyPath) -> PenaltyPath:
+        """Return the fits of a model by squares with finer weights of the penalty around the best.
+
+        The fits are returned as they are if there is no weight to search: the model has no penalty, the
+        request gives the weight, or no optimum was certified, so that no weight is known to be the best.
+        """
+        has_free_penalty = not (self.penalty_is_given or candidate.model.has_only_joints)
+        has_certified_optimum = find_certified_weights(path.errors).any()
+        if has_free_penalty and has_certified_optimum:
+            return refine_path(self._folds, candidate, path)
+        return path
 
     def _choose_model(self, paths: _Paths) -> tuple[Selection, HeldOut]:
         """Choose the model with its loss and penalty, after trying finer penalties around the best penalties.
@@ -308,18 +328,20 @@ class Competition:
         model_is_automatic = self._requested is None
         # Models are compared automatically only after a test has indicated that links or base bend.
         links_may_be_base = model_is_automatic and self.screening.links_may_be_base
+        paths_of_losses = {(name, loss): path for (name, loss), path in paths.items() if loss in self._losses}
         selection = select_model(
             self._folds,
-            {(name, loss): path for (name, loss), path in paths.items() if loss in self._losses},
+            paths_of_losses,
             self._requested,
             screened=model_is_automatic,
             links_may_be_base=links_may_be_base,
         )
         if model_is_automatic and not self.penalty_is_given:
+            smallest_tried = self._weights[0]
             # A model whose best penalty is the smallest tried needs a smaller one for a fair comparison.
-            for name in dict.fromkeys(held_out.model for held_out in selection.models):
+            for name in selection.names:
                 held_out = selection.find_held_out(name)
-                if held_out.penalty == self._weights[0] and held_out.loss == "squared":
+                if held_out.penalty == smallest_tried and held_out.loss == "squared":
                     selection = self._refine_penalty(held_out, selection, paths)
             selection = Selection.choose_among(
                 selection.models, screened=model_is_automatic, links_may_be_base=links_may_be_base
@@ -393,21 +415,24 @@ class Competition:
     def _fit_with_chosen_penalty(self, held_out: HeldOut, paths: _Paths) -> ElasticFit:
         """Fit a model to the whole set with the penalty that cross-validation chose.
 
-        If no optimum is certified with this penalty, the next larger penalties are tried.
+        If no optimum is certified with this penalty, the next larger penalties are tried. A model without a
+        penalty has one fit, whatever the weight.
 
         Raises:
             UnsupportedMethodError: neither the chosen nor a larger penalty has a certified optimum.
         """
         weights = paths[held_out.model, held_out.loss].weights
         chosen_index = weights.index(held_out.penalty or weights[0])
-        return fit_first_certified(self._folds, self._find_candidate(held_out), weights[chosen_index:])
+        chosen_and_larger = weights[chosen_index:]  # ascending
+        return fit_first_certified(self._folds, self._find_candidate(held_out), chosen_and_larger)
 
     def _fit_whole_set(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Elastic:
         """Fit the chosen model to the whole set, with intervals that account for the choice of the model.
 
-        Intervals are those of a fit of the richest model by squares, whatever the loss. If the readings do
-        not distinguish links from the base, the intervals contain the intervals of both models, provided that
-        the tied model has a certified optimum.
+        Intervals are those of a fit of the richest model by squares, whatever the loss; those of the chosen
+        model if the request names the model. If the readings do not distinguish links from the base, the
+        chosen model is tied with one of the other kind: then the intervals contain the intervals of both
+        models, provided that the tied model has a certified optimum.
 
         Args:
             held_out: the chosen model.
@@ -419,9 +444,9 @@ class Competition:
             return Elastic(elastic, self._compute_effective(elastic, elastic), intervals=None)
         if self._requested is not None:
             name = elastic.candidate.model.name
-            by_squares = self._fit_squares(name, paths) or elastic
+            by_squares = self._fit_whole_set_by_squares(name, paths) or elastic
             return Elastic(elastic, self._compute_effective(elastic, by_squares), intervals=name)
-        richest = self._fit_squares(selection.largest, paths) or elastic
+        richest = self._fit_whole_set_by_squares(selection.largest, paths) or elastic
         effective = self._compute_effective(elastic, richest)
         if selection.tied is not None:
             effective_of_tied = self._compute_effective_of_tied(selection.tied, selection, paths)
@@ -436,19 +461,20 @@ class Competition:
             elastic = replace(elastic, prediction=prediction)
         return Elastic(elastic, effective, intervals=richest.candidate.model.name)
 
-    def _fit_squares(self, name: ModelName, paths: _Paths) -> ElasticFit | None:
+    def _fit_whole_set_by_squares(self, name: ModelName, paths: _Paths) -> ElasticFit | None:
         """Fit a model to the whole set by squares, with its best penalty; None if no optimum is certified.
 
-        The penalty is searched on the finer grid first.
+        The penalty is searched on the finer grid first; then larger penalties are tried.
         """
         candidate = next(candidate for candidate in self._squared_candidates if candidate.model.name == name)
-        self._refine_squares(candidate, paths)
-        path = paths[candidate.key]
+        path = self._search_penalty_of_squares(candidate, paths[candidate.key])
+        paths[candidate.key] = path
         if not find_certified_weights(path.errors).any():
             return None
         chosen_index = choose_weight_index(path.errors, self._validation.rule, self._validation.draws)
+        chosen_and_larger = path.weights[chosen_index:]
         try:
-            return fit_first_certified(self._folds, candidate, path.weights[chosen_index:])
+            return fit_first_certified(self._folds, candidate, chosen_and_larger)
         except UnsupportedMethodError:
             return None
 
@@ -460,15 +486,14 @@ class Competition:
         The intervals come from the richest model with links and rigid base if links are tied, or from the
         tied model if the fit of the richest is not certified.
         """
-        models_of_same_kind = LINKS_ALONE if tied in LINKS_ALONE else {tied}
-        from_simple_to_rich = [
-            held_out.model for held_out in selection.models if held_out.model in models_of_same_kind
-        ]
         try:
             fit_of_tied = self._fit_with_chosen_penalty(selection.find_held_out(tied), paths)
         except UnsupportedMethodError:
             return None
-        fit_of_richest = self._fit_squares(from_simple_to_rich[-1], paths) or fit_of_tied
+        richest = tied
+        if tied in LINKS_ALONE:
+            *_, richest = [name for name in selection.names if name in LINKS_ALONE]  # from simple to rich
+        fit_of_richest = self._fit_whole_set_by_squares(richest, paths) or fit_of_tied
         return self._compute_effective(fit_of_tied, fit_of_richest)
 
     def _compute_effective(self, elastic: ElasticFit, richest: ElasticFit) -> EffectiveCompliances:
@@ -483,3 +508,8 @@ class Competition:
             richest,
             publishes_ranges=not self.penalty_is_given,
         )
+
+
+def _count_quarters_of_decade(weight: float) -> int:
+    """Return the whole number q for which ``10^(q/4)`` is nearest to a weight."""
+    return round(4.0 * float(np.log10(weight)))

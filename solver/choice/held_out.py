@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -73,6 +73,8 @@ WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 4))
 """Weights λ of the penalty, one per decade, that suffice to tell models that predict well from others."""
 LIMITS: Final = (1e-7, 10.0)
 """Least and greatest weight λ tried: hardly any penalty, and a penalty with which no link bends."""
+_TWO_DECADES: Final = 8
+"""Two decades in quarters of a decade."""
 _GAP: Final = 1e-4
 """Tolerance of the fitted readings, or of the sum of their residuals, relative to the size of all readings:
 far below the accuracy of predicted readings."""
@@ -81,7 +83,8 @@ far below the accuracy of predicted readings."""
 def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexArray, ...]:
     """Divide observations at random into folds for cross-validation.
 
-    All observations with the same joint angles (one posture) are put into the same fold.
+    All observations with the same joint angles (one posture) are put into the same fold. Postures are
+    numbered by first appearance, so that the values of the angles do not affect the draw.
 
     Args:
         validation: numbers of folds and draws, and the seed.
@@ -94,8 +97,8 @@ def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexAr
     Raises:
         UnsupportedMethodError: the set has a single posture.
     """
-    # Postures are numbered by first appearance, so that the values of the angles do not affect the draw.
-    postures, posture_of_observation = np.unique(find_first_equal(joints), return_inverse=True)
+    first_with_same_posture = find_first_equal(joints)  # (N,) index of an observation
+    postures, posture_of_observation = np.unique(first_with_same_posture, return_inverse=True)
     posture_count = len(postures)
     if posture_count < 2:
         raise UnsupportedMethodError(
@@ -108,7 +111,8 @@ def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexAr
     folds = []
     for _ in range(validation.draws):
         fold_of_posture = np.empty(posture_count, dtype=np.intp)
-        fold_of_posture[generator.permutation(posture_count)] = np.arange(posture_count) % fold_count
+        shuffled_postures = generator.permutation(posture_count)
+        fold_of_posture[shuffled_postures] = np.arange(posture_count) % fold_count
         fold_of_observation = fold_of_posture[posture_of_observation]
         folds += [np.flatnonzero(fold_of_observation == number) for number in range(fold_count)]
     return tuple(folds)
@@ -124,6 +128,14 @@ class PenaltyPath:
     #: (K, W) mean norm of the held-out targets' whitened residuals [m]; the root mean square of their
     #: coordinates in a set of more than `MOST_TARGETS` targets
     errors: FloatArray
+
+    def join(self, added: PenaltyPath) -> PenaltyPath:
+        """Return the fits of this path and of other weights together, in ascending order of the weights."""
+        weights = np.array(self.weights + added.weights)
+        unknowns = np.concatenate([self.unknowns, added.unknowns], axis=1)
+        errors = np.concatenate([self.errors, added.errors], axis=1)
+        ascending = np.argsort(weights)
+        return PenaltyPath(tuple(weights[ascending].tolist()), unknowns[:, ascending], errors[:, ascending])
 
     @property
     def least_error(self) -> float:
@@ -178,12 +190,13 @@ class Folds:
     def merge_training_rows(self, fold: int | None) -> Part:
         """Return the compressed rows of a training set: all folds of a draw except the held-out `fold`.
 
-        If `fold` is None, the rows of the whole set are returned.
+        If `fold` is None, the rows of the whole set are returned, which are all folds of the first draw. The
+        rows are merged when they are first needed.
         """
         if fold not in self._training:
-            # The folds of one draw make up the whole set, so None merges all folds of the first draw.
             draw = 0 if fold is None else fold // self.per_draw
-            folds_of_draw = range(draw * self.per_draw, (draw + 1) * self.per_draw)
+            first_of_draw, first_of_next_draw = draw * self.per_draw, (draw + 1) * self.per_draw
+            folds_of_draw = range(first_of_draw, first_of_next_draw)
             training_parts = [self.parts[other] for other in folds_of_draw if other != fold]
             self._training[fold] = Part.merge(training_parts)
         return self._training[fold]
@@ -268,11 +281,13 @@ def fit_fold(
     """
     reduced = folds.reduce_training_rows(candidate, fold)
     if candidate.model.has_only_joints:
-        is_squared = candidate.loss == "squared"
-        one_fit = reduced.fit_joints_only() if is_squared else _fit_unknowns(reduced, candidate, 1.0)
+        if candidate.loss == "squared":
+            one_fit = reduced.fit_joints_only()
+        else:
+            one_fit = _fit_or_nan(reduced, candidate, weight=1.0)
         unknowns = np.tile(one_fit, (len(weights), 1))
     else:
-        unknowns = np.array([_fit_unknowns(reduced, candidate, weight) for weight in weights])
+        unknowns = np.array([_fit_or_nan(reduced, candidate, weight) for weight in weights])
     return unknowns, folds.compute_prediction_errors(fold, unknowns)
 
 
@@ -292,45 +307,35 @@ def refine_path(folds: Folds, candidate: Candidate, path: PenaltyPath) -> Penalt
     The finest grid has four weights per decade. If the best weight is at an end of the path, weights beyond
     this end are tried too. Return the path with the added weights, in ascending order.
     """
-    while True:
-        further_weights = _propose_further_weights(np.array(path.weights), path.errors)
-        if not further_weights:
-            return path
-        added = fit_folds(folds, candidate, further_weights)
-        weights = np.array(path.weights + added.weights)
-        ascending = np.argsort(weights)
-        path = PenaltyPath(
-            tuple(weights[ascending].tolist()),
-            np.concatenate([path.unknowns, added.unknowns], axis=1)[:, ascending],
-            np.concatenate([path.errors, added.errors], axis=1)[:, ascending],
-        )
+    while further_weights := _propose_further_weights(np.array(path.weights), path.errors):
+        path = path.join(fit_folds(folds, candidate, further_weights))
+    return path
 
 
 def _propose_further_weights(weights: FloatArray, errors: FloatArray) -> list[float]:
     """Return weights λ to try around the weight of least error: halfway to each of its two neighbours.
 
-    At an end of the path the missing neighbour is taken to be two decades beyond the end, but not beyond
-    `LIMITS`. An empty list means that the grid is fine enough.
+    Weights are counted in whole quarters q of a decade, λ = 10^(q/4). At an end of the path the missing
+    neighbour is taken to be two decades beyond the end, but not beyond `LIMITS`. An empty list means that the
+    grid is fine enough.
 
     Args:
-        weights: (W,) ascending weights that were tried; λ = 10^(q/4) with whole quarters of a decade q.
+        weights: (W,) ascending weights that were tried.
         errors: (K, W) errors of K held-out folds.
     """
     quarters = np.rint(4.0 * np.log10(weights)).astype(int).tolist()
     least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
     best_index = choose_weight_index(errors, "best")
+    is_first, is_last = best_index == 0, best_index == len(quarters) - 1
     best = quarters[best_index]
-    below, above = max(best - 8, least), min(best + 8, greatest)
-    if best_index > 0:
-        below = quarters[best_index - 1]
-    if best_index < len(quarters) - 1:
-        above = quarters[best_index + 1]
+    below = max(best - _TWO_DECADES, least) if is_first else quarters[best_index - 1]
+    above = min(best + _TWO_DECADES, greatest) if is_last else quarters[best_index + 1]
     halfway = {(best + below) // 2, (best + above + 1) // 2}  # rounded away from the best
     new_quarters = sorted(halfway - set(quarters))
     return [10.0 ** (quarter / 4.0) for quarter in new_quarters]
 
 
-def _fit_unknowns(reduced: Reduced, candidate: Candidate, weight: float) -> FloatArray:
+def _fit_or_nan(reduced: Reduced, candidate: Candidate, weight: float) -> FloatArray:
     """Return the P fitted compliances and E stated errors (P + E,); NaN if no optimum can be certified."""
     try:
         fit = fit_loss(reduced, candidate, weight, gap=_GAP)
@@ -442,6 +447,11 @@ class Selection:
         models = tuple(refined if (each.model, each.loss) == key else each for each in self.models)
         return replace(self, models=models)
 
+    @property
+    def names(self) -> list[ModelName]:
+        """Names of the compared models, each once, from simple to rich."""
+        return list(dict.fromkeys(held_out.model for held_out in self.models))
+
     @classmethod
     def choose_among(
         cls, models: Sequence[HeldOut], *, screened: bool, links_may_be_base: bool = False
@@ -495,14 +505,13 @@ def select_model(
     """
     compared = _list_paths_to_compare(paths, requested)
     validation = folds.validation
-    weight_indices = [
-        choose_weight_index(path.errors, validation.rule, validation.draws) for path in compared.values()
-    ]
-    chosen_unknowns = np.array(
-        [path.unknowns[:, index] for path, index in zip(compared.values(), weight_indices, strict=True)]
-    )
-    compensation, residual_norms = _score_held_out(folds, chosen_unknowns)
-    by_posture = _average_by_posture(folds, residual_norms)
+    weight_indices, chosen_unknowns = [], []
+    for path in compared.values():
+        index = choose_weight_index(path.errors, validation.rule, validation.draws)
+        weight_indices.append(index)
+        chosen_unknowns.append(path.unknowns[:, index])
+    scores = _score_held_out(folds, np.array(chosen_unknowns))
+    by_posture = _average_by_posture(folds, scores.residual_norms)
     models = []
     for number, ((name, loss), path) in enumerate(compared.items()):
         index = weight_indices[number]
@@ -511,7 +520,7 @@ def select_model(
             loss=loss,
             error=float(path.errors[:, index].mean()),
             penalty=None if name == "joints" else path.weights[index],
-            by_fold=compensation[number],
+            by_fold=scores.compensation[number],
             by_posture=by_posture[number],
             per_draw=folds.per_draw,
         )
@@ -527,12 +536,12 @@ def _list_paths_to_compare(
     If the requested model has none, its fits are returned all the same: `choose_weight_index` then raises the
     error that no fit is certified.
     """
-    in_order = {key: paths[key] for key in product(_NAMES, LOSSES) if key in paths}
-    compared = {key: path for key, path in in_order.items() if find_certified_weights(path.errors).any()}
-    requested_is_certified = any(name == requested for name, _ in compared)
-    if not requested_is_certified:
-        compared |= {(name, loss): path for (name, loss), path in in_order.items() if name == requested}
-    return compared
+    from_simple_to_rich = [key for key in product(_NAMES, LOSSES) if key in paths]
+    certified = [key for key in from_simple_to_rich if find_certified_weights(paths[key].errors).any()]
+    of_requested = [(name, loss) for name, loss in from_simple_to_rich if name == requested]
+    requested_is_certified = any(key in certified for key in of_requested)
+    compared = certified if requested_is_certified else certified + of_requested
+    return {key: paths[key] for key in compared}
 
 
 def _average_by_posture(folds: Folds, norms: FloatArray) -> FloatArray:
@@ -540,9 +549,10 @@ def _average_by_posture(folds: Folds, norms: FloatArray) -> FloatArray:
 
     `norms` (M, D N) [m] are those of all N observations in each of D draws, in the order of the folds.
     """
-    first_equal = find_first_equal(folds.rows.measurements.joints)
-    _, posture_of_observation = np.unique(first_equal, return_inverse=True)
-    posture_of_column = posture_of_observation[np.concatenate(folds.held_out)]
+    first_with_same_posture = find_first_equal(folds.rows.measurements.joints)
+    _, posture_of_observation = np.unique(first_with_same_posture, return_inverse=True)
+    observation_of_column = np.concatenate(folds.held_out)
+    posture_of_column = posture_of_observation[observation_of_column]
     sums = np.array([np.bincount(posture_of_column, norms_of_model) for norms_of_model in norms])
     return np.asarray(sums / np.bincount(posture_of_column))
 
@@ -600,16 +610,18 @@ def _find_tied_model(
     """
     with_links = [held_out for held_out in by_name if held_out.model in LINKS_ALONE]
     with_base = next((held_out for held_out in by_name if held_out.model == "joints_and_base"), None)
-    if with_base is None or not with_links:
+    if with_base is None or not with_links:  # not both kinds were compared
         return None
-    if chosen in LINKS_ALONE:
-        return with_base.model if links_may_be_base else None
-    if chosen != with_base.model:
-        return None
-    best_with_links = min(with_links, key=lambda held_out: held_out.mean_residual)
-    difference, standard_error = best_with_links.compare_residuals(with_base)
-    predicts_nearly_as_well = difference <= standard_error
-    return best_with_links.model if links_may_be_base or predicts_nearly_as_well else None
+    links_are_chosen, base_is_chosen = chosen in LINKS_ALONE, chosen == with_base.model
+    if links_are_chosen and links_may_be_base:
+        return with_base.model
+    if base_is_chosen:
+        best_with_links = min(with_links, key=lambda held_out: held_out.mean_residual)
+        difference, standard_error = best_with_links.compare_residuals(with_base)
+        predicts_nearly_as_well = difference <= standard_error
+        if links_may_be_base or predicts_nearly_as_well:
+            return best_with_links.model
+    return None
 
 
 def _compute_gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
@@ -626,39 +638,43 @@ def _compute_gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
     return HeldOutGain(best.model, best.mean_residual, joints.mean_residual, standard_error)
 
 
-def _score_held_out(folds: Folds, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+class _HeldOutScores(NamedTuple):
+    """Residuals of N observations in each of K folds, D draws, as M models predict them without the fold."""
+
+    compensation: FloatArray  # (M, K) one minus the sum of the residuals over that of the deflections
+    #: (M, D N) mean norm of the residuals of each observation's targets [m], in the order of the folds
+    residual_norms: FloatArray
+
+
+def _score_held_out(folds: Folds, unknowns: FloatArray) -> _HeldOutScores:
     """Predict each of K folds with M models whose unknowns (M, K, P + E) were fitted without that fold.
 
-    Returns:
-        The compensation (M, K), one minus the ratio of residuals to deflections; and the mean norm (M, D N)
-        of the residuals of each observation's targets [m]. Its columns are in the order of the folds: each of
-        D draws divides all N observations.
+    A fold without any deflection has the compensation zero: nothing could be compensated.
     """
     model_count = len(unknowns)
     residual_sum = np.zeros((model_count, len(folds)))
     deflection_sum = np.zeros(len(folds))
     norms_of_folds = [np.zeros((model_count, len(observations))) for observations in folds.held_out]
-    start = 0  # index of the first observation of the block
+    block_start = 0  # index of the first observation of the block
     for rows in generate_elastic_rows(folds.rows, folds.columns, folds.statements):
         block = rows.block.measurements
         for fold, observations in enumerate(folds.held_out):
-            in_fold = select_rows_of_part(observations, start, start + len(block))
+            in_fold = select_rows_of_part(observations, block_start, block_start + len(block))
             deflection, present = block.deflection[in_fold], block.present[in_fold]
-            # Model m, observation b of the block, target t, axis i, unknown p.
             columns = rows.targets[in_fold, ..., :-1]
+            # Model m, observation b of the block, target t, axis i, unknown p.
             predicted = np.einsum("btip,mp->mbti", columns, unknowns[:, fold])
-            residual = np.linalg.norm(deflection - predicted, axis=-1)
+            residual_norm = np.linalg.norm(deflection - predicted, axis=-1)
             target_count = np.maximum(present.sum(axis=1), 1)
-            mean_norm = np.where(present, residual, 0.0).sum(axis=-1) / target_count
-            first = int(np.searchsorted(observations, start))  # position in the fold
+            mean_norm = np.where(present, residual_norm, 0.0).sum(axis=-1) / target_count
+            first = int(np.searchsorted(observations, block_start))  # position in the fold
             norms_of_folds[fold][:, first : first + len(in_fold)] = mean_norm
-            residual_sum[:, fold] += residual[:, present].sum(axis=1)
+            residual_sum[:, fold] += residual_norm[:, present].sum(axis=1)
             deflection_sum[fold] += float(np.linalg.norm(deflection, axis=-1)[present].sum())
-        start += len(block)
-    # A fold without any deflection gets a ratio of one: nothing could be compensated.
+        block_start += len(block)
     ratio = np.ones_like(residual_sum)
     np.divide(residual_sum, deflection_sum, out=ratio, where=deflection_sum > 0.0)
-    return 1.0 - ratio, np.concatenate(norms_of_folds, axis=1)
+    return _HeldOutScores(1.0 - ratio, np.concatenate(norms_of_folds, axis=1))
 
 
 def report_penalty(chosen: float, used: float) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ that they do not share, and Student's distribution where their sigmas come from 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from math import asin, atan2, exp, hypot, inf, isfinite, isinf, log, pi, sqrt, tan
@@ -67,8 +67,9 @@ _NO_EFFECT: Final = 1e-9
 _QUARTER: Final = pi / 2
 _ALIKE: Final = 0.5
 """Greatest relative difference of the deflections at which forces that differ are taken for a wrong unit."""
-_SAME_LOAD_POINT: Final = "same_load_point"
-"""Name of the option, as the place of an error."""
+_SAME_LOAD: Final = "same_load"
+_SAME_CELL: Final = "same_cell"
+"""Names of the options, as places of an error."""
 _UNKNOWN: Final = (
     "the uncertainty of the joint is unknown in one of the sets: state `noise`, or add observations"
 )
@@ -83,8 +84,7 @@ class FreeEstimate:
     compliance: FloatArray  #: (n,) NaN without an estimate
     covariance: FloatArray  #: (n, n) covariance due to all errors
     readings: FloatArray | None  #: (n, n) part due to the noise of the readings; None if sigma is unknown
-    #: error term → (n, n) part due to this term, for terms whose uncertainty is assumed, not stated
-    assumed: Mapping[str, FloatArray]
+    force_scale: FloatArray  #: (n, n) part due to the scale of all forces, stated or assumed
     #: (n, 3) change of the estimate by one standard uncertainty of the load point along each axis of the
     #: flange; (n, 0) if the load point has no stated or assumed uncertainty
     load_point: FloatArray
@@ -104,6 +104,17 @@ class Side:
     constraints: Constraints  #: constraints of this estimate
     complementary_stiffness: bool  #: whether the model includes the complementary stiffness K_c
     free: FreeEstimate  #: estimate without constraints
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """Errors of loads that the user states to be the same in both campaigns; others are independent."""
+
+    load: bool = False  #: whether the load acted at the same point of the flange: one error of the load point
+    cell: bool = False  #: whether the same cell or weights gave the forces: one error of their scale
+
+
+_OWN: Final = SharedErrors()
 
 
 class Comparison(NamedTuple):
@@ -180,7 +191,7 @@ def compare_sides(
     *,
     confidence: float,
     ordered: bool = False,
-    same_load_point: bool = False,
+    shared: SharedErrors = _OWN,
 ) -> Comparison:
     """Compare the stiffnesses of two campaigns whose readings are independent.
 
@@ -189,17 +200,16 @@ def compare_sides(
         second: campaign of the stiffer state, such as after a repair, or with secondary encoders in the loop.
         confidence: level of the intervals, between 0 and 1.
         ordered: whether to fit both in one problem with c_second ≤ c_first for every joint.
-        same_load_point: whether the load hung at the same point of the flange, so that the error of the load
-            point is the same in both campaigns.
+        shared: errors that are the same in both campaigns.
 
     Raises:
         RequestError: the robots' joints differ, the order contradicts the constraints, or the campaigns
-            cannot share a load point.
+            cannot share an error.
         SolverError: optimality could not be certified.
     """
     _refuse_different_joints(first.robot, second.robot)
     sides = (first, second)
-    covariance = _compute_pair_covariance(sides, same_load_point=same_load_point)
+    covariance = _compute_pair_covariance(sides, shared)
     compliances_are_positive = all(bool((side.constraints.bounds.lower >= 0).all()) for side in sides)
     compliances = np.stack([side.compliance for side in sides])
     ordered_result = None
@@ -209,12 +219,12 @@ def compare_sides(
     ratios, differences = [], []
     for j in range(first.robot.n):
         ratios.append(_compare_joint(j, sides, covariance, confidence, positive=compliances_are_positive))
-        differences.append(_subtract_joint(j, sides, covariance, confidence))
+        differences.append(_subtract_joint(j, sides, covariance, confidence, shared))
     matches = match_observations(first.measurements, second.measurements)
     return Comparison(
         joints=ratios,
         differences=differences,
-        apart=_take_apart(sides, confidence, same_load_point=same_load_point),
+        apart=_take_apart(sides, confidence, shared),
         ordered=ordered_result,
         avoided=compute_avoided_deflection(sides, matches, compliances),
         unlike=matches.unlike,
@@ -253,28 +263,45 @@ def models_differ(first: Robot, second: Robot) -> bool:
     return any(bool((np.abs(difference) > _MODEL_TOLERANCE).any()) for difference in differences)
 
 
-def _compute_pair_covariance(sides: Sequence[Side], *, same_load_point: bool) -> PairCovariance:
+def _compute_pair_covariance(sides: Sequence[Side], shared: SharedErrors) -> PairCovariance:
     """Compute the covariance of both campaigns' estimates without the errors that cancel in a comparison.
 
-    If the uncertainty of the load cell's scale is assumed, not stated, for both campaigns, the error is the
-    same in both, and cancels. Each campaign has its own error of the load point, because a load that is hung
-    anew hangs elsewhere, unless the load hung at the same point.
+    Each campaign has errors of its own, stated or assumed: another cell has another scale, and a load that is
+    hung anew hangs elsewhere. Only what the user states to be the same cancels.
 
     Raises:
-        RequestError: the campaigns cannot share a load point.
+        RequestError: the campaigns cannot share an error.
     """
-    first_assumed, second_assumed = (side.measurements.common_uncertainty.assumed for side in sides)
-    cancelling_terms = (first_assumed & second_assumed) - {"load_point"}
+    if shared.cell:
+        check_same_cell([side.measurements for side in sides])
     own: list[FloatArray | None] = []
     for estimate in (side.free for side in sides):
         if estimate.readings is None:  # sigma is unknown
             own.append(None)
-            continue
-        parts = [estimate.assumed[term] for term in cancelling_terms if term in estimate.assumed]
-        own.append(estimate.covariance - sum(parts))
+        elif shared.cell:
+            own.append(estimate.covariance - estimate.force_scale)
+        else:
+            own.append(estimate.covariance)
     n = sides[0].robot.n
-    cross = _compute_covariance_by_load_point(sides) if same_load_point else np.zeros((n, n))
+    cross = _compute_covariance_by_load_point(sides) if shared.load else np.zeros((n, n))
     return PairCovariance(own, cross)
+
+
+def check_same_cell(campaigns: Sequence[Measurements]) -> None:
+    """Check that all campaigns have the same uncertainty of the scale of their forces.
+
+    Raises:
+        RequestError: the uncertainties differ.
+    """
+    scales = [campaign.common_uncertainty.scale for campaign in campaigns]
+    other = next((scale for scale in scales if scale != scales[0]), None)
+    if other is not None:
+        stated = f"{figure(100.0 * scales[0], '.3g')} and {figure(100.0 * other, '.3g')}"
+        raise RequestError(
+            f"two sets have uncertainties of the force's scale of {stated} %, so its error is not the same",
+            where=_SAME_CELL,
+            remedy=f"omit `{_SAME_CELL}`, or state the same `noise.force.scale` in all sets",
+        )
 
 
 def _compute_covariance_by_load_point(sides: Sequence[Side]) -> FloatArray:
@@ -289,15 +316,15 @@ def _compute_covariance_by_load_point(sides: Sequence[Side]) -> FloatArray:
         raise RequestError(
             "one of the runs states no uncertainty of its load point, so the sets cannot share an error of "
             "the load point",
-            where=_SAME_LOAD_POINT,
-            remedy="omit `same_load_point`, or identify both sets again with an uncertainty "
+            where=_SAME_LOAD,
+            remedy="omit `same_load`, or identify both sets again with an uncertainty "
             "`noise.load_point` above zero and without a fitted load point",
         )
-    check_same_load_point([side.measurements for side in sides])
+    check_same_load([side.measurements for side in sides])
     return np.asarray(first_changes @ second_changes.T)
 
 
-def check_same_load_point(campaigns: Sequence[Measurements]) -> None:
+def check_same_load(campaigns: Sequence[Measurements]) -> None:
     """Check that all campaigns state the same load points with the same uncertainty.
 
     Raises:
@@ -321,8 +348,8 @@ def check_same_load_point(campaigns: Sequence[Measurements]) -> None:
             raise RequestError(
                 f"two sets state load points {figure(1e3 * farthest, '.3g')} mm apart, with uncertainties of "
                 f"{stated} mm, so the error of the load point is not the same in both",
-                where=_SAME_LOAD_POINT,
-                remedy="omit `same_load_point`, or state the same load point and uncertainty in all sets",
+                where=_SAME_LOAD,
+                remedy="omit `same_load`, or state the same load point and uncertainty in all sets",
             )
 
 
@@ -377,19 +404,20 @@ def _compare_joint(
 
 
 def _subtract_joint(
-    j: int, sides: Sequence[Side], covariance: PairCovariance, confidence: float
+    j: int, sides: Sequence[Side], covariance: PairCovariance, confidence: float, shared: SharedErrors
 ) -> JointResult:
     """Return the compliance of joint j in the first campaign less that in the second, with its interval.
 
     With motor encoders in the loop first, and secondary encoders then, the difference is the gearbox:
     ``c_off − c_on ± t √(s₁² + s₂² − 2 s₁₂ + (u (c_off − c_on))²)``. An error u of the scale of all loads that
-    is assumed cancels in a ratio, but not in a difference (method.md §18).
+    both campaigns share cancels in a ratio, but not in a difference (method.md §18).
 
     Args:
         j: index of the joint.
         sides: both campaigns.
-        covariance: covariance of both estimates, without an assumed scale.
+        covariance: covariance of both estimates, without a shared scale.
         confidence: level of the interval.
+        shared: errors that are the same in both campaigns.
     """
     first, second = (side.free for side in sides)
     name, kind = sides[0].robot.joint_names[j], sides[0].robot.joint_kinds[j]
@@ -398,9 +426,7 @@ def _subtract_joint(
     if not isfinite(difference) or not first_variance or not second_variance:
         reason = first.reasons[j] or second.reasons[j] or _UNKNOWN
         return _make_difference(name, kind, compliance=None, uncertainty=None, interval=None, reason=reason)
-    common = [side.measurements.common_uncertainty for side in sides]
-    scale_is_assumed = all("force_scale" in uncertainty.assumed for uncertainty in common)
-    scale_uncertainty = common[0].scale if scale_is_assumed else 0.0
+    scale_uncertainty = sides[0].measurements.common_uncertainty.scale if shared.cell else 0.0
     variance = first_variance + second_variance - 2.0 * shared_covariance
     variance += (scale_uncertainty * difference) ** 2
     uncertainty = sqrt(variance)
@@ -421,7 +447,7 @@ def _subtract_joint(
     )
 
 
-def _take_apart(sides: Sequence[Side], confidence: float, *, same_load_point: bool) -> Apart | None:
+def _take_apart(sides: Sequence[Side], confidence: float, shared: SharedErrors) -> Apart | None:
     """Return gearboxes and structure by one fit of both campaigns; None unless their encoders allow it."""
     motor, secondary = sorted(sides, key=lambda side: side.measurements.closed_on_links)
     if motor.measurements.closed_on_links or not secondary.measurements.closed_on_links:
@@ -436,7 +462,9 @@ def _take_apart(sides: Sequence[Side], confidence: float, *, same_load_point: bo
         rows = Rows(side.robot, side.measurements, balanced)
         estimates.append(TargetsEstimate(rows, side.compliance, ~free.unseen, sigma, free.degrees_of_freedom))
     of_motor, of_secondary = estimates
-    return take_two_runs_apart(of_motor, of_secondary, confidence, same_load_point=same_load_point)
+    return take_two_runs_apart(
+        of_motor, of_secondary, confidence, same_load=shared.load, same_cell=shared.cell
+    )
 
 
 def _make_difference(

@@ -41,8 +41,7 @@ from jointstiff.solver.design.optimum import (
     optimise_design,
 )
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.evidence.reliability import compute_noncentrality
-from jointstiff.solver.evidence.term_tests import MISTAKE_LEVEL
+from jointstiff.solver.evidence.term_tests import MISTAKE_LEVEL, compute_noncentrality
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.observability import Spectrum
 from jointstiff.solver.fit.rows import Rows

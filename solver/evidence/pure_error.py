@@ -98,7 +98,7 @@ def _split_residual_squares(rows: Rows, residual: FloatArray) -> tuple[float, fl
         # Scale the residuals so that their noise is uncorrelated, with variance sigma².
         whitened = block.whiten(residual[start:stop, ..., None])
         whitened = whitened.reshape(stop - start, -1)  # (b, 3 T)
-        motion_directions, *_ = factorise_displacement(block)  # (b, 3 T, 6) orthonormal columns
+        motion_directions = factorise_displacement(block).Q  # (b, 3 T, 6) orthonormal columns
         motion_part = np.einsum("bri,br->bi", motion_directions, whitened)  # (b, 6)
         squares_along_motion = float(np.square(motion_part).sum())
         motion_squares += squares_along_motion

@@ -22,12 +22,15 @@ from jointstiff.solver.evidence.fitted_causes import FittedCauses, fit_causes_wi
 from jointstiff.solver.evidence.suspects import Suspect, list_suspects
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL, MISTAKE_LEVEL, TermTests, WrongPosture
 from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.fit.triangle import DISTINCT, orthonormal_basis
 from jointstiff.solver.mechanics.block import CorrectedMeasurements, Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE
 
 EQUALLY_GOOD: Final = 6.0
 """Difference of the information criterion up to which two causes explain the readings equally well."""
+_ALIKE: Final = 0.1
+"""Largest part of a motion that another motion leaves unexplained, up to which the two are the same."""
 _MOST_STEPS: Final = 3
 """Largest number of causes that are selected one after the other."""
 _MOST_EXCHANGES: Final = 2
@@ -347,12 +350,40 @@ class _Search:
             described_names = {suspect.name}
             for fit in replacements:
                 name = fit.suspects[position].name
-                is_equally_good = fit.criterion <= chosen.criterion + EQUALLY_GOOD
                 # The best fit comes first; other onsets of the same cause are not described again.
-                if is_equally_good and name not in described_names:
+                is_new = name not in described_names
+                if is_new and self._is_tie(fit, chosen, position):
                     described_names.add(name)
                     causes.append(self._describe_one(fit, position))
         return tuple(causes)
+
+    def _is_tie(self, other: _Fit, chosen: _Fit, position: int) -> bool:
+        """Return whether two causes, each at one position of its fit, explain the readings equally well.
+
+        The criterion decides, unless the other cause contains the chosen one: causes with the same columns
+        are a tie, a cause with more columns is none. Scales of two loads are the same as a force along the
+        rope, but scales of three loads contain this force.
+        """
+        columns_of_chosen, columns_of_other = (
+            self._find_own_columns(fit.suspects[position]) for fit in (chosen, other)
+        )
+        overlap = columns_of_other.T @ columns_of_chosen
+        unexplained = columns_of_chosen - columns_of_other @ overlap
+        contains_chosen = np.linalg.norm(unexplained, ord=2) < _ALIKE
+        if contains_chosen and columns_of_chosen.size:
+            return len(columns_of_other.T) == len(columns_of_chosen.T)
+        return other.criterion <= chosen.criterion + EQUALLY_GOOD
+
+    def _find_own_columns(self, suspect: Suspect) -> FloatArray:
+        """Return a basis (K, k) of the motion by a cause that joints do not explain; empty if unknown."""
+        tests = self._start.tests
+        triangle = tests.stated
+        if suspect.term.name not in triangle.span:
+            return np.zeros((len(triangle.rhs), 0))
+        of_joints = orthonormal_basis(triangle.unit_columns(tests.fitted))
+        columns = triangle.unit_columns([suspect.term.name])
+        unexplained = columns - of_joints @ (of_joints.T @ columns)
+        return orthonormal_basis(unexplained, DISTINCT)
 
     def _describe_one(self, fit: _Fit, position: int) -> Cause:
         """Return the cause at a position of a fit, with its unknowns, tests and effect on the residuals."""

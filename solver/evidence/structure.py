@@ -163,26 +163,29 @@ def take_apart(rows: Rows, of_targets: Estimate, confidence: float) -> Apart | N
 
 
 def take_two_runs_apart(
-    motor: TargetsEstimate, secondary: TargetsEstimate, confidence: float, *, same_load_point: bool
+    motor: TargetsEstimate,
+    secondary: TargetsEstimate,
+    confidence: float,
+    *,
+    same_load: bool,
+    same_cell: bool,
 ) -> Apart | None:
     """Return gearboxes and structure by one fit of two runs; None if no joint shows both.
-
-    A scale of all loads that both runs assume is one error, as in a comparison; stated scales are two errors.
 
     Args:
         motor: run with readings of encoders, in which the encoders of the motors close the position loop.
         secondary: run in which the encoders behind the gearboxes close the position loop.
         confidence: level of the intervals.
-        same_load_point: whether the error of the load point is the same in both runs.
+        same_load: whether the error of the load point is the same in both runs.
+        same_cell: whether the error of the scale of all loads is the same in both runs.
     """
     joints = _find_joints(motor, motor.is_seen & secondary.is_seen)
     if not len(joints):
         return None
     measured = [run.rows.measurements for run in (motor, secondary)]
-    shares_scale = all("force_scale" in each.common_uncertainty.assumed for each in measured)
-    scale = measured[0].common_uncertainty.scale if shares_scale else 0.0
-    errors = [_list_errors(each, with_scale=not shares_scale) for each in measured]
-    shared = [LOAD_POINT.name] if same_load_point else []
+    scale = measured[0].common_uncertainty.scale if same_cell else 0.0
+    errors = [_list_errors(each, with_scale=not same_cell) for each in measured]
+    shared = [LOAD_POINT.name] if same_load else []
     freedom = min(motor.degrees_of_freedom, secondary.degrees_of_freedom)
     try:
         first = _state_motor_run(motor, joints, errors[0])

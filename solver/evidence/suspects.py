@@ -25,6 +25,7 @@ from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import (
     FORCE_SCALE,
     SHIFT,
+    STIFFNESS,
     TERMS,
     build_curve_term,
     build_load_scale_term,
@@ -36,6 +37,8 @@ MOST_TESTED_OBSERVATIONS: Final = 500
 """Number of observations that suffice for the tests."""
 _LEAST_PART: Final = 4
 """Least number of observations before and after the onset of a cause, or under one of several loads."""
+_ONLY_LATER: Final = (FORCE_SCALE, STIFFNESS)
+"""Terms that look like other compliances if they concern all observations: they can only set in later."""
 _DISTINCT: Final = 0.03
 """Relative difference of two loads from which on they are distinct."""
 _MOST_LOADS: Final = 6
@@ -94,7 +97,12 @@ def list_suspects(
     terms_of_set = list_suspected_terms(measurements, tested)
     turn = next(term for term in terms_of_set if term.name == "turn")
     # Causes that may set in at a later observation.
-    later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: build_load_scale_term([labels])}
+    later = {
+        SHIFT.name: SHIFT,
+        turn.name: turn,
+        FORCE_SCALE.name: build_load_scale_term([labels]),
+        STIFFNESS.name: STIFFNESS,
+    }
     if firsts is None:
         suspects = _search_suspects(tested, compliance, always_fitted, terms_of_set, later, labels)
     else:
@@ -128,13 +136,13 @@ def _search_suspects(
         labels: labels of all observations; some of these observations are tested.
     """
     fitted_names = [term.name for term in (JOINTS, *always_fitted)]
-    other_terms = [term for term in (*terms_of_set, FORCE_SCALE) if term.name not in fitted_names]
+    other_terms = [term for term in (*terms_of_set, *_ONLY_LATER) if term.name not in fitted_names]
     stack = tested.stack([JOINTS, *always_fitted, *other_terms], compliance)
     shown_names = list_shown_terms(stack, fitted_names, [term.name for term in terms_of_set])
-    # From the first observation on, a scale of all forces looks like other compliances: it can only set in.
-    fits = _OnsetFits(stack, [*shown_names, FORCE_SCALE.name], fitted_names)
-    first_onsets = np.zeros(len(shown_names) + 1, np.intp)
-    *p_values, _ = fits.compute_p_values_without_best_observation(first_onsets).tolist()
+    sought_names = [*shown_names, *(term.name for term in _ONLY_LATER)]
+    fits = _OnsetFits(stack, sought_names, fitted_names)
+    first_onsets = np.zeros(len(sought_names), np.intp)
+    p_values = fits.compute_p_values_without_best_observation(first_onsets)[: len(shown_names)].tolist()
     term_of_name = {term.name: term for term in terms_of_set}
     suspects = [
         Suspect(name, term_of_name[name], least_p=p) for name, p in zip(shown_names, p_values, strict=True)
@@ -144,7 +152,7 @@ def _search_suspects(
         return suspects
     onsets = fits.find_onsets()
     p_values = fits.compute_p_values_without_best_observation(onsets).tolist()
-    for name, onset, p in zip((*shown_names, FORCE_SCALE.name), onsets.tolist(), p_values, strict=True):
+    for name, onset, p in zip(sought_names, onsets.tolist(), p_values, strict=True):
         if name in later:
             term, first = later[name], tested.measurements.labels[onset]
             term_from_onset = limit_to_later(term, labels, first)

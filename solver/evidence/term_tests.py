@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 from scipy import special
+from scipy.optimize import brentq
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.evidence.scatter import RestrictedLikelihood
@@ -39,11 +40,39 @@ STATEMENT_LEVEL: Final = 3e-3
 uncertainties off."""
 LINKS_LEVEL: Final = 3e-3
 """p-value of links below which models with links are compared by cross-validation."""
+POWER: Final = 0.8
+"""Probability with which a test finds the least mistake that it is said to find."""
+_LARGEST_NONCENTRALITY: Final = 1e8
 _GROSS: Final = 10.0
 """Mean square that leaving out a posture takes away, relative to the typical posture's, above which its
 readings are wrong."""
 _MOST_COMBINATIONS: Final = 12
 """Number of combinations of link compliances that are tested: those with the largest deflections."""
+
+
+def compute_noncentrality(tested_count: int, degrees_of_freedom: int, level: float) -> float:
+    """Return the non-centrality at which an F test has the power `POWER`; inf if there can be no test.
+
+    Args:
+        tested_count: degrees of freedom of the tested term.
+        degrees_of_freedom: degrees of freedom of the residuals.
+        level: significance level of the test.
+    """
+    if tested_count < 1 or degrees_of_freedom < 1:
+        return np.inf
+    critical_f = float(special.fdtri(tested_count, degrees_of_freedom, 1.0 - level))
+
+    def compute_missing_power(noncentrality: float) -> float:
+        """Return `POWER` minus the probability that the test finds a mistake of this non-centrality."""
+        miss_probability = float(special.ncfdtr(tested_count, degrees_of_freedom, noncentrality, critical_f))
+        return miss_probability - (1.0 - POWER)
+
+    upper_limit = float(tested_count)
+    while compute_missing_power(upper_limit) > 0.0:
+        upper_limit *= 4.0
+        if upper_limit > _LARGEST_NONCENTRALITY:
+            return np.inf
+    return float(brentq(compute_missing_power, 0.0, upper_limit, xtol=1e-6))
 
 
 def join_statements(

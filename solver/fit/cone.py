@@ -117,7 +117,8 @@ class Cone:
         The gradient is `weight` at penalised scalars and diagonal entries of blocks, and zero elsewhere.
         """
         gradient = np.zeros(self.dimension)
-        gradient[self.free : self.nonnegative] = weight
+        penalised_scalars = slice(self.free, self.nonnegative)
+        gradient[penalised_scalars] = weight
         for size, place in self.blocks():
             gradient[place.start + find_diagonal_entries(size)] = weight
         return gradient
@@ -149,5 +150,6 @@ class Block:
 
     def split(self, vector: FloatArray) -> BlockEntries:
         """Return the entries c, ζ and ν of a vector (size,)."""
-        c, zeta, nu = vector[:1], vector[1 : 1 + self.boxes], vector[1 + self.boxes :]
+        first_of_nu = 1 + self.boxes
+        c, zeta, nu = vector[:1], vector[1:first_of_nu], vector[first_of_nu:]
         return BlockEntries(c, zeta, nu.reshape(-1, 3))

@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -65,6 +64,10 @@ _NULL_SINGULAR_VALUE: Final = 1e-10
 """Singular value, relative to the greatest, that is rounding of columns that depend on each other."""
 _OUTSIDE_SPAN: Final = 1e-6
 """Share of a function outside the span of the readings that is rounding."""
+_LEAST: Final = 0
+"""Column of the least values in ranges (K, 2)."""
+_GREATEST: Final = 1
+"""Column of the greatest values in ranges (K, 2)."""
 _LEAST_RADIUS: Final = 1e-6
 """Radius of the ball of `bound_compliances`, relative to ‖b‖, below which Clarabel's rounding shows: exact
 readings."""
@@ -211,18 +214,19 @@ def _propose_cone_solutions(program: SemidefiniteProgram) -> Iterator[ConeSoluti
     """
     T, z = program.fit.compressed
     residual_size = max(float(np.linalg.norm(z - T @ program.fit.origin)), _LEAST_UNIT)
-    first_answer: FloatArray | None = None  # Clarabel's first answer, the witness of the optimum
+    unit_of_readings = 1.0  # as z has unit norm
+    witness: FloatArray | None = None  # of the optimum: Clarabel's first answer
     for tolerance in _CONE_TOLERANCES:
-        for unit in (1.0, residual_size):
+        for unit in (unit_of_readings, residual_size):
             point = program.find_interior_point(tolerance, unit)
-            if first_answer is None:
-                first_answer = point
+            if witness is None:
+                witness = point
             for _ in range(1 + _NEWTON_STEPS):
-                if point is None:
+                if point is None:  # Clarabel or the last step failed
                     break
                 x = program.cone.project(point)
-                yield ConeSolution(x, certify_cone(program, x, first_answer))
-                point = Face(program, x).step()
+                yield ConeSolution(x, certify_cone(program, x, witness))
+                point = Face(program, x).take_newton_step()
 
 
 def solve_robust(
@@ -243,20 +247,22 @@ def solve_robust(
 
 
 def _propose_robust_solutions(program: RobustProgram) -> Iterator[RobustSolution]:
-    """Yield points with their certificates, with Clarabel's tolerance made tighter and tighter."""
+    """Yield points with their certificates, with Clarabel's tolerance made tighter and tighter.
+
+    The variables of the program are the parameters x in a cone, then w = s v/√h for the stated errors v, with
+    the standard uncertainty s of a reading and Huber's threshold h: half of ‖w‖² is the loss of the errors.
+    """
     loss, cone = program.loss, program.loss.cone
-    root = np.sqrt(program.threshold)
-    data = {"p": cone.penalty(program.weight), "root": np.array([root])}
+    root_of_threshold = np.sqrt(program.threshold)
+    data = {"p": cone.penalty(program.weight), "root": np.array([root_of_threshold])}
     for tolerance in _NORMS_TOLERANCES:
         solution = loss.program.solve_with_duals(data, tolerance)
-        if solution is None:
+        if solution is None:  # Clarabel does not reach the tolerance
             continue
-        variables, multipliers = solution
-        x = cone.project(variables[: cone.dimension])
-        # The other variables are s v/√h, whose squares are the loss of the stated errors v.
-        errors = root / loss.statement * variables[cone.dimension :]
+        x, w = cone.project(solution.x[: cone.dimension]), solution.x[cone.dimension :]
+        errors = root_of_threshold / loss.statement * w
         # Each target has a cone with four multipliers: one of the norm, then −ν (3,).
-        nu = -multipliers.reshape(-1, 4)[:, 1:]
+        nu = -solution.multipliers.reshape(-1, 4)[:, 1:]
         yield RobustSolution(x, certify_robust(program, x, errors, nu), errors)
 
 
@@ -275,8 +281,9 @@ def _select_certified(
     """
     best: _Solution | None = None
     for solution in proposals:
-        is_better = best is None or solution.certificate.gap < best.certificate.gap
-        if is_better and solution.certificate.primal == 0.0:
+        is_feasible = solution.certificate.primal == 0.0
+        has_less_gap = best is None or solution.certificate.gap < best.certificate.gap
+        if is_feasible and has_less_gap:
             best = solution
         if best is not None and best.certificate.gap <= wanted_gap:
             return best
@@ -305,8 +312,8 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray, own: FloatArray | 
     r = R @ x - z
     dual = _make_dual_feasible(cone, program.weight, R, 2.0 * r)
     nu = dual.multipliers
-    excess = _compute_complementarity(dual.slack, x, cone, _SLACK_ROUNDING)
-    gap = float(np.sqrt(np.square(0.5 * nu - r).sum() + excess))
+    slack_times_x = _compute_complementarity(dual.slack, x, cone, _SLACK_ROUNDING)
+    gap = float(np.sqrt(np.square(0.5 * nu - r).sum() + slack_times_x))
     witness = None
     if own is not None:
         distance = float(np.linalg.norm(R @ (own - x)))
@@ -333,16 +340,17 @@ def certify_robust(
         dual: (K, 3) nearly feasible multipliers ν of the residuals.
     """
     loss, cone, h, s = program.loss, program.loss.cone, program.threshold, program.loss.statement
-    rows = loss.A.reshape(-1, len(x))
-    feasible = _make_dual_feasible(cone, program.weight, rows, dual)
+    flat_A = loss.A.reshape(-1, len(x))  # (3 K, p)
+    feasible = _make_dual_feasible(cone, program.weight, flat_A, dual)
     nu = feasible.multipliers
     residual = loss.A @ x + loss.B @ errors - loss.d
     gap_of_targets = _compute_huber_gaps(residual, nu, h).sum()
     gap_of_cone = _compute_complementarity(feasible.slack, x, cone, _NORMS_SLACK_ROUNDING)
-    root = np.sqrt(h)
+    root_h = np.sqrt(h)
     B_nu = np.einsum("kiq,ki->q", loss.B, nu)  # Bᵀν
-    unbalanced = s / root * errors + root / s * B_nu
-    gap = float(gap_of_targets + (gap_of_cone + 0.5 * float(unbalanced @ unbalanced)))
+    imbalance_of_errors = s / root_h * errors + root_h / s * B_nu
+    gap_of_errors = 0.5 * float(imbalance_of_errors @ imbalance_of_errors)
+    gap = float(gap_of_targets + (gap_of_cone + gap_of_errors))
     primal_violation = max(0.0, -cone.least_value(x))
     return Certificate(primal_violation, feasible.violation, gap, nu, "clarabel")
 
@@ -376,8 +384,9 @@ class _DualPoint(NamedTuple):
 def _make_dual_feasible(cone: Cone, weight: float, rows: FloatArray, dual: FloatArray) -> _DualPoint:
     """Change multipliers ν of the residuals so that the slack ``s = p + Aᵀν`` is in the dual cone.
 
-    A least-squares step makes the slacks of scalars without a penalty feasible. Multiplying ν by
-    ``λ / (λ + violation)`` then makes the slacks of blocks and penalised scalars feasible.
+    A least-squares step makes the slacks of scalars without a penalty feasible: not negative. Multiplying ν
+    by ``λ / (λ + violation)`` then makes the slacks of blocks and penalised scalars feasible, too; the
+    violation is minus the least eigenvalue or slack. ν with norms of at most one stay within these norms.
 
     Args:
         cone: cone of the parameters.
@@ -386,20 +395,23 @@ def _make_dual_feasible(cone: Cone, weight: float, rows: FloatArray, dual: Float
         dual: nearly feasible ν, (m,) for squared residuals, or (K, 3) with norms of at most one.
     """
     penalty, nu = cone.penalty(weight), dual.ravel()
-    free_rows = rows[:, : cone.free].T  # of the scalars without a penalty
-    shortfall = np.maximum(-(free_rows @ nu), 0.0)
+    without_penalty, penalised_scalars = slice(0, cone.free), slice(cone.free, cone.nonnegative)
+    columns_without_penalty = rows[:, without_penalty].T
+    shortfall = np.maximum(-(columns_without_penalty @ nu), 0.0)
     if shortfall.any():
-        nu = nu + np.linalg.lstsq(free_rows, shortfall, rcond=None)[0]
+        correction, *_ = np.linalg.lstsq(columns_without_penalty, shortfall, rcond=None)
+        nu = nu + correction
     gradient = rows.T @ nu
     slack = gradient + penalty
-    # Slacks that must not be negative: eigenvalues of the blocks, and penalised scalars.
-    slacks = slack[cone.free : cone.nonnegative].tolist()
+    must_not_be_negative = slack[penalised_scalars].tolist()
     for size, place in cone.blocks():
-        slacks.append(float(np.linalg.eigvalsh(to_matrix(slack[place], size)).min()))
-    violation = max(0.0, -min(slacks, default=0.0))
+        eigenvalues = np.linalg.eigvalsh(to_matrix(slack[place], size))
+        must_not_be_negative.append(float(eigenvalues.min()))
+    violation = max(0.0, -min(must_not_be_negative, default=0.0))
     factor = weight / (weight + violation)
     multipliers = nu.reshape(dual.shape)
-    if multipliers.ndim > 1:
+    has_norms = multipliers.ndim > 1
+    if has_norms:
         greatest_norm = float(np.linalg.norm(multipliers, axis=1).max(initial=0.0))
         factor = min(factor, 1.0 / max(greatest_norm, 1.0))
     return _DualPoint(factor * multipliers, violation / weight, penalty + factor * gradient)
@@ -408,14 +420,15 @@ def _make_dual_feasible(cone: Cone, weight: float, rows: FloatArray, dual: Float
 def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, rounding: float) -> float:
     """Return the product ``sᵀx`` of the dual slack s and a point x, both (p,); it is zero at the optimum.
 
-    The slack of a scalar without a penalty may be negative within rounding: it is then replaced by its
-    absolute value, in place. The result is inf if such a slack is more negative.
+    The slacks of scalars without a penalty must not be negative. One that is negative within rounding counts
+    with its absolute value, so that the product is not understated. The result is inf if such a slack is more
+    negative.
     """
-    scalars = slice(cone.free)  # scalars without a penalty
-    if not (slack[scalars] >= -rounding).all():
+    slacks_without_penalty = slack[: cone.free]
+    if not (slacks_without_penalty >= -rounding).all():
         return float("inf")
-    slack[scalars] = np.abs(slack[scalars])  # a positive slack, so that the product is not understated
-    return max(0.0, float(slack @ x))
+    safe_slack = np.concatenate([np.abs(slacks_without_penalty), slack[cone.free :]])
+    return max(0.0, float(safe_slack @ x))
 
 
 def compute_penalised_range(
@@ -424,7 +437,7 @@ def compute_penalised_range(
     """Return the ranges of linear functions over all points whose objective is near the optimum.
 
     Each range is ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone; p is
-    the gradient of the penalty.
+    the gradient of the penalty. A function that is zero has no range (NaN).
 
     Args:
         program: program with squared residuals.
@@ -445,7 +458,7 @@ def compute_penalised_range(
         norm = float(np.linalg.norm(a))
         if norm == 0.0:
             continue
-        for side, sign in enumerate((1.0, -1.0)):  # the least, then the greatest value
+        for side, sign in (_LEAST, 1.0), (_GREATEST, -1.0):  # minimise the function, then its negative
             point = clarabel_program.solve({"a": sign * a / norm}, *_END_TOLERANCES)
             if point is not None:
                 ranges[number, side] = a @ point
@@ -489,7 +502,13 @@ class _EigenSplit(NamedTuple):
     def of(cls, X: FloatArray, least_eigenvalue: float, scaled_slack: FloatArray) -> _EigenSplit:
         """Split a matrix X (size, size) into range and null space.
 
-        The rank counts the eigenvalues that exceed both rounding and the slack, in the units of X.
+        At the optimum the null space of X has the range of the slack. So the rank is the number of
+        eigenvalues of X that exceed rounding, and at most that of positive eigenvalues of X less the slack.
+
+        Args:
+            X: positive semidefinite matrix.
+            least_eigenvalue: rounding, at and below which an eigenvalue counts as zero.
+            scaled_slack: (size, size) slack in the units of X.
         """
         values, vectors = np.linalg.eigh(X)  # ascending
         above_rounding = int((values > least_eigenvalue).sum())
@@ -505,7 +524,10 @@ class _EigenSplit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _BlockFace:
-    """Face of one block: matrices X = U X_r Uᵀ of rank r, with slack V S_s Vᵀ."""
+    """Face of one block: the matrices X = U X_r Uᵀ of rank r near the optimum, with the slack V S_s Vᵀ.
+
+    The slack is the gradient of the objective; at the optimum it is zero on the range U of X.
+    """
 
     place: slice  # of the block in the parameters
     U: FloatArray  # (size, r) range of X
@@ -515,13 +537,20 @@ class _BlockFace:
 
     @classmethod
     def from_slack(cls, place: slice, split: _EigenSplit, slack: FloatArray) -> _BlockFace:
-        """Return the face of a block, given the slack (size, size) of the block.
+        """Return the face of a block X = U diag(values) Uᵀ, given the slack (size, size) of the block.
 
-        At the optimum the slack is positive semidefinite, so S_s is the nearest such matrix.
+        At the optimum the slack on the null space V of X is positive semidefinite: S_s is the positive
+        semidefinite matrix nearest to it.
+
+        Args:
+            place: place of the block in the parameters.
+            split: range U and null space V of X, with its eigenvalues that are not zero.
+            slack: gradient of the objective with respect to X.
         """
-        eigenvalues, vectors = np.linalg.eigh(split.V.T @ slack @ split.V)
+        slack_on_null_space = split.V.T @ slack @ split.V
+        eigenvalues, vectors = np.linalg.eigh(slack_on_null_space)
         S_s = (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
-        return cls(place, split.U, split.V, np.diag(split.values), S_s)
+        return cls(place, split.U, split.V, core=np.diag(split.values), slack=S_s)
 
     @cached_property
     def basis(self) -> FloatArray:
@@ -531,15 +560,17 @@ class _BlockFace:
         complement V. q is the number of entries of the block as a vector.
         """
         size, rank = self.U.shape
+        entry_count = size * (size + 1) // 2  # q
+        if not rank:
+            return np.zeros((entry_count, 0))
         tangents = []
         for i in range(rank):
             for j in range(i + 1):
                 u_i, u_j = self.U[:, i], self.U[:, j]
                 norm = 2.0 if i == j else np.sqrt(2.0)
                 tangents.append((np.outer(u_i, u_j) + np.outer(u_j, u_i)) / norm)
-        tangents += [(np.outer(u, v) + np.outer(v, u)) / np.sqrt(2.0) for u in self.U.T for v in self.V.T]
-        if not tangents:
-            return np.zeros((size * (size + 1) // 2, 0))
+        for u in self.U.T:
+            tangents += [(np.outer(u, v) + np.outer(v, u)) / np.sqrt(2.0) for v in self.V.T]
         return to_vector(np.array(tangents)).T
 
     @property
@@ -588,60 +619,71 @@ class Face:
     def __init__(self, program: SemidefiniteProgram, x: FloatArray) -> None:
         """Determine the face at a feasible point x (p,): zero scalars, and the rank of each block.
 
-        The point is moved onto the face: small scalars and eigenvalues become zero.
+        The point is moved onto the face: small scalars and eigenvalues become zero. The unit of the slack is
+        the weight of the penalty.
         """
         cone, slack = program.cone, program.slack(x)
-        scalars = slice(cone.nonnegative)
+        scalars, matrices = slice(0, cone.nonnegative), slice(cone.nonnegative, None)
         self.free = np.flatnonzero(x[scalars] > slack[scalars])
         self.x = np.zeros(len(x))
         self.x[self.free] = x[self.free]
-        largest = max(_SMALL, float(np.abs(x[cone.nonnegative :]).max(initial=0.0)))
+        largest = max(_SMALL, float(np.abs(x[matrices]).max(initial=0.0)))
+        slack_to_x = largest / program.weight
         splits = []
         for size, place in cone.blocks():
             X, S = to_matrix(x[place], size), to_matrix(slack[place], size)
-            # The weight of the penalty is the slack's unit.
-            split = _EigenSplit.of(X, _ROUNDING * largest, scaled_slack=largest / program.weight * S)
+            split = _EigenSplit.of(X, _ROUNDING * largest, scaled_slack=slack_to_x * S)
             self.x[place] = to_vector(split.matrix)
             splits.append(split)
         self._slack = program.slack(self.x)
-        faces = [
-            _BlockFace.from_slack(place, split, to_matrix(self._slack[place], size))
-            for (size, place), split in zip(cone.blocks(), splits, strict=True)
-        ]
-        self._collect_tangents(faces)
+        faces = []
+        for (size, place), split in zip(cone.blocks(), splits, strict=True):
+            faces.append(_BlockFace.from_slack(place, split, to_matrix(self._slack[place], size)))
+        self.blocks = self._number_tangents(faces)
+        self.basis = self._build_basis()
         R = program.fit.R @ self.basis
         self.information = 2.0 * R.T @ R
-        self.hessian = self.information.copy()
-        self._add_curvature()
+        self.hessian = self._add_curvature(self.information)
 
-    def _collect_tangents(self, faces: list[_BlockFace]) -> None:
-        """Set the tangent vectors: a unit vector for each free scalar, then the tangents of each block."""
-        widths = [len(self.free), *(face.basis.shape[1] for face in faces)]
-        ends = np.cumsum(widths).tolist()
-        coordinates = [slice(start, stop) for start, stop in pairwise(ends)]
-        self.blocks = tuple(zip(faces, coordinates, strict=True))
-        self.basis = np.zeros((len(self.x), ends[-1]))
-        self.basis[self.free, np.arange(len(self.free))] = 1.0
-        for face, columns in self.blocks:
-            self.basis[face.place, columns] = face.basis
+    def _number_tangents(self, faces: list[_BlockFace]) -> tuple[tuple[_BlockFace, slice], ...]:
+        """Return each block's face with the slice of its tangent coordinates; those of scalars come first."""
+        numbered = []
+        start = len(self.free)
+        for face in faces:
+            stop = start + face.basis.shape[1]
+            numbered.append((face, slice(start, stop)))
+            start = stop
+        return tuple(numbered)
 
-    def _add_curvature(self) -> None:
-        """Add the curvature of the face to the Hessian: that of ``tr(S_s Bᵀ X_r⁻¹ B)`` for each block.
+    def _build_basis(self) -> FloatArray:
+        """Return the tangent vectors (p, d): a unit vector for each free scalar, then those of each block."""
+        width = len(self.free) + sum(face.basis.shape[1] for face, _ in self.blocks)
+        basis = np.zeros((len(self.x), width))
+        basis[self.free, np.arange(len(self.free))] = 1.0
+        for face, coordinates in self.blocks:
+            basis[face.place, coordinates] = face.basis
+        return basis
+
+    def _add_curvature(self, information: FloatArray) -> FloatArray:
+        """Return the Hessian: the information, and the curvature ``tr(S_s Bᵀ X_r⁻¹ B)`` of each block's face.
 
         B are the block's last coordinates, of changes between the range and the null space of X. A small
         ridge keeps the point where it is in directions without curvature.
         """
-        for face, columns in self.blocks:
+        hessian = information.copy()
+        for face, coordinates in self.blocks:
             if len(face.core):
-                of_B = slice(columns.start + face.coordinates_within, columns.stop)
-                self.hessian[of_B, of_B] += np.kron(np.linalg.inv(face.core), face.slack)
-        diagonal = np.diag_indices_from(self.hessian)
-        self.hessian[diagonal] += _RIDGE * self.hessian.diagonal().max(initial=0.0)
+                of_B = slice(coordinates.start + face.coordinates_within, coordinates.stop)
+                hessian[of_B, of_B] += np.kron(np.linalg.inv(face.core), face.slack)
+        diagonal = np.diag_indices_from(hessian)
+        hessian[diagonal] += _RIDGE * hessian.diagonal().max(initial=0.0)
+        return hessian
 
-    def step(self) -> FloatArray | None:
+    def take_newton_step(self) -> FloatArray | None:
         """Return the point (p,) after one step of Newton's method on the face; None if the step fails.
 
-        A step fails if it leaves the cone. The point may be worse than before, so it needs a certificate.
+        A step fails if the Hessian is singular or the step leaves the cone. The point may be worse than
+        before, so it needs a certificate.
         """
         gradient = self.basis.T @ self._slack
         try:
@@ -649,7 +691,8 @@ class Face:
         except np.linalg.LinAlgError:
             return None
         new_x = np.zeros(len(self.x))
-        new_x[self.free] = self.x[self.free] + step[: len(self.free)]
+        step_of_scalars = step[: len(self.free)]
+        new_x[self.free] = self.x[self.free] + step_of_scalars
         for face, coordinates in self.blocks:
             block = face.take_step(step[coordinates])
             if block is None:
@@ -680,7 +723,8 @@ def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> Fl
     freedom = np.zeros(len(x))
     freedom[face.free] = parts[: len(face.free)]
     for block, coordinates in face.blocks:
-        freedom[block.place.start] = parts[coordinates].sum()
+        first_entry = block.place.start
+        freedom[first_entry] = parts[coordinates].sum()
     return freedom
 
 
@@ -728,9 +772,11 @@ class MassCones:
             ball_norms = np.linalg.norm(coefficients.nu, axis=1)
             zeta_coefficients = coefficients.zeta.copy()
             for (k, ratio), norm in zip(block.balls, ball_norms.tolist(), strict=True):
-                if k >= 0:  # −1 for a ball whose radius does not depend on a ζ
+                radius_depends_on_zeta = k >= 0
+                if radius_depends_on_zeta:
                     zeta_coefficients[k] -= ratio * norm
-            least_at_unit_c = float(coefficients.c[0] - np.abs(zeta_coefficients).sum() - ball_norms.sum())
+            least_of_zeta, least_of_nu = -np.abs(zeta_coefficients).sum(), -ball_norms.sum()
+            least_at_unit_c = float(coefficients.c[0] + least_of_zeta + least_of_nu)
             total += cap * min(0.0, least_at_unit_c)
         return total
 
@@ -744,8 +790,10 @@ class MassCones:
             entries.c[0] = c = min(max(entries.c[0], 0.0), cap)
             entries.zeta[:] = np.clip(entries.zeta, -c, c)
             for nu, (k, ratio) in zip(entries.nu, block.balls, strict=True):
-                radius = c + ratio * entries.zeta[k] if k >= 0 else c  # −1: the radius does not depend on a ζ
-                nu *= min(1.0, radius / max(float(np.linalg.norm(nu)), 1e-300))
+                radius_depends_on_zeta = k >= 0
+                radius = c + ratio * entries.zeta[k] if radius_depends_on_zeta else c
+                length = max(float(np.linalg.norm(nu)), 1e-300)
+                nu *= min(1.0, radius / length)
         return moved
 
 
@@ -804,9 +852,10 @@ def bound_compliances(
 ) -> FloatArray:
     """Return bounds of each joint's compliance over all x of the set with ``‖A x − b‖² ≤ loss + rise``.
 
-    For any u, all y with ‖A y − b‖ ≤ r satisfy ``aᵀy ≥ uᵀb − r ‖u‖ + min (a − Aᵀu)ᵀy``; a selects the
-    compliance of a joint, and u are Clarabel's multipliers. A second round uses the upper bounds of the first
-    round as caps of the compliances, which sharpens the bounds.
+    For any vector u, all y of the set with ‖A y − b‖ ≤ r satisfy ``aᵀy ≥ uᵀb − r ‖u‖ + min (a − Aᵀu)ᵀy``,
+    with the minimum over the set. For a lower bound aᵀy is the compliance of a joint, for an upper bound its
+    negative. A good u are Clarabel's multipliers where aᵀy is least. A second round uses the upper bounds of
+    the first round as caps of the compliances, which makes the set smaller and the bounds sharper.
 
     Args:
         A: (rows, p) regressor.
@@ -819,31 +868,31 @@ def bound_compliances(
         (n, 2) outer bounds on the least and greatest compliance; NaN where Clarabel has no answer.
     """
     r = max(float(np.sqrt(optimum.loss + rise)), _LEAST_RADIUS * float(np.linalg.norm(b)))
-    ends = _find_ends(A, b, optimum.x, r, cones)
-    bounds = np.full((len(cones.cap), 2), np.nan)
-    cap = cones.cap
-    for _ in range(2):  # the second round uses the caps that the first has lowered
-        capped = MassCones(cones.blocks, cap)
+    ends = _minimise_and_maximise_compliances(A, b, optimum.x, r, cones)
+    lower, upper = np.full((2, len(cones.cap)), np.nan)
+    for _ in range(2):
+        capped = MassCones(cones.blocks, cap=np.fmin(cones.cap, upper))
         for end in ends:
-            u = end.multipliers
+            a, u = end.function, end.multipliers
             least = u @ b - r * float(np.linalg.norm(u))
-            least += capped.minimise_linear_function(end.function - A.T @ u)
-            bounds[end.joint, end.side] = least if end.side == 0 else -least
-        cap = np.fmin(cap, bounds[:, 1])
-    bounds[:, 0] = np.fmax(bounds[:, 0], 0.0)
-    return bounds
+            least += capped.minimise_linear_function(a - A.T @ u)
+            if end.is_greatest:
+                upper[end.joint] = -least
+            else:
+                lower[end.joint] = least
+    return np.column_stack([np.fmax(lower, 0.0), upper])
 
 
 class _ComplianceEnd(NamedTuple):
     """Clarabel's answer for the least or greatest compliance of a joint in a ball."""
 
     joint: int
-    side: int  # 0 for the least compliance, 1 for the greatest
+    is_greatest: bool
     function: FloatArray  # (p,) function aᵀy that is minimised: the compliance, or its negative
     multipliers: FloatArray  # (rows,) multipliers u of the ball's rows
 
 
-def _find_ends(
+def _minimise_and_maximise_compliances(
     A: FloatArray, b: FloatArray, near: FloatArray, radius: float, cones: MassCones
 ) -> list[_ComplianceEnd]:
     """Find the least and greatest compliance of each joint in ``‖A y − b‖ ≤ radius``, y in a set of cones.
@@ -863,14 +912,13 @@ def _find_ends(
     data = {"A": A, "b": (b - A @ near) / radius, "near": near / radius, "cap": cones.cap / radius}
     ends = []
     for joint, place_in_y in enumerate(cones.first):
-        for side, sign in enumerate((1.0, -1.0)):  # minimise the compliance, then its negative
+        for is_greatest in (False, True):
             function = np.zeros(len(near))
-            function[place_in_y] = sign
+            function[place_in_y] = -1.0 if is_greatest else 1.0
             solution = program.solve_with_duals({"a": function, **data}, *_MASS_TOLERANCES)
             if solution is None:
                 continue
-            _, multipliers = solution
             # The first multiplier belongs to the norm; the next are those of the rows.
-            multipliers_of_rows = multipliers[1 : 1 + len(b)]
-            ends.append(_ComplianceEnd(joint, side, function, multipliers_of_rows))
+            multipliers_of_rows = solution.multipliers[1 : 1 + len(b)]
+            ends.append(_ComplianceEnd(joint, is_greatest, function, multipliers_of_rows))
     return ends

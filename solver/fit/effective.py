@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -52,15 +52,17 @@ def build_effective_rows(robot: Robot, columns: Columns) -> FloatArray:
     """
     rows = np.zeros((columns.n, columns.width))
     joints = np.arange(columns.n)
-    own_coupling = columns.coupling[find_diagonal_entries(columns.n)]  # diagonal of the coupled compliance
+    # A model has the joint's compliance as a number of its own, or on the diagonal of the coupled compliance.
+    diagonal_of_coupling = columns.coupling[find_diagonal_entries(columns.n)]
     rows[joints, columns.joints] = 1.0
-    rows[joints, own_coupling] = 1.0
-    for frame in columns.links:
-        rows[frame, columns.link_columns(frame)] = _project_on_axis(robot, frame, robot.axes[frame])
+    rows[joints, diagonal_of_coupling] = 1.0
+    for joint in columns.links:  # the link has the index of the joint before it
+        rows[joint, columns.link_columns(joint)] = _project_on_axis(robot, joint, robot.axes[joint])
     # The base is a link before joint 1, in the axes of R0.
-    rotations, _ = spring_frames(Postures(robot, np.zeros((1, columns.n))))
-    first_axis = rotations[0, 0] @ robot.axes[0]
-    rows[0, columns.link_columns(BASE)] = _project_on_axis(robot, 0, first_axis)
+    only_posture, first_joint = 0, 0
+    rotations, _ = spring_frames(Postures(robot, np.zeros((1, columns.n))))  # (1, n, 3, 3) joint to R0
+    axis_in_base = rotations[only_posture, first_joint] @ robot.axes[first_joint]
+    rows[first_joint, columns.link_columns(BASE)] = _project_on_axis(robot, first_joint, axis_in_base)
     return rows
 
 
@@ -75,8 +77,10 @@ def _project_on_axis(robot: Robot, joint: int, axis: FloatArray) -> FloatArray:
         joint: index of the joint, which turns about its axis or, if it is prismatic, slides along its axis.
         axis: (3,) unit vector along the joint's axis, in the axes of C.
     """
-    is_prismatic = robot.prismatic[joint]
-    s = np.concatenate([axis, np.zeros(3)] if is_prismatic else [np.zeros(3), axis])
+    slides = robot.prismatic[joint]
+    translation = axis if slides else np.zeros(3)
+    rotation = np.zeros(3) if slides else axis
+    s = np.concatenate([translation, rotation])
     i, j = triangle_indices(6)
     return np.asarray(s[i] * s[j] * triangle_weights(6))  # entries off the diagonal count twice
 
@@ -145,23 +149,15 @@ def compute_effective_compliances(
     """
     range_estimate = range_estimate or elastic
     likelihood = range_estimate.likelihood
-    rows = build_effective_rows(robot, elastic.candidate.columns)  # compliances → effective compliances
-    effective = rows @ elastic.entries
+    to_effective = build_effective_rows(robot, elastic.candidate.columns)
+    effective = to_effective @ elastic.entries
     lower, upper = np.full((2, robot.n), np.nan)
     quantile = student_quantile(0.5 * (1.0 + confidence), likelihood.degrees_of_freedom)
-    if likelihood.sigma is not None:
-        reduced = likelihood.reduced
-        program = reduced.state(_LIGHTER * likelihood.weight)
-        with suppress(SolverError):  # Without a certified optimum the ranges remain unknown (NaN).
-            optimum = solve_cone(program, wanted_gap=_GAP).x
-            functions = rows[:, reduced.columns] * reduced.unit  # of the program's parameters x
-            if publishes_ranges:
-                effective = functions @ optimum
-            root_of_increase = quantile * likelihood.sigma / reduced.size
-            lower, upper = compute_penalised_range(program, optimum, root_of_increase**2, functions).T
-            if range_estimate.candidate.model.name == "joints_and_base":
-                least, greatest = compute_unconstrained_range(reduced.squares, functions, root_of_increase).T
-                lower, upper = np.fmin(lower, least), np.fmax(upper, greatest)
+    with suppress(SolverError):  # Without a certified optimum the ranges remain unknown (NaN).
+        found = _find_ranges(range_estimate, to_effective, quantile)
+        if found is not None:
+            lower, upper = found.lower, found.upper
+            effective = found.at_optimum if publishes_ranges else effective
     # The programs find the ends to a tolerance only: a range must contain the estimate.
     lower = np.minimum(np.maximum(lower, 0.0), effective)
     upper = np.maximum(upper, effective)
@@ -176,6 +172,42 @@ def compute_effective_compliances(
         quantile=quantile,
         ranges_are_published=publishes_ranges,
     )
+
+
+class _Ranges(NamedTuple):
+    """Ranges of the joints' effective compliances around the optimum with a lighter penalty [rad/(N·m)]."""
+
+    at_optimum: FloatArray  # (n,)
+    lower: FloatArray  # (n,)
+    upper: FloatArray  # (n,)
+
+
+def _find_ranges(estimate: ElasticFit, to_effective: FloatArray, quantile: float) -> _Ranges | None:
+    """Find the ranges in which the objective exceeds its minimum by (quantile · sigma)² at most.
+
+    The penalty is lighter than that of the estimate. None if sigma is unknown.
+
+    Args:
+        estimate: fit with the rows, the penalty and sigma.
+        to_effective: (n, P) matrix from all compliances to effective compliances.
+        quantile: half-width of a range in standard uncertainties.
+
+    Raises:
+        SolverError: no certified optimum.
+    """
+    likelihood = estimate.likelihood
+    if likelihood.sigma is None:
+        return None
+    reduced = likelihood.reduced
+    program = reduced.state(_LIGHTER * likelihood.weight)
+    optimum = solve_cone(program, wanted_gap=_GAP).x
+    functions = to_effective[:, reduced.columns] * reduced.unit  # of the program's parameters x
+    root_of_increase = quantile * likelihood.sigma / reduced.size
+    lower, upper = compute_penalised_range(program, optimum, root_of_increase**2, functions).T
+    if estimate.candidate.model.name == "joints_and_base":
+        least, greatest = compute_unconstrained_range(reduced.squares, functions, root_of_increase).T
+        lower, upper = np.fmin(lower, least), np.fmax(upper, greatest)
+    return _Ranges(functions @ optimum, lower, upper)
 
 
 LARGEST_UNCERTAINTY: Final = 0.5
@@ -254,9 +286,9 @@ def _build_effective_joint(
             f"effective compliance of the joint together with {bending_words}'s {motion} its axis, because "
             "readings do not distinguish the two"
         )
-    status: Literal["identified", "uncertain", "at_bound"] = (
-        "identified" if uncertainty < compliance else "uncertain"
-    )
+    status: Literal["identified", "uncertain", "at_bound"] = "uncertain"
+    if uncertainty < compliance:
+        status = "identified"
     if compliance < RIGID:
         status, compliance = "at_bound", 0.0
         remarks = [

@@ -164,16 +164,19 @@ def fit_elastic(
     """
     stated_sigma = rows.measurements.sigma
     reduced = reduce_part(part, candidate, visible, stated_sigma)
-    first = _fit_once(rows, reduced, candidate, weight)
+    first = _fit_and_summarise(rows, reduced, candidate, weight)
     has_priors = len(part.stated) > 0
     if not has_priors or stated_sigma is not None or not first.sigma:
         return first
-    reweighted = part.with_sigma(max(first.sigma, LEAST_STATED_SIGMA))
-    return _fit_once(rows, reduce_part(reweighted, candidate, visible), candidate, weight)
+    sigma_of_residuals = max(first.sigma, LEAST_STATED_SIGMA)
+    reweighted = reduce_part(part.with_sigma(sigma_of_residuals), candidate, visible)
+    return _fit_and_summarise(rows, reweighted, candidate, weight)
 
 
-def _fit_once(rows: Rows, reduced: Reduced, candidate: Candidate, weight: float) -> ElasticFit:
+def _fit_and_summarise(rows: Rows, reduced: Reduced, candidate: Candidate, weight: float) -> ElasticFit:
     """Fit the compliances of joints, links and base to a whole set, certify the optimum, and summarise it.
+
+    The compliance of a joint is NaN if the readings do not determine it.
 
     Args:
         rows: N observations.
@@ -184,25 +187,21 @@ def _fit_once(rows: Rows, reduced: Reduced, candidate: Candidate, weight: float)
     Raises:
         UnsupportedMethodError: the penalty is too small for the optimum to be certified.
     """
-    columns = candidate.columns
-    certified = _fit_certified(reduced, candidate, weight)
+    certified = _find_certified_optimum(reduced, candidate, weight)
     compliances, unknowns = certified.compliances, certified.unknowns
     residuals = _summarise_residuals(
         certified.squares, certified.weight_of_squares, compliances, reduced.sigma
     )
     elements, prediction = _compute_element_shares(rows, candidate, reduced.part.statements, unknowns)
-
-    # A joint's own compliance is a single number, or on the coupled matrix's diagonal; the other is zero.
-    own_compliances = np.diag(compliances[columns.joints])
-    joint_matrix = to_matrix(compliances[columns.coupling], columns.n) + own_compliances
-    is_determined = np.isin(columns.joints, reduced.columns)
+    joint_matrix = _assemble_joint_matrix(compliances, candidate)
+    is_determined = np.isin(candidate.columns.joints, reduced.columns)
     links, base = list[ElasticCompliance](), None
     for frame in candidate.frames:
-        fields = _summarise_compliance(compliances, candidate, residuals.effective_freedom, frame)
+        summary = _summarise_compliance(compliances, candidate, residuals.effective_freedom, frame)
         if frame == BASE:
-            base = ElasticCompliance(joint=None, **fields)
+            base = ElasticCompliance(joint=None, **summary)
         else:
-            links.append(ElasticCompliance(joint=rows.robot.joint_names[frame], **fields))
+            links.append(ElasticCompliance(joint=rows.robot.joint_names[frame], **summary))
     return ElasticFit(
         candidate=candidate,
         penalty=weight,
@@ -227,7 +226,19 @@ def _fit_once(rows: Rows, reduced: Reduced, candidate: Candidate, weight: float)
     )
 
 
-class _Certified(NamedTuple):
+def _assemble_joint_matrix(compliances: FloatArray, candidate: Candidate) -> FloatArray:
+    """Return the compliance matrix (n, n) of the joints [rad/(N·m)] from all compliances (P,) of a model.
+
+    A model has the compliance of a joint as a number of its own, or on the diagonal of the matrix that
+    couples the joints; the other of the two is zero, so that the sum is right for either model.
+    """
+    columns = candidate.columns
+    coupled_matrix = to_matrix(compliances[columns.coupling], columns.n)
+    own_compliances = np.diag(compliances[columns.joints])
+    return np.asarray(coupled_matrix + own_compliances)
+
+
+class _CertifiedOptimum(NamedTuple):
     """Certified optimum with matrices that are positive semidefinite in SI units."""
 
     compliances: FloatArray  #: (P,)
@@ -239,18 +250,19 @@ class _Certified(NamedTuple):
     target_weights: FloatArray | None  #: (T,) weights of the targets in this problem; None for squares
 
 
-def _fit_certified(reduced: Reduced, candidate: Candidate, weight: float) -> _Certified:
+def _find_certified_optimum(reduced: Reduced, candidate: Candidate, weight: float) -> _CertifiedOptimum:
     """Minimise the loss and the penalty, make compliance matrices semidefinite, and certify the result.
 
     The certificate is the duality gap: by how much the objective may exceed the optimum. Here it is expressed
-    in units of sigma, the noise of a reading.
+    in units of sigma, the noise of a reading. The solver aims at the desired gap; a larger gap up to the
+    accepted one is no error.
 
     Raises:
         UnsupportedMethodError: the penalty is too small for the optimum to be certified.
     """
     gap_scale = _compute_gap_scale(reduced)  # sigma, or the residuals if greater [m]
     gap_of_one_sigma = gap_scale / compute_gap_unit(reduced, candidate)
-    try:  # The solver aims at the desired gap; a larger gap up to the accepted one is no error.
+    try:
         loss, solution = fit_loss(
             reduced,
             candidate,
@@ -265,10 +277,10 @@ def _fit_certified(reduced: Reduced, candidate: Candidate, weight: float) -> _Ce
     is_certified = gap <= CERTIFIED_GAP  # false for NaN
     if not is_certified:
         raise _build_uncertified_error(weight)
-    unknowns = reduced.to_unknowns(solution)
-    unknowns[: len(compliances)] = compliances
+    stated_errors = reduced.to_unknowns(solution)[len(compliances) :]
+    unknowns = np.concatenate([compliances, stated_errors])
     squares, weight_of_squares = loss.build_weighted_squares(candidate, unknowns, weight)
-    return _Certified(
+    return _CertifiedOptimum(
         compliances=compliances,
         unknowns=unknowns,
         certificate=LinkCertificate(
@@ -290,7 +302,7 @@ def _build_likelihood(
     """Return the least-squares problem from which the uncertainties of a fit are computed.
 
     Also a fit with a robust loss has such a problem, with a penalty of equal strength. Its sigma, the noise
-    of a reading, is the stated sigma, or that of the residuals if that is greater.
+    of a reading, is the stated sigma, or that of the residuals if that is greater or no sigma is stated.
 
     Args:
         reduced: rows of the fit.
@@ -304,11 +316,11 @@ def _build_likelihood(
     degrees_of_freedom = residuals.degrees_of_freedom
     if reduced.sigma is None:
         return PenalisedLikelihood(reduced, weight_of_squares, residuals.sigma, degrees_of_freedom)
-    # √(χ²/ν) is the sigma of the residuals relative to the stated sigma.
-    excess = 1.0
+    residuals_to_stated_sigma = 1.0  # ratio √(χ²/ν) of the residuals' sigma to the stated sigma
     if degrees_of_freedom >= _LEAST_FREEDOM:
-        excess = max(1.0, sqrt(residuals.chi_square / degrees_of_freedom))
-    return PenalisedLikelihood(reduced, weight_of_squares, reduced.sigma * excess, None)
+        residuals_to_stated_sigma = sqrt(residuals.chi_square / degrees_of_freedom)
+    sigma = reduced.sigma * max(1.0, residuals_to_stated_sigma)
+    return PenalisedLikelihood(reduced, weight_of_squares, sigma, degrees_of_freedom=None)
 
 
 class _Residuals(NamedTuple):
@@ -385,7 +397,7 @@ def _make_semidefinite(compliances: FloatArray, candidate: Candidate) -> tuple[F
     """Make the matrices of fitted compliances positive semidefinite.
 
     Rounding of the scaled optimum may leave small negative eigenvalues in SI units; the diagonals are raised
-    accordingly.
+    accordingly. Matrices of zeros, of rigid elements, stay as they are.
 
     Returns:
         The compliances (P,) with raised diagonals; and the least of all joint compliances and of the
@@ -397,13 +409,12 @@ def _make_semidefinite(compliances: FloatArray, candidate: Candidate) -> tuple[F
     matrices = [(6, columns.link_columns(frame)) for frame in columns.frames]
     matrices.append((columns.n, columns.coupling))
     least_values = [float(raised[columns.joints].min())]
-    for size, of_matrix in matrices:
-        is_rigid = not raised[of_matrix].any()
-        if is_rigid:
-            continue
-        raised[of_matrix] = lift_diagonal(raised[of_matrix], size)
-        eigenvalues = np.linalg.eigvalsh(to_matrix(raised[of_matrix], size))
-        least_values.append(float(eigenvalues.min()))
+    for size, upper_triangle in matrices:
+        is_flexible = raised[upper_triangle].any()
+        if is_flexible:
+            raised[upper_triangle] = lift_diagonal(raised[upper_triangle], size)
+            eigenvalues = np.linalg.eigvalsh(to_matrix(raised[upper_triangle], size))
+            least_values.append(float(eigenvalues.min()))
     return raised, min(least_values)
 
 
@@ -420,11 +431,12 @@ def _summarise_compliance(
     """
     link_columns = candidate.columns.link_columns(frame)
     matrix = to_matrix(compliances[link_columns], 6)
+    translation, rotation = slice(0, 3), slice(3, 6)
     is_diagonal = candidate.model.links == "diagonal"
     return {
         "matrix": matrix.tolist(),
-        "translation": find_principal_compliances(matrix[:3, :3]),
-        "rotation": find_principal_compliances(matrix[3:, 3:]),
+        "translation": find_principal_compliances(matrix[translation, translation]),
+        "rotation": find_principal_compliances(matrix[rotation, rotation]),
         "effective_freedom": float(freedom[link_columns].sum()),
         "parameters": 6 if is_diagonal else len(link_columns),
     }
@@ -456,10 +468,10 @@ def _compute_element_shares(
         # Missing readings add nothing: their rows and deflections are zero.
         regressor = rows.targets[..., :-1]  # (B observations, T targets, 3 axes, P + K unknowns)
         deflection = rows.block.measurements.deflection  # (B, T, 3)
-        products_of_unknowns = np.einsum("btip,bti->bp", regressor, deflection) * unknowns
-        products.append(
-            np.stack([products_of_unknowns[:, element.columns].sum(axis=1) for element in elements])
-        )
+        # Scalar products (B, P + K) of the deflections by each unknown with the measured deflections
+        by_unknown = np.einsum("btip,bti->bp", regressor, deflection) * unknowns
+        by_element = [by_unknown[:, element.columns].sum(axis=1) for element in elements]
+        products.append(np.stack(by_element))
         predicted.append(regressor @ unknowns)
         if rows.encoders is not None:
             predicted_turns.append(rows.encoders[..., :-1] @ unknowns)
@@ -467,20 +479,20 @@ def _compute_element_shares(
     measured = np.square(measurements.deflection).sum(axis=(1, 2))  # (N,)
     explained = np.concatenate(products, axis=1)  # (elements, N)
     share_of_observation = np.divide(explained, measured, out=np.zeros_like(explained), where=measured > 0.0)
-    shares = tuple(
-        ElementShare(
+    shares = []
+    for number, element in enumerate(elements):
+        share = ElementShare(
             kind=element.kind,
             joint=element.joint,
             share=float(explained[number].sum() / measured.sum()),
             by_observation=share_of_observation[number].tolist(),
         )
-        for number, element in enumerate(elements)
-    )
+        shares.append(share)
     prediction = Prediction.from_predicted(measurements, np.concatenate(predicted))
     only_base_bends = candidate.model.name == "joints_and_base"
     bending: Literal["links", "base"] = "base" if only_base_bends else "links"
     encoders = np.concatenate(predicted_turns) if predicted_turns else None
-    return shares, replace(prediction, bending=bending, encoders=encoders)
+    return tuple(shares), replace(prediction, bending=bending, encoders=encoders)
 
 
 class _Element(NamedTuple):
@@ -492,19 +504,21 @@ class _Element(NamedTuple):
 
 
 def _list_elements(robot: Robot, candidate: Candidate) -> list[_Element]:
-    """List the elastic elements of a model: all joints, their coupling, then links and base."""
+    """List the elastic elements of a model: all joints, their coupling, then links and base.
+
+    Each element has the columns of its compliances in the rows of a fit. The compliance of a joint has two:
+    as a single number, and on the diagonal of the matrix that couples the joints; one of the two is zero.
+    """
     columns = candidate.columns
     coupling_diagonal = columns.coupling[find_diagonal_entries(columns.n)]
     elements = list[_Element]()
     for joint, name in enumerate(robot.joint_names):
-        # A joint's own compliance has a column as a single number, and a column on the diagonal of the
-        # coupled compliance; one of the two compliances is zero.
         own_columns = np.array([columns.joints[joint], coupling_diagonal[joint]])
         elements.append(_Element("joint", name, own_columns))
     if candidate.model.couples_joints:
         off_diagonal = np.setdiff1d(columns.coupling, coupling_diagonal)
         elements.append(_Element("coupling", None, off_diagonal))
-    for frame in candidate.frames:
+    for frame in candidate.frames:  # a link has the index of the joint before it
         link_columns = columns.link_columns(frame)
         if frame == BASE:
             elements.append(_Element("base", None, link_columns))

@@ -19,7 +19,7 @@ of Karush, Kuhn and Tucker for the cone program but one, that it lies on the sph
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
@@ -147,8 +147,8 @@ def compute_profile_ends(
     """
     centre = likelihood.centre
     offset = _find_offset_of_optimum(likelihood, constraints, float(radii.max()))
-    least_residual = likelihood.rows @ offset
-    ball_radii = np.sqrt(radii**2 + least_residual @ least_residual)
+    residual_at_optimum = likelihood.rows @ offset  # R (c − ĉ), of squared length min
+    ball_radii = np.sqrt(radii**2 + residual_at_optimum @ residual_at_optimum)
     # The ends of a ball without constraints are at ĉ ± radius · C a / √(aᵀ C a), with C the covariance.
     C_a = functions @ likelihood.covariance  # (w, p)
     deviations = np.sqrt((C_a * functions).sum(axis=1))
@@ -156,17 +156,18 @@ def compute_profile_ends(
     signed_radii = ball_radii[:, None, None] * np.array([-1.0, 1.0])  # (q, 1, 2) to lower and upper ends
     ends: FloatArray = (functions @ centre)[:, None] + signed_radii * deviations[:, None]
     end_points = centre + signed_radii[..., None] * directions[:, None]  # (q, w, 2, p)
-    is_excluded = ~constraints.are_satisfied_by(end_points)
+    violates_constraints = ~constraints.are_satisfied_by(end_points)
     # A ball of radius zero contains the constrained optimum only.
     is_point = radii <= _POINT * radii.max()
     optimum = np.clip(centre + offset, constraints.bounds.lower, constraints.bounds.upper)
     ends[is_point] = (functions @ optimum)[:, None]
-    is_excluded[is_point] = False
-    if is_excluded.any():
+    violates_constraints[is_point] = False
+    if violates_constraints.any():
         # Find the ends of the constrained part of the ball instead.
         ball = _Ball(likelihood, constraints, float(ball_radii.max()))
-        kind, function, side = np.nonzero(is_excluded)
-        ends[is_excluded] = ball.compute_ends(functions[function], ball_radii[kind], is_upper=side == 1)
+        kind, function, side = np.nonzero(violates_constraints)
+        constrained_ends = ball.compute_ends(functions[function], ball_radii[kind], is_upper=side == 1)
+        ends[violates_constraints] = constrained_ends
     return ends
 
 
@@ -205,6 +206,13 @@ class _BallOptimum(NamedTuple):
     tight_rows: FloatArray  # (t, p) rows of the inequalities that hold with equality
 
 
+class _EndPoints(NamedTuple):
+    """Points of balls at which K linear objectives are least under the constraints."""
+
+    points: FloatArray  # (K, p)
+    is_inside_ball: BoolArray  # (K,) whether the objective is least within the bounds there, without the ball
+
+
 class _Ball:
     """Ball ``‖R (c − ĉ)‖ ≤ radius`` around the centre ĉ of a likelihood, in scaled variables x.
 
@@ -235,9 +243,8 @@ class _Ball:
             matrix, least = constraints.inequalities.matrix, constraints.inequalities.least
             scaled_matrix = matrix * self.unit
             row_lengths = np.linalg.norm(scaled_matrix, axis=1)
-            self.inequalities = Inequalities(
-                scaled_matrix / row_lengths[:, None], (least - matrix @ centre) / row_lengths
-            )
+            least_in_x = least - matrix @ centre
+            self.inequalities = Inequalities(scaled_matrix / row_lengths[:, None], least_in_x / row_lengths)
 
     def compute_ends(self, functions: FloatArray, radii: FloatArray, is_upper: BoolArray) -> FloatArray:
         """Return the least or greatest values (K,) of functions aᵀc within balls and the constraints.
@@ -255,13 +262,13 @@ class _Ball:
         signs = np.where(is_upper, -1.0, 1.0)  # a greatest value is the least value of the negative function
         objective = signs[:, None] * functions * self.unit
         objective /= np.linalg.norm(objective, axis=1, keepdims=True)
-        x, is_least_in_box = self.find_ends(objective, (radii / self._scale) ** 2)
-        values = functions @ self._likelihood.centre + (functions * self.unit * x).sum(axis=1)
-        # The bounds limit the values, exactly where no end is on the sphere.
+        ends = self._minimise_in_ball(objective, (radii / self._scale) ** 2)
+        values = functions @ self._likelihood.centre + (functions * self.unit * ends.points).sum(axis=1)
+        # Where the ball contains the extreme value of the box, that value is exact.
         least, greatest = compute_range_on_box(functions, self._constraints.bounds).T
         on_sphere = np.clip(values, least, greatest)
         on_box = np.where(is_upper, greatest, least)
-        return np.asarray(np.where(is_least_in_box, on_box, on_sphere))
+        return np.asarray(np.where(ends.is_inside_ball, on_box, on_sphere))
 
     def find_optimum(self, rhs: FloatArray) -> _BallOptimum:
         """Minimise ‖A x − rhs‖² over x (p,) under the constraints, for a right-hand side (m,).
@@ -280,49 +287,48 @@ class _Ball:
                 raise SolverError(_NOT_CERTIFIED)
         return _BallOptimum(x, solution.active != 0, tight_rows)
 
-    def find_ends(self, objective: FloatArray, squared_radius: FloatArray) -> tuple[FloatArray, BoolArray]:
+    def _minimise_in_ball(self, objective: FloatArray, squared_radius: FloatArray) -> _EndPoints:
         """Minimise K linear objectives over the part of a ball ‖A x‖² ≤ r² that satisfies the constraints.
 
         For each objective aᵀx, Newton's method finds the factor s ≥ 0 at which the optimum x(s) of
         ``‖A x + s h‖²`` under the constraints is on the sphere ‖A x‖ = r, with h such that Aᵀh = a. ‖A x(s)‖
-        grows with s, so each s that was tried limits the s that is searched.
+        grows with s, so each s that was tried limits the s that is searched. The search ends inside the ball
+        if the objective has its least value within the bounds there.
 
         Args:
             objective: (K, p) coefficients a of the objectives.
             squared_radius: (K,) squared radii r² of the balls.
 
-        Returns:
-            The points (K, p), and a mask (K,) of objectives that reach their least value within the bounds
-            inside the ball, so that the sphere is not reached.
-
         Raises:
             SolverError: a point could not be certified, or was not found in `MOST_ROUNDS` rounds.
         """
-        h = np.asarray(np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)  # (K, m)
+        solution, *_ = np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)
+        h = np.asarray(solution.T, np.float64)  # (K, m)
         squared_h = np.square(h).sum(axis=1)
         s = np.sqrt(squared_radius / squared_h)
         least_s, greatest_s = np.zeros(len(s)), np.full(len(s), np.inf)
-        points, is_least_in_box = np.zeros(objective.shape), np.zeros(len(s), dtype=np.bool_)
+        points, ends_inside_ball = np.zeros(objective.shape), np.zeros(len(s), dtype=np.bool_)
         pending = np.arange(len(s))  # objectives whose end is not found yet
         for _ in range(MOST_ROUNDS):
             x, derivative = self.find_optima(s[pending], objective[pending], h[pending])
             goal, squared_norm = squared_radius[pending], np.square(x @ self.A.T).sum(axis=1)
-            is_inside = squared_norm <= goal * (1 + RADIUS_TOLERANCE)
-            is_inside &= self._attains_least_in_box(objective[pending], x)
+            is_in_ball = squared_norm <= goal * (1 + RADIUS_TOLERANCE)
+            is_end_inside = is_in_ball & self._attains_least_in_box(objective[pending], x)
             is_on_sphere = np.abs(squared_norm - goal) <= RADIUS_TOLERANCE * goal
-            is_found = is_inside | is_on_sphere
+            is_found = is_end_inside | is_on_sphere
             points[pending[is_found]] = x[is_found]
-            is_least_in_box[pending[is_found]] = is_inside[is_found]
-            is_too_small, is_too_great = pending[squared_norm < goal], pending[squared_norm > goal]
-            least_s[is_too_small] = s[is_too_small]
-            greatest_s[is_too_great] = s[is_too_great]
+            ends_inside_ball[pending[is_found]] = is_end_inside[is_found]
+            # An s that led to a point inside the ball is too small, one that led outside is too great.
+            too_small, too_great = pending[squared_norm < goal], pending[squared_norm > goal]
+            least_s[too_small] = s[too_small]
+            greatest_s[too_great] = s[too_great]
             slope = (objective[pending] * derivative).sum(axis=1)
             slope = np.where(slope > _NO_MOVEMENT * squared_h[pending], slope, 0.0)
             proposed_s = self._take_newton_step(s[pending], x, derivative, slope, goal)
             s[pending] = _bisect_unless_between(proposed_s, least_s[pending], greatest_s[pending])
             pending = pending[~is_found]
             if not len(pending):
-                return points, is_least_in_box
+                return _EndPoints(points, ends_inside_ball)
         raise SolverError(_NOT_CERTIFIED)
 
     def _take_newton_step(
@@ -504,9 +510,16 @@ class CommonErrors:
 
         The K errors are those that the fit does not estimate; K may be zero.
         """
-        unfitted = [columns for source, columns in self.by_source.items() if source not in self.in_fit]
+        return self.responses_to_others(self.in_fit)
+
+    def responses_to_others(self, sources: Collection[str]) -> FloatArray:
+        """Return the changes (n, K) by one standard uncertainty of each of the K errors of all other sources.
+
+        The unit is rad/(N·m); K may be zero.
+        """
+        of_others = [columns for source, columns in self.by_source.items() if source not in sources]
         no_columns = self.responses[:, :0]  # `hstack` needs at least one array
-        return np.hstack([no_columns, *unfitted])
+        return np.hstack([no_columns, *of_others])
 
     @property
     def responses(self) -> FloatArray:
@@ -581,15 +594,13 @@ class Estimate:
         """Statements that were fitted with the joints, with the values that fit best."""
         return self.compressed.fit_statements(self.compliance)
 
-    def square_second_order(self, is_counted: bool = True) -> FloatArray:
+    def square_second_order(self) -> FloatArray:
         """Return the covariance (n, n) of the compliances by errors of the load beyond first order.
 
-        The unit is (rad/(N·m))². The covariance is zero without such errors, or if they are not counted.
+        The unit is (rad/(N·m))². The covariance is zero without such errors.
         """
         n = len(self.joints)
-        if self.second_order is None or not is_counted:
-            return np.zeros((n, n))
-        return np.diag(np.square(self.second_order))
+        return np.zeros((n, n)) if self.second_order is None else np.diag(np.square(self.second_order))
 
     @property
     def regressor(self) -> FloatArray:
@@ -720,12 +731,12 @@ class Evidence:
         determined_joints = [j for j, reason in enumerate(reasons) if reason is None]
         intervals = self._compute_intervals(determined_joints)
         results = []
-        for j, reason in enumerate(reasons):
-            if reason is None:
+        for j, why_missing in enumerate(reasons):
+            if why_missing is None:
                 results.append(self.derive_joint_result(j, intervals.get(j)))
             else:
                 kind = self.observability.kinds[j]
-                results.append(JointCompliance(self.names[j], kind, "not_observable", reason=reason))
+                results.append(JointCompliance(self.names[j], kind, "not_observable", reason=why_missing))
         return tuple(results)
 
     def _compute_intervals(self, joints: list[int]) -> dict[int, FloatArray | None]:
@@ -754,12 +765,16 @@ class Evidence:
         intervals: dict[int, FloatArray | None] = {}
         for index, j in enumerate(joints):
             intervals[j] = ends[:, index]
-            if j in self.profiles:  # of a joint near the line of the load
+            # To first order the interval of a joint near the line of the load is too short.
+            if j in self.profiles:
                 intervals[j] = self.profiles[j].join(ends[:, index])
         return intervals
 
     def derive_joint_result(self, j: int, intervals: FloatArray | None) -> JointCompliance:
         """Return the result for a joint j whose compliance the readings determine.
+
+        A joint at a constraint is "at_bound", a joint whose compliance may be zero "uncertain". The reason
+        names the constraint, why there is no interval, or what leaves the stiffness without an upper limit.
 
         Args:
             j: index of the joint.
@@ -842,17 +857,19 @@ class Evidence:
             intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
                 where sigma is unknown.
         """
-        active_bound = int(self.fit.active[j])  # -1 at the lower bound of the compliance, 1 at the upper one
-        if active_bound and self.fit.compliance[j] == 0.0:
+        at_least_compliance, at_greatest_compliance = self.fit.active[j] == -1, self.fit.active[j] == 1
+        is_at_bound = at_least_compliance or at_greatest_compliance
+        if is_at_bound and self.fit.compliance[j] == 0.0:
             limit = self.describe_lower_limit(j, intervals) or "the estimated compliance is zero: "
             return f"{limit}these readings cannot distinguish the joint from a rigid joint"
-        if self.fit.tied[j] or active_bound:
+        if is_at_bound or self.fit.tied[j]:
             tied_names = ", ".join(self.names[other] for other in self._list_tied_joints(j))
             if tied_names:
                 return f"`stiffness_order` makes the stiffness of this joint equal to that of {tied_names}"
-        if active_bound:
-            extreme = "maximum" if active_bound < 0 else "minimum"
-            return f"the joint is at the {extreme} stiffness of `stiffness_bounds`"
+        if at_least_compliance:
+            return "the joint is at the maximum stiffness of `stiffness_bounds`"
+        if at_greatest_compliance:
+            return "the joint is at the minimum stiffness of `stiffness_bounds`"
         return None
 
     def _list_tied_joints(self, j: int) -> list[int]:
@@ -882,14 +899,19 @@ class Evidence:
         """
         if intervals is None:
             return ""
-        greatest_compliance = float(intervals[1, 1])
+        _two_sided, one_sided_bounds = intervals
+        greatest_compliance = float(one_sided_bounds[1])
         if greatest_compliance <= 0.0:
             return ""
         stiffness = stiffness_text(round_down(1.0 / greatest_compliance), self.observability.kinds[j])
         return f"stiffer than {stiffness} at {100 * self.confidence:g} %: "
 
     def explain_missing_stiffness(self, j: int) -> str | None:
-        """Return the reason why joint j has no stiffness; None if joint j has a stiffness."""
+        """Return the reason why joint j has no stiffness; None if joint j has a stiffness.
+
+        It has none if the readings do not show it, show it only in combination with other joints, or leave
+        its compliance more uncertain than the compliance that would cause all of the measured deflections.
+        """
         observability = self.observability
         if observability.null[j]:
             reason = observability.reasons[j]
@@ -902,12 +924,11 @@ class Evidence:
         for group in self.fit.undetermined:
             if j in group.joints:
                 return group.reason(self.names)
-        # An uncertainty above this compliance says nothing of the joint.
-        greatest_useful = float(observability.reference_compliance[j])
+        greatest_uncertainty = float(observability.reference_compliance[j])
         uncertainty = self.compute_first_order_uncertainty(j)
-        if uncertainty is not None and uncertainty > greatest_useful:
+        if uncertainty is not None and uncertainty > greatest_uncertainty:
             return explain_noise(j, self.names, observability, uncertainty)
-        if j in self.profiles and self.profiles[j].standard_uncertainty > greatest_useful:
+        if j in self.profiles and self.profiles[j].standard_uncertainty > greatest_uncertainty:
             return _SHORT_LEVER
         return None
 
@@ -1022,17 +1043,10 @@ class UncertaintyBudget:
             components += _list_parts_of_common_errors(estimate, estimate.common)
         if jackknife is not None:
             components += _estimate_model_error(jackknife, readings.covariance, joints, included=lack_of_fit)
-        neglected = estimate.complementary_stiffness
-        if neglected is not None and not neglected.included and neglected.shift is not None:
-            squared_shift = np.outer(neglected.shift, neglected.shift)
-            components.append(BudgetComponent(squared_shift, "complementary_stiffness", "B", included=False))
-        # Student's distribution replaces the normal one for components that were estimated from few data.
-        quantiles = [
-            student_quantile(0.5 * (1.0 + probability), component.degrees_of_freedom)
-            for component in components
-            if component.included and component.source in ("readings", "model_error")
-        ]
-        return cls(joints, tuple(components), probability, coverage_factor=max(quantiles))
+        if estimate.complementary_stiffness is not None:
+            components += _list_effect_of_neglected_stiffness(estimate.complementary_stiffness)
+        coverage_factor = _find_coverage_factor(components, probability)
+        return cls(joints, tuple(components), probability, coverage_factor)
 
     def total(self, *, all_components: bool = False) -> Spread:
         """Return the sum of the components that the standard uncertainty includes, or of all components."""
@@ -1055,29 +1069,74 @@ class UncertaintyBudget:
         joints = list(estimate.joints)
         uncertainty = self.total().uncertainty
         for j in self.joints.tolist():
-            joint, standard_uncertainty = joints[j], float(uncertainty[j])
-            if joint.compliance is None or joint.compliance_interval is None or joint.one_sided is None:
-                continue
-            expanded_uncertainty = self.coverage_factor * standard_uncertainty
-            least = max(float(bounds.lower[j]), joint.compliance - expanded_uncertainty)
-            greatest = min(float(bounds.upper[j]), joint.compliance + expanded_uncertainty)
-            interval = _widen(joint.compliance_interval, least, greatest)
-            joint = replace(
-                joint,
-                standard_uncertainty=standard_uncertainty,
-                compliance_interval=interval,
-                one_sided=_widen(joint.one_sided, least, greatest),
-            )
-            if joint.status == "identified" and interval[0] <= 0.0:
-                reasons = [joint.reason, _NO_UPPER_END] if joint.reason else [_NO_UPPER_END]
-                joint = replace(joint, status="uncertain", reason="; ".join(reasons))
-            joints[j] = joint
+            compliance = joints[j].compliance
+            if compliance is not None:
+                expanded_uncertainty = self.coverage_factor * float(uncertainty[j])
+                least = max(float(bounds.lower[j]), compliance - expanded_uncertainty)
+                greatest = min(float(bounds.upper[j]), compliance + expanded_uncertainty)
+                joints[j] = _widen_intervals_of_joint(joints[j], float(uncertainty[j]), least, greatest)
         return replace(estimate, joints=tuple(joints))
+
+
+def _widen_intervals_of_joint(
+    joint: JointCompliance, standard_uncertainty: float, least: float, greatest: float
+) -> JointCompliance:
+    """Return the result of a joint with another standard uncertainty, and intervals that contain two values.
+
+    A joint without intervals stays as it is. A joint whose compliance may be zero by the wider interval is
+    not identified any more, but uncertain.
+
+    Args:
+        joint: result of the joint.
+        standard_uncertainty: of the compliance [rad/(N·m)].
+        least: value that the intervals contain [rad/(N·m)].
+        greatest: value that the intervals contain [rad/(N·m)].
+    """
+    if joint.compliance_interval is None or joint.one_sided is None:
+        return joint
+    lower, upper = _widen(joint.compliance_interval, least, greatest)
+    widened = replace(
+        joint,
+        standard_uncertainty=standard_uncertainty,
+        compliance_interval=(lower, upper),
+        one_sided=_widen(joint.one_sided, least, greatest),
+    )
+    if joint.status == "identified" and lower <= 0.0:
+        reason = f"{joint.reason}; {_NO_UPPER_END}" if joint.reason else _NO_UPPER_END
+        return replace(widened, status="uncertain", reason=reason)
+    return widened
 
 
 def _widen(interval: tuple[float, float], least: float, greatest: float) -> tuple[float, float]:
     """Return the interval, widened to contain two numbers."""
-    return min(interval[0], least), max(interval[1], greatest)
+    lower, upper = interval
+    return min(lower, least), max(upper, greatest)
+
+
+def _list_effect_of_neglected_stiffness(effect: ComplementaryStiffness) -> list[BudgetComponent]:
+    """Return a component for the bias by neglecting K_c, in a list; an empty list without a known bias.
+
+    The component is shown only: a bias is no part of the standard uncertainty.
+    """
+    if effect.included or effect.shift is None:
+        return []
+    squared_shift = np.outer(effect.shift, effect.shift)
+    return [BudgetComponent(squared_shift, "complementary_stiffness", "B", included=False)]
+
+
+def _find_coverage_factor(components: list[BudgetComponent], probability: float) -> float:
+    """Return the factor from a standard to an expanded uncertainty of a coverage probability, two-sided.
+
+    The factor is the quantile of the component with the fewest degrees of freedom among those that were
+    estimated from residuals or postures: Student's distribution instead of the normal one. The other
+    components were stated.
+    """
+    quantiles = []
+    for component in components:
+        if component.included and component.source in ("readings", "model_error"):
+            quantile = student_quantile(0.5 * (1.0 + probability), component.degrees_of_freedom)
+            quantiles.append(quantile)
+    return max(quantiles)
 
 
 def _compute_part_of_readings(estimate: Estimate, covariance: FloatArray) -> BudgetComponent:
@@ -1094,20 +1153,25 @@ def _compute_part_of_readings(estimate: Estimate, covariance: FloatArray) -> Bud
 
 
 def _list_parts_of_common_errors(estimate: Estimate, common_errors: CommonErrors) -> list[BudgetComponent]:
-    """Return a component of the uncertainty for each source of errors that all observations share."""
+    """Return a component of the uncertainty for each source of errors that all observations share.
+
+    A source that changes no compliance has no component. The uncertainty beyond first order belongs to the
+    last source whose effect depends on a joint's lever: the load point, or else the direction of the force.
+    """
     sources = common_errors.by_source
-    # The part beyond first order belongs to the last source whose effect depends on a joint's lever.
     lever_sources = [source for source in sources if source.endswith(_OF_LEVERS)]
+    last_lever_source = lever_sources[-1] if lever_sources else None
     components = []
     for source, responses in sources.items():
         if not responses.any():
             continue
-        is_last_lever_source = source in lever_sources[-1:]
-        second_order = estimate.square_second_order(is_last_lever_source)
+        covariance = responses @ responses.T
+        if source == last_lever_source:
+            covariance = covariance + estimate.square_second_order()
         components.append(
             BudgetComponent(
-                covariance=responses @ responses.T + second_order,
-                source=source,
+                covariance,
+                source,
                 evaluation="A" if source == "fitted_causes" else "B",
                 included=True,
                 responses=responses if source.endswith("load_point") else None,
@@ -1123,7 +1187,8 @@ def _estimate_model_error(
 
     The covariance of the jackknife contains noise and model error. In units of the noise, the eigenvalues for
     noise alone are 1 on average and at most ``(1 + √(p/P))²``, with p joints and P postures (Marchenko &
-    Pastur, 1967). Only larger eigenvalues count as model error, less the 1 that noise explains.
+    Pastur, 1967). Only larger eigenvalues count as model error, less the 1 that noise explains. The list is
+    empty, too, where a covariance is not finite or the readings have no noise to compare with.
 
     Args:
         jackknife: estimates that each leave out one posture.
@@ -1139,11 +1204,13 @@ def _estimate_model_error(
     deviations = compliances - compliances.mean(axis=0)
     jackknife_covariance = (jackknife.postures - 1.0) / P * deviations.T @ deviations
     noise_covariance = readings_covariance[np.ix_(joints, joints)]
-    if not (np.isfinite(jackknife_covariance).all() and np.isfinite(noise_covariance).all()):
+    is_finite = np.isfinite(jackknife_covariance).all() and np.isfinite(noise_covariance).all()
+    if not is_finite:
         return []
     try:
+        # Eigenvectors V are scaled such that Vᵀ noise_covariance V = I.
         eigenvalues, vectors = linalg.eigh(jackknife_covariance, noise_covariance)
-    except np.linalg.LinAlgError:  # readings without noise: a ratio to the noise does not exist
+    except np.linalg.LinAlgError:  # the covariance of the noise is singular
         return []
     greatest_of_noise = (1.0 + np.sqrt(p / P)) ** 2
     model_eigenvalues = np.where(eigenvalues > greatest_of_noise, eigenvalues - 1.0, 0.0)
@@ -1232,12 +1299,14 @@ def predict(
     contributing = compliance if is_estimated is None else np.where(is_estimated, compliance, 0.0)
     errors = statements or FittedStatements.none(rows.robot.n)
     predicted, encoder_deflections, projected = [], [], []
-    for of_block in errors.statements.generate(rows, whitened=False):
-        A, torque = of_block.block.A, of_block.block.torque  # (B, T, 3, n), (B, n)
-        motion_by_errors, turn_by_errors = errors.predict(of_block)
+    for block_rows in errors.statements.generate(rows, whitened=False):  # B observations each
+        A, torque = block_rows.block.A, block_rows.block.torque  # (B, T, 3, n), (B, n)
+        motion_by_errors, turn_by_errors = errors.predict(block_rows)
         predicted.append(A @ compliance + motion_by_errors)
-        deflection = torque * compliance
-        encoder_deflections.append(deflection if turn_by_errors is None else deflection + turn_by_errors)
+        joint_deflection = torque * compliance
+        if turn_by_errors is not None:
+            joint_deflection = joint_deflection + turn_by_errors
+        encoder_deflections.append(joint_deflection)
         projected.append(_project_on_sum(A * contributing))
     measurements = rows.measurements
     contributions = _average_contributions(np.concatenate(projected), measurements.present)

@@ -36,11 +36,11 @@ from jointstiff.solver.fit.rest import find_rest
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import solve, solve_step
 from jointstiff.solver.fit.stages import (
-    Find,
     Fit,
     Likelihood,
     RobustFit,
     Scale,
+    SolveProblem,
     TargetRows,
     estimate_scale,
     fit_huber,
@@ -86,7 +86,7 @@ def identify(rows: Rows, settings: Settings) -> Estimate:
     refuse_unsupported(rows, settings)
     unloaded_rows = rows.at(None)  # in the postures without the load
     problem = _state_problem(unloaded_rows, settings)
-    first_fit = problem.fit_once()
+    first_fit = problem.fit_unbent_robot()
     final = _fit_until_at_rest(problem, first_fit)
     certified_fit = final.problem.certify(final.fit)
     estimate = _build_estimate(final.problem, certified_fit)
@@ -101,31 +101,34 @@ def identify(rows: Rows, settings: Settings) -> Estimate:
 def _state_problem(rows: Rows, settings: Settings) -> _Problem:
     """Return the data of a fit: method, observability, and the stated errors to fit with the joints.
 
+    Stated errors are errors of the load and of places whose standard uncertainty the user stated.
+
     Raises:
         NotObservableError: the readings determine no joint.
     """
     observability = _require_observable(Excitation.of(rows))
-    length = _find_length(rows, settings, observability)
-    method = Method(rows.robot, settings, length)
-    stated_terms = _list_fitted_statements(rows.measurements, settings, method)
-    return _Problem(rows, settings, method, observability, stated_terms)
+    characteristic_length = _find_characteristic_length(rows, settings, observability)
+    method = Method(rows.robot, settings, characteristic_length)
+    stated_errors = _list_stated_errors_to_fit(rows.measurements, settings, method)
+    return _Problem(rows, settings, method, observability, stated_errors)
 
 
 class _FinalFit(NamedTuple):
     """Last of several fits, at which the robot is bent by the fitted compliances."""
 
     problem: _Problem  #: problem of this fit: without stated errors if the readings contradict them
-    fit: _Pass
+    fit: _SingleFit
     iterations: int  #: number of fits after the first
     statements_dropped: str | None = None  #: why stated errors were not fitted after all; None if they were
 
 
-def _fit_until_at_rest(problem: _Problem, first: _Pass) -> _FinalFit:
+def _fit_until_at_rest(problem: _Problem, first: _SingleFit) -> _FinalFit:
     """Repeat the fit until the compliances that bend the robot equal the fitted compliances.
 
     The complementary stiffness K_c bends the robot, and the columns of stated errors (errors of the load and
     of places that are fitted within their stated uncertainties) depend on the compliances, too. If the
-    readings contradict the stated uncertainties, the errors are propagated after the fit instead.
+    readings contradict the stated uncertainties, the errors are propagated after the fit instead. Without K_c
+    and stated errors, the first fit is the last.
 
     Args:
         problem: observations, settings and stated errors.
@@ -134,23 +137,24 @@ def _fit_until_at_rest(problem: _Problem, first: _Pass) -> _FinalFit:
     Raises:
         SolverError: the load has no balance with K_c, or the compliances do not come to rest.
     """
-    statements_dropped = None
-    if problem.stated_terms:
+    why_dropped = None
+    if problem.stated_errors:
         try:
-            last, iterations = _iterate_to_rest(problem, first)
-            _refuse_contradicted(last)
-            return _FinalFit(problem, last, iterations)
+            final = _repeat_until_at_rest(problem, first)
+            _refuse_contradicted_statements(final.fit)
         except SolverError as error:
-            problem = replace(problem, stated_terms=())
-            statements_dropped = error.reason
-    last, iterations = first, 0
+            why_dropped = error.reason
+        else:
+            return final
+    problem = replace(problem, stated_errors=())
+    final = _FinalFit(problem, first, iterations=0)
     if problem.settings.complementary_stiffness:
-        last, iterations = _iterate_to_rest(problem, first)
-    return _FinalFit(problem, last, iterations, statements_dropped)
+        final = _repeat_until_at_rest(problem, first)
+    return final._replace(statements_dropped=why_dropped)
 
 
 def _describe_complementary_stiffness(
-    final: _FinalFit, first: _Pass, estimate: Estimate
+    final: _FinalFit, first: _SingleFit, estimate: Estimate
 ) -> ComplementaryStiffness:
     """Return the effect of the complementary stiffness K_c on a fit.
 
@@ -163,9 +167,10 @@ def _describe_complementary_stiffness(
     """
     problem = final.problem
     is_included = problem.settings.complementary_stiffness
-    if is_included and not problem.stated_terms:
+    only_k_c_changed_the_fit = is_included and not problem.stated_errors
+    if only_k_c_changed_the_fit:
         shift = final.fit.compliance - first.compliance
-    else:  # stated errors changed the compliances, too, or K_c was neglected
+    else:
         shift = _estimate_neglected_shift(problem, first, estimate.sigma)
     ratios = np.abs(estimate.compliance)[:, None] * _find_largest_stiffness(problem.rows)  # |K_c,ij| c_i
     ratios_of_estimates = ratios[np.ix_(estimate.estimated, estimate.estimated)]
@@ -178,7 +183,7 @@ def _describe_complementary_stiffness(
     )
 
 
-def _find_length(rows: Rows, settings: Settings, observability: Observability) -> float | None:
+def _find_characteristic_length(rows: Rows, settings: Settings, observability: Observability) -> float | None:
     """Return the characteristic length [m] that makes displacements and rotations comparable.
 
     It is the length of the settings, or else that of the least condition number; None for other weightings.
@@ -197,7 +202,7 @@ def _find_largest_stiffness(rows: Rows) -> FloatArray:
     return np.asarray(np.max(largest, axis=0))
 
 
-def _refuse_contradicted(last: _Pass) -> None:
+def _refuse_contradicted_statements(last: _SingleFit) -> None:
     """Refuse a fit that explains the readings by errors of load or places far larger than stated.
 
     Raises:
@@ -209,18 +214,17 @@ def _refuse_contradicted(last: _Pass) -> None:
         raise SolverError(f"the fit moves an error by {greatest:.0f} times its standard uncertainty")
 
 
-def _list_fitted_statements(
+def _list_stated_errors_to_fit(
     measurements: Measurements, settings: Settings, method: Method
 ) -> tuple[Term, ...]:
     """Return the terms (kinds of error) with stated uncertainties that are fitted together with the joints.
 
-    Only a method of one stage with weights by covariance can fit them. With other methods the errors are
-    propagated after the fit, and no term is returned.
+    Only a method of one stage with weights by covariance and squared loss can fit them. Otherwise the errors
+    are propagated after the fit, and no term is returned.
     """
     has_one_stage = len(method.stages) == 1
-    if has_one_stage and method.by_covariance and settings.loss == "squared":
-        return list_stated_terms(measurements)
-    return ()
+    can_fit_errors = has_one_stage and method.by_covariance and settings.loss == "squared"
+    return list_stated_terms(measurements) if can_fit_errors else ()
 
 
 def identify_with_fallback(rows: Rows, settings: Settings) -> tuple[Settings, Estimate]:
@@ -299,7 +303,7 @@ def _refuse_unsupported_weighting(measurements: Measurements, settings: Settings
 
 
 @dataclass(frozen=True, eq=False)
-class _Pass:
+class _SingleFit:
     """One fit of all observations; with K_c or stated errors several fits follow each other."""
 
     rows: Rows  # observations with the weights of the fit, at the compliances that bend the robot
@@ -313,7 +317,7 @@ class _Pass:
         """Fitted compliances (n,) [rad/(N·m)]."""
         return self.fit.compliance
 
-    def estimate_noise(self) -> float:
+    def estimate_sigma_from_residuals(self) -> float:
         """Return sigma, the standard deviation of a coordinate, from the residuals [m].
 
         The result is 0 without degrees of freedom to estimate sigma from.
@@ -330,39 +334,61 @@ class _Problem:
     settings: Settings
     method: Method
     observability: Observability  # in the unloaded postures
-    stated_terms: tuple[Term, ...]  # terms with stated uncertainties, fitted together with the joints
+    stated_errors: tuple[Term, ...]  # errors with stated uncertainties, fitted together with the joints
 
-    def fit_once(self, compliance: FloatArray | None = None, before: _Pass | None = None) -> _Pass:
-        """Fit all observations once, without a certificate.
+    def fit_unbent_robot(self) -> _SingleFit:
+        """Fit all observations once, without a certificate; neglect K_c and stated errors."""
+        return self._fit_joints(self.rows, stated_errors=None, before=None)
+
+    def fit_bent_robot(self, compliance: FloatArray, before: _SingleFit) -> _SingleFit:
+        """Fit all observations once, without a certificate, to a robot that given compliances bend.
+
+        The robot is bent where the complementary stiffness K_c is part of the model. The columns of stated
+        errors, too, are computed at these compliances.
 
         Args:
-            compliance: (n,) compliances that bend the robot, where the complementary stiffness K_c is part of
-                the model, and at which the columns of stated errors are computed; None for a fit that
-                neglects K_c and stated errors.
+            compliance: (n,) compliances that bend the robot [rad/(N·m)].
+            before: the fit before, which gives an unknown sigma.
+        """
+        bent_rows = self.rows.at(compliance) if self.settings.complementary_stiffness else self.rows
+        stated_errors = None
+        if self.stated_errors:
+            stated_errors = self._compute_stated_errors_at(compliance, before)
+        return self._fit_joints(bent_rows, stated_errors, before)
+
+    def _fit_joints(
+        self, rows: Rows, stated_errors: Statements | None, before: _SingleFit | None
+    ) -> _SingleFit:
+        """Fit joints and stated errors to rows, by least squares or with the Huber loss.
+
+        The Huber loss gives weights of the readings; least squares with these weights give its estimate.
+
+        Args:
+            rows: N observations in their postures, bent or not.
+            stated_errors: errors to fit with the joints; None without any.
             before: the fit before; None for the first fit.
         """
-        rows, settings = self.rows, self.settings
-        if settings.complementary_stiffness:
-            rows = rows.at(compliance)
         robust, targets = None, None
-        if settings.loss == "huber":
+        if self.settings.loss == "huber":
             targets = TargetRows.of(rows)
             robust = self._fit_huber(targets, before)
-            # Least squares of the reweighted readings gives the Huber estimate.
-            rows = rows.of(robust.reweight(rows.measurements))
-        stated_errors = None
-        if self.stated_terms and compliance is not None and before is not None:
-            stated_errors = self._state(compliance, before)
+            weighted_readings = robust.reweight(rows.measurements)
+            rows = rows.of(weighted_readings)
         compressed = MethodRows.compress(self.method, rows, stated_errors)
-        fit = self._solve(compressed, robust, solve_step)
-        return _Pass(rows, compressed, fit, robust, targets)
+        fit = self._solve_compressed_rows(compressed, robust, solve_step)
+        return _SingleFit(rows, compressed, fit, robust, targets)
 
-    def certify(self, last: _Pass) -> _Pass:
+    def certify(self, last: _SingleFit) -> _SingleFit:
         """Return the last fit, solved again by Clarabel, with certificates of its optimum."""
-        return replace(last, fit=self._solve(last.compressed, last.robust, solve))
+        certified = self._solve_compressed_rows(last.compressed, last.robust, solve)
+        return replace(last, fit=certified)
 
-    def _solve(self, compressed: MethodRows, robust: RobustFit | None, solve_problem: Find) -> Fit:
+    def _solve_compressed_rows(
+        self, compressed: MethodRows, robust: RobustFit | None, solve_problem: SolveProblem
+    ) -> Fit:
         """Return the fit of compressed rows, with the prior of the settings.
+
+        With a prior, the fit without the prior is its attribute `alone`.
 
         Args:
             compressed: compressed rows of all observations.
@@ -381,7 +407,7 @@ class _Problem:
         fit_with_prior = fit_method(compressed, has_no_effect, constraints, prior, solve_problem)
         return replace(fit_with_prior, alone=fit)
 
-    def _fit_huber(self, targets: TargetRows, before: _Pass | None) -> RobustFit:
+    def _fit_huber(self, targets: TargetRows, before: _SingleFit | None) -> RobustFit:
         """Fit the joints with Huber's loss; an unknown sigma is estimated by the first fit and then kept.
 
         Args:
@@ -400,7 +426,7 @@ class _Problem:
             threshold=self.settings.huber_threshold,
         )
 
-    def _state(self, compliance: FloatArray, before: _Pass) -> Statements:
+    def _compute_stated_errors_at(self, compliance: FloatArray, before: _SingleFit) -> Statements:
         """Return the stated errors to fit with the joints, with their columns at compliances (n,).
 
         Args:
@@ -408,9 +434,9 @@ class _Problem:
             before: the fit before, whose residuals give sigma where sigma is not stated.
         """
         measurements = self.rows.measurements
-        sigma = measurements.sigma or before.estimate_noise()
+        sigma = measurements.sigma or before.estimate_sigma_from_residuals()
         return Statements(
-            terms=self.stated_terms,
+            terms=self.stated_errors,
             common=measurements.common_uncertainty,
             compliance=np.maximum(compliance, 0.0),
             sigma=max(sigma, LEAST_STATED_SIGMA),
@@ -457,51 +483,47 @@ def _require_observable(excitation: Excitation) -> Observability:
     return observability
 
 
-def _iterate_to_rest(problem: _Problem, first: _Pass) -> tuple[_Pass, int]:
+def _repeat_until_at_rest(problem: _Problem, first: _SingleFit) -> _FinalFit:
     """Repeat the fit until the fitted compliances equal those of the fit before.
 
     With the complementary stiffness K_c, the compliances bend the robot; the columns of stated errors depend
     on them, too. The iteration starts from a first-order estimate of the effect of K_c, so that with noisy
     readings a single fit suffices without stated errors.
 
-    Returns:
-        The last fit, and the number of fits after the first.
-
     Raises:
         SolverError: the compliances do not come to rest in `MAX_ITERATIONS` fits.
     """
     start = first.compliance
     if problem.settings.complementary_stiffness:
-        sigma = problem.rows.measurements.sigma or first.estimate_noise()
+        sigma = problem.rows.measurements.sigma or first.estimate_sigma_from_residuals()
         start = start + _estimate_neglected_shift(problem, first, sigma)
-    last, iterations = first, 0
+    fits = [first]
 
-    def fit_at(compliance: FloatArray) -> FloatArray:
-        """Return the fitted compliances (n,) where the robot was bent with other compliances (n,)."""
-        nonlocal last, iterations
-        last = problem.fit_once(compliance, before=last)
-        iterations += 1
-        return last.compliance
+    def fit_bent_robot(compliance: FloatArray) -> FloatArray:
+        """Return the fitted compliances (n,) of the robot that other compliances (n,) bend."""
+        fits.append(problem.fit_bent_robot(compliance, before=fits[-1]))
+        return fits[-1].compliance
 
     greatest_changes = _list_changes_at_rest(problem.observability, first)
-    find_rest(fit_at, start, unit=greatest_changes, most_steps=MAX_ITERATIONS)
-    return last, iterations
+    find_rest(fit_bent_robot, start, unit=greatest_changes, most_steps=MAX_ITERATIONS)
+    return _FinalFit(problem, fits[-1], iterations=len(fits) - 1)
 
 
-def _list_changes_at_rest(observability: Observability, first: _Pass) -> FloatArray:
+def _list_changes_at_rest(observability: Observability, first: _SingleFit) -> FloatArray:
     """Return the greatest changes (n,) of the compliances by a further fit that count as rest [rad/(N·m)].
 
-    They are small compared with the compliance, or with its standard uncertainty if that is larger.
+    They are small compared with the compliance, or with its standard uncertainty if that is larger. The size
+    of a compliance is at least the one that would cause all of the measured deflections.
     """
     # A joint that nothing moves has no compliance to compare with.
     reference = np.maximum(observability.reference_compliance, np.finfo(np.float64).tiny)
     size = np.maximum(np.abs(first.compliance), reference)
-    uncertainty = first.estimate_noise() * np.sqrt(np.diagonal(first.fit.covariance))
+    uncertainty = first.estimate_sigma_from_residuals() * np.sqrt(np.diagonal(first.fit.covariance))
     uncertainty = np.where(np.isfinite(uncertainty), uncertainty, 0.0)
     return np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
 
 
-def _estimate_neglected_shift(problem: _Problem, without_k_c: _Pass, sigma: float | None) -> FloatArray:
+def _estimate_neglected_shift(problem: _Problem, without_k_c: _SingleFit, sigma: float | None) -> FloatArray:
     """Return the change (n,) of the compliances if K_c were included, to first order [rad/(N·m)].
 
     Joints at a bound stay at the bound. Of a large set only `SHIFT_OBSERVATIONS` evenly spread observations
@@ -525,7 +547,7 @@ def _estimate_neglected_shift(problem: _Problem, without_k_c: _Pass, sigma: floa
     return -bias * (len(problem.rows) / len(sample))
 
 
-def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
+def _build_estimate(problem: _Problem, last_fit: _SingleFit) -> Estimate:
     """Build the estimate from the last fit: sigma, uncertainties, intervals and a verdict on each joint.
 
     With the Huber loss, a robust scale replaces a sigma that is unknown.
@@ -578,7 +600,9 @@ def _build_estimate(problem: _Problem, last_fit: _Pass) -> Estimate:
     )
 
 
-def _add_uncertainties(problem: _Problem, last_fit: _Pass, scale: Scale) -> tuple[Fit, CommonErrors | None]:
+def _add_uncertainties(
+    problem: _Problem, last_fit: _SingleFit, scale: Scale
+) -> tuple[Fit, CommonErrors | None]:
     """Return the last fit with all uncertainties in its covariance, and the errors common to all readings.
 
     There are no common errors where sigma is unknown.
@@ -592,7 +616,9 @@ def _add_uncertainties(problem: _Problem, last_fit: _Pass, scale: Scale) -> tupl
     common_errors = _propagate_common_errors(problem, last_fit, sigma)
     if common_errors is None:
         return fit, None
-    return fit.add_common_errors(common_errors.responses_to_unfitted_errors / sigma), common_errors
+    # The covariance of a fit is in units of sigma.
+    responses = common_errors.responses_to_unfitted_errors / sigma
+    return fit.add_common_errors(responses), common_errors
 
 
 def _widen_likelihood(fit: Fit, uncertainty: FloatArray, open_joints: IndexArray) -> Likelihood | None:
@@ -610,7 +636,7 @@ def _widen_likelihood(fit: Fit, uncertainty: FloatArray, open_joints: IndexArray
     return known if len(known.joints) else None
 
 
-def _estimate_final_scale(problem: _Problem, last_fit: _Pass) -> Scale:
+def _estimate_final_scale(problem: _Problem, last_fit: _SingleFit) -> Scale:
     """Return sigma, as stated or from the residuals, and the chi-square of the last fit.
 
     With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
@@ -647,10 +673,11 @@ def _refuse_overflow(fit: Fit, scale: Scale, covariance: FloatArray | None) -> N
         )
 
 
-def _propagate_common_errors(problem: _Problem, last_fit: _Pass, sigma: float) -> CommonErrors | None:
+def _propagate_common_errors(problem: _Problem, last_fit: _SingleFit, sigma: float) -> CommonErrors | None:
     """Return the changes of the compliances by one standard uncertainty of each error common to all readings.
 
-    Each kind of error is a term, such as the load point, with k unknowns. None without uncertain errors.
+    Each kind of error is a term, such as the load point, with k unknowns. The uncertainty of an error is
+    stated, or comes from an earlier fit that corrected the readings for the error. None without such errors.
 
     Args:
         problem: observations and settings.
@@ -658,43 +685,48 @@ def _propagate_common_errors(problem: _Problem, last_fit: _Pass, sigma: float) -
         sigma: standard uncertainty of a coordinate [m], which weighs a prior against the readings.
     """
     measurements, prior = problem.rows.measurements, problem.settings.prior
-    common_uncertainty, fitted = measurements.common_uncertainty, fitted_errors(measurements)
-    fitted_names = {term.name for term in fitted.terms}  # fitted to the readings before this fit
-    stated_terms = [
-        term
-        for term in TERMS.values()
-        if term.name not in fitted_names and any(term.prior(common_uncertainty))
-    ]
-    if not (stated_terms or fitted.terms):
+    common_uncertainty = measurements.common_uncertainty
+    corrected = fitted_errors(measurements)  # errors for which the readings were corrected
+    corrected_names = {term.name for term in corrected.terms}
+    stated_terms = []
+    for term in TERMS.values():
+        is_stated = any(term.prior(common_uncertainty))
+        if is_stated and term.name not in corrected_names:
+            stated_terms.append(term)
+    if not (stated_terms or corrected.terms):
         return None
     responses = last_fit.compressed.compute_responses(
         last_fit.rows,
-        [*stated_terms, *fitted.terms],
+        [*stated_terms, *corrected.terms],
         last_fit.compliance,
         joints=np.flatnonzero(~problem.observability.null),
         prior=None if prior is None else prior.in_units_of(sigma),
     )
     by_source = {}
     for term in stated_terms:
-        response = responses[term.name]  # (n, k)
-        # `resize` repeats the term's uncertainties until each of the k unknowns has its own.
+        response = responses[term.name]  # (n, k) for unit errors
+        # Repeat the term's uncertainties until each of the k unknowns has its own.
         uncertainties = np.resize(term.prior(common_uncertainty), response.shape[1])
         by_source[common_uncertainty.source(term.name)] = uncertainties * response
-    if fitted.terms:
-        response = np.hstack([responses[term.name] for term in fitted.terms])
-        by_source["fitted_causes"] = response @ fitted.root  # root of the covariance of the fitted errors
+    if corrected.terms:
+        response = np.hstack([responses[term.name] for term in corrected.terms])
+        by_source["fitted_causes"] = response @ corrected.root  # root of the covariance of these errors
     terms_in_fit = last_fit.compressed.statements.terms
     in_fit = frozenset(common_uncertainty.source(term.name) for term in terms_in_fit)
     return CommonErrors(by_source, in_fit)
 
 
 def _profile_short_levers(
-    problem: _Problem, last_fit: _Pass, fit: Fit, scale: Scale, common_errors: CommonErrors | None
+    problem: _Problem, last_fit: _SingleFit, fit: Fit, scale: Scale, common_errors: CommonErrors | None
 ) -> dict[int, LeverProfile]:
     """Return profile-likelihood intervals of the joints near the line of the load, by the joint's index.
 
     At such a joint an error of the load's place changes the torque by as much as the torque itself, so that
-    intervals to first order do not suffice. The errors of the load are free in the profiles.
+    intervals to first order do not suffice. The errors of the load are free in the profiles. A joint that the
+    readings determine only in combination with others has no profile.
+
+    There are no profiles for readings without noise, as these determine the load point, too, so that
+    intervals to first order are exact enough.
 
     Args:
         problem: observations, settings and stated errors.
@@ -703,34 +735,30 @@ def _profile_short_levers(
         scale: sigma.
         common_errors: errors that all observations share; None without any.
     """
-    # Readings without noise determine the load point, too: to first order is exact enough.
     if common_errors is None or not scale.sigma or scale.sigma < LEAST_STATED_SIGMA:
         return {}
-    free_load = _free_load(problem, last_fit, scale.sigma)
+    free_load = _build_free_load(problem, last_fit, scale.sigma)
     if free_load is None:
         return {}
     quantiles = scale.list_quantiles(problem.settings.confidence)
     inflation = 1.0 if last_fit.robust is None else last_fit.robust.inflation
-    other_errors = _list_errors_outside_profiles(problem.rows.measurements, common_errors)
-    force_scale = problem.rows.measurements.common_uncertainty.scale  # relative uncertainty of all forces
-    bounds = problem.settings.constraints.bounds
+    radii = scale.sigma * np.sqrt(inflation) * quantiles
+    measurements, bounds = problem.rows.measurements, problem.settings.constraints.bounds
     combined_joints = {j for group in fit.undetermined for j in group.joints}
     profiles = {}
-    for index in np.flatnonzero(free_load.weak).tolist():
+    for index in np.flatnonzero(free_load.has_short_lever).tolist():
         j = int(free_load.joints[index])
         if j in combined_joints:
             continue
-        ends = free_load.profile(index).find_ends(scale.sigma * np.sqrt(inflation) * quantiles)
-        if not np.isfinite(np.concatenate(ends)).all():
+        ends = free_load.profile(index).find_ends(radii)
+        has_all_ends = np.isfinite(np.concatenate(ends)).all()
+        if not has_all_ends:
             profiles[j] = LeverProfile()  # an interval without an upper end
             continue
-        other_error = float(np.linalg.norm(other_errors[j]))
-        widened = []
-        for intervals in ends:  # without, then within the constraints
-            errors_at_ends = np.hypot(other_error, force_scale * intervals)
-            value = float(last_fit.compliance[j])
-            widened.append(_widen_profile(intervals, value, quantiles[:, None] * errors_at_ends))
-        unconstrained, constrained = widened
+        other_errors = _OtherErrors.of(measurements, common_errors, j, quantiles)
+        estimate = float(last_fit.compliance[j])
+        unconstrained = other_errors.widen(ends.without_constraints, estimate)
+        constrained = other_errors.widen(ends.within_constraints, estimate)
         lower = np.minimum(unconstrained[:, 0], constrained[:, 0])
         upper = np.maximum(unconstrained[:, 1], constrained[:, 1])
         first_order_uncertainty = scale.sigma * float(np.sqrt(fit.covariance[j, j]))
@@ -743,19 +771,39 @@ def _profile_short_levers(
     return profiles
 
 
-def _list_errors_outside_profiles(measurements: Measurements, common_errors: CommonErrors) -> FloatArray:
-    """Return the changes (n, k) of the compliances by k errors that profiles do not know [rad/(N·m)].
+class _OtherErrors(NamedTuple):
+    """Errors of one joint's compliance that are no unknowns of its profile."""
 
-    Profiles have the stated errors of load and places as unknowns. The error of the force's scale, which
-    multiplies a compliance, is added to a profile by itself.
-    """
-    common = measurements.common_uncertainty
-    terms = [*list_stated_terms(measurements), FORCE_SCALE]
-    sources = frozenset(common.source(term.name) for term in terms)
-    return replace(common_errors, in_fit=sources).responses_to_unfitted_errors
+    standard_uncertainty: float  # of the compliance [rad/(N·m)]
+    force_scale: float  # relative uncertainty of all forces, which multiplies the compliance
+    quantiles: FloatArray  # (q,) expanded uncertainties over the standard uncertainty
+
+    @classmethod
+    def of(
+        cls, measurements: Measurements, common_errors: CommonErrors, j: int, quantiles: FloatArray
+    ) -> _OtherErrors:
+        """Return the other errors of joint j: all but the stated errors of load and places."""
+        common = measurements.common_uncertainty
+        terms_in_profile = list_stated_terms(measurements)
+        counted_by_themselves = [*terms_in_profile, FORCE_SCALE]
+        sources = [common.source(term.name) for term in counted_by_themselves]
+        responses = common_errors.responses_to_others(sources)[j]
+        return cls(float(np.linalg.norm(responses)), common.scale, quantiles)
+
+    def widen(self, intervals: FloatArray, estimate: float) -> FloatArray:
+        """Return intervals (q, 2) around an estimate, widened by these errors [rad/(N·m)].
+
+        Distances of the ends from the estimate and errors at the ends are added in squares. An interval that
+        does not contain the estimate is widened to contain the estimate.
+        """
+        standard_errors = np.hypot(self.standard_uncertainty, self.force_scale * intervals)
+        expanded_errors = self.quantiles[:, None] * standard_errors
+        signs = np.array([-1.0, 1.0])  # of the distances from the estimate to lower and upper ends
+        distances = np.maximum(signs * (intervals - estimate), 0.0)
+        return np.asarray(estimate + signs * np.hypot(distances, expanded_errors))
 
 
-def _free_load(problem: _Problem, last_fit: _Pass, sigma: float) -> FreeLoad | None:
+def _build_free_load(problem: _Problem, last_fit: _SingleFit, sigma: float) -> FreeLoad | None:
     """Return the readings with the errors of the load as unknowns, at the compliances of the last fit.
 
     None if no joint has a short lever, which means that it is near the line of the load.
@@ -771,22 +819,6 @@ def _free_load(problem: _Problem, last_fit: _Pass, sigma: float) -> FreeLoad | N
     return FreeLoad.of(last_fit.rows, problem.settings, stated_errors, np.flatnonzero(has_effect))
 
 
-def _widen_profile(intervals: FloatArray, value: float, other_errors: FloatArray) -> FloatArray:
-    """Return intervals (q, 2) around an estimate, widened by errors that the profile does not know.
-
-    Distances of the ends from the estimate and other errors are added in squares. An interval that does not
-    contain the estimate is widened to contain the estimate.
-
-    Args:
-        intervals: (q, 2) lower and upper ends by the profile [rad/(N·m)].
-        value: estimate [rad/(N·m)].
-        other_errors: (q, 2) expanded uncertainties by other errors, at the ends [rad/(N·m)].
-    """
-    signs = np.array([-1.0, 1.0])  # of the distances from the estimate to lower and upper ends
-    distances = np.maximum(signs * (intervals - value), 0.0)
-    return np.asarray(value + signs * np.hypot(distances, other_errors))
-
-
 def _compare_prior_to_data(
     fit_without_prior: Fit | None, prior: Prior | None, sigma: float | None, n: int
 ) -> FloatArray:
@@ -799,11 +831,10 @@ def _compare_prior_to_data(
     if fit_without_prior is None or prior is None or sigma is None:
         return np.full(n, np.nan)
     variance = sigma**2 * np.diagonal(fit_without_prior.covariance)
-    ratio = np.where(prior.known, variance / prior.standard_uncertainty**2, np.nan)
-    combined_joints = [j for group in fit_without_prior.undetermined for j in group.joints]
-    for j in combined_joints:
-        ratio[j] = np.inf if prior.known[j] else np.nan
-    return ratio
+    ratio = variance / prior.standard_uncertainty**2
+    for group in fit_without_prior.undetermined:
+        ratio[list(group.joints)] = np.inf
+    return np.where(prior.known, ratio, np.nan)
 
 
 def _find_largest_standardised_shift(shift: FloatArray | None, estimate: Estimate) -> float | None:
@@ -822,8 +853,8 @@ def _find_largest_standardised_shift(shift: FloatArray | None, estimate: Estimat
         for source in ("assumed_load_point", "assumed_force_scale"):
             responses = estimate.common.responses_to(source)  # (n, k)
             variance = variance - np.square(responses).sum(axis=1)
-        is_assumed = "assumed_load_point" in estimate.common.by_source
-        variance = variance - np.diagonal(estimate.square_second_order(is_assumed))
+        if "assumed_load_point" in estimate.common.by_source:
+            variance = variance - np.diagonal(estimate.square_second_order())
     has_uncertainty = estimate.estimated & (variance > 0.0)
     if not has_uncertainty.any():
         return None

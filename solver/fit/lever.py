@@ -26,6 +26,7 @@ from scipy.optimize import brentq, minimize_scalar
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fit.method import Method, Settings
+from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationProblem
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import solve_step
@@ -73,7 +74,9 @@ class FreeLoad:
     ) -> FreeLoad | None:
         """Compress the rows of a campaign; None if no joint is near the line of the load.
 
-        Near this line a joint's lever is short compared with the uncertainty of the load point.
+        Near this line a joint's lever is short compared with the uncertainty of the load point. None, too, if
+        the errors of the load are not stated. A sample of a large campaign is searched for short levers
+        first, because all rows are needed only for a joint that has one.
 
         Args:
             rows: N observations, in balance with the fitted compliances.
@@ -85,9 +88,9 @@ class FreeLoad:
         if not states_errors_of_load:
             return None
         is_large = len(rows) > _SAMPLE
-        sample = rows.select_evenly(_SAMPLE) if is_large else rows  # enough to tell short levers
+        sample = rows.select_evenly(_SAMPLE) if is_large else rows
         free_load = cls._compress(sample, settings, statements, joints)
-        if not free_load.weak.any():
+        if not free_load.has_short_lever.any():
             return None
         if is_large:
             free_load = cls._compress(rows, settings, statements, joints)
@@ -102,45 +105,39 @@ class FreeLoad:
         c are the compliances of the p joints, e the K errors. The columns B depend on the compliances: B
         changes by ``levers[:, j]`` for each unit of compliance of joint j.
         """
-        terms_of_load = [term for term in statements.terms if term.name in BY_JOINT]
-        # `BY_JOINT` has the same errors of the load, with a column for each joint at compliance 1.
-        terms = (*statements.terms, *(BY_JOINT[term.name] for term in terms_of_load))
-        with_levers = Statements(terms, statements.common, statements.compliance, statements.sigma)
-        all_readings = replace(settings, method="partial_pose", weighting="covariance")
-        method = Method(rows.robot, all_readings, None)
-        triangle: Triangle | None = None
-        for block_rows in with_levers.generate(rows, [JOINTS]):
-            triangle = triangle or Triangle(**block_rows.widths)
-            only_stage = next(method.map_rows(block_rows))
-            triangle.add(only_stage.fitted)
-        if triangle is None:
-            raise ValueError("no observations")
-
+        triangle = _compress_rows_with_levers(rows, settings, statements)
         R, columns_of = triangle.R, triangle.span  # QR factor of all rows; columns of each term in it
+        n = rows.robot.n
         columns_of_errors = np.concatenate([columns_of[term.name] for term in statements.terms])
-        A, B, d = R[:, joints], R[:, columns_of_errors], R[:, -1]
-        levers = np.zeros((len(R), rows.robot.n, len(columns_of_errors)))  # (rows, joints, errors)
-        for term in terms_of_load:
-            errors = np.searchsorted(columns_of_errors, columns_of[term.name])  # indices among the K errors
-            by_joint = R[:, columns_of[BY_JOINT[term.name].name]]
-            levers[:, :, errors] = by_joint.reshape(len(R), rows.robot.n, -1)
-        levers = levers[:, joints]
-        if settings.prior is not None:
-            matrix, values = settings.prior.in_units_of(statements.sigma).rows(joints)
-            A = np.vstack([A, matrix])
-            d = np.concatenate([d, values])
-            # Priors of compliances do not depend on the errors.
-            B = np.vstack([B, np.zeros((len(matrix), B.shape[1]))])
-            levers = np.concatenate([levers, np.zeros((len(matrix), *levers.shape[1:]))])
-        return cls(
+        levers = np.zeros((len(R), n, len(columns_of_errors)))  # (rows, joints, errors)
+        for term in statements.terms:
+            if term.name in BY_JOINT:  # only errors of the load have levers
+                index_of_error = np.searchsorted(columns_of_errors, columns_of[term.name])
+                columns_by_joint = R[:, columns_of[BY_JOINT[term.name].name]]
+                levers[:, :, index_of_error] = columns_by_joint.reshape(len(R), n, -1)
+        free_load = cls(
             joints=joints,
-            A=A,
-            B=B,
-            levers=levers,
-            d=d,
+            A=R[:, joints],
+            B=R[:, columns_of_errors],
+            levers=levers[:, joints],
+            d=R[:, -1],
             compliance=statements.compliance[joints],
             sigma=statements.sigma,
             constraints=settings.constraints.select(joints),
+        )
+        return free_load if settings.prior is None else free_load._append_prior(settings.prior)
+
+    def _append_prior(self, prior: Prior) -> FreeLoad:
+        """Return the problem with a row for each prior of a compliance, in which the errors have no part."""
+        matrix, values = prior.in_units_of(self.sigma).rows(self.joints)
+        no_errors = np.zeros((len(matrix), self.B.shape[1]))
+        no_levers = np.zeros((len(matrix), *self.levers.shape[1:]))
+        return replace(
+            self,
+            A=np.vstack([self.A, matrix]),
+            B=np.vstack([self.B, no_errors]),
+            levers=np.concatenate([self.levers, no_levers]),
+            d=np.concatenate([self.d, values]),
         )
 
     @cached_property
@@ -156,158 +153,202 @@ class FreeLoad:
         return np.asarray(np.divide(by_load, by_errors, out=infinite, where=by_errors > 0.0))
 
     @property
-    def weak(self) -> BoolArray:
-        """Mask (p,) of joints whose lever is short."""
+    def has_short_lever(self) -> BoolArray:
+        """Mask (p,) of joints whose lever is at most `SHORT_LEVER` times as long as it is uncertain."""
         return np.asarray(self.ratios < SHORT_LEVER, dtype=np.bool_)
 
     def profile(self, j: int) -> Profile:
-        """Return the profile of the joint with index j among the p joints."""
+        """Return the least sum of squares as a function of the compliance of joint j of the p joints."""
         return Profile(self, j)
 
 
+def _compress_rows_with_levers(rows: Rows, settings: Settings, statements: Statements) -> Triangle:
+    """Compress all readings by QR: columns of joints, of stated errors, and of the load's errors by joint.
+
+    An error of the load acts through every joint. Its term in `BY_JOINT` has a column for each joint, at
+    compliance 1 of this joint and 0 of the others.
+
+    Raises:
+        ValueError: there are no observations.
+    """
+    by_joint = [BY_JOINT[term.name] for term in statements.terms if term.name in BY_JOINT]
+    with_levers = Statements(
+        (*statements.terms, *by_joint), statements.common, statements.compliance, statements.sigma
+    )
+    all_readings = replace(settings, method="partial_pose", weighting="covariance")
+    method = Method(rows.robot, all_readings, None)
+    triangle: Triangle | None = None
+    for block_rows in with_levers.generate(rows, [JOINTS]):
+        triangle = triangle or Triangle(**block_rows.widths)
+        only_stage = next(method.map_rows(block_rows))
+        triangle.add(only_stage.fitted)
+    if triangle is None:
+        raise ValueError("no observations")
+    return triangle
+
+
+class _ProfiledColumns(NamedTuple):
+    """Columns of the least-squares problem ``v a + (B + (v − ĉ) lever) e ≈ d`` of one joint.
+
+    The unknowns are the compliance v of the joint, whose fitted value is ĉ, and the K errors e.
+    """
+
+    a: FloatArray  # (m, 1) column of the joint
+    B: FloatArray  # (m, K) columns of the errors at the fitted compliances
+    lever: FloatArray  # (m, K) change of B by a unit compliance of the joint
+    d: FloatArray  # (m, 1) readings
+
+
 class Profile:
-    """Least sum of squares for each compliance of one joint, with the errors of the load free.
+    """Least sum of squares for each compliance v of one joint, with the errors e of the load free.
+
+    The sum is ``‖A' c' + A_j v + B(v) e − d‖² + σ² ‖e‖²``, minimised over the other compliances c' and e.
 
     Attributes:
         programs: number of convex programs that were solved.
+        unit: standard uncertainty of the joint's compliance if all else was known [rad/(N·m)].
     """
 
     def __init__(self, load: FreeLoad, j: int) -> None:
-        """Start the profile of the joint with index j among the p joints that the readings show."""
+        """Prepare the profile of the joint with index j among the p joints that the readings show.
+
+        Whether the readings leave an upper end to the compliance is what the profile tells, so the joint's
+        own upper bound does not constrain it.
+        """
         self._load, self._j = load, j
         self._others = np.delete(np.arange(len(load.joints)), j)
         self.programs = 0
-        effect_of_unit_compliance = np.hypot(np.linalg.norm(load.A[:, j]), np.linalg.norm(load.levers[:, j]))
-        # Least standard uncertainty of the joint [rad/(N·m)], if all else was known.
-        self.unit = load.sigma / float(effect_of_unit_compliance)
-        # Whether the readings leave an upper end does not depend on the joint's own upper bound.
+        # A unit of compliance moves the readings, and the effects of the errors of the load on the readings.
+        effect_on_readings = np.linalg.norm(load.A[:, j])
+        effect_on_errors = np.linalg.norm(load.levers[:, j])
+        self.unit = load.sigma / float(np.hypot(effect_on_readings, effect_on_errors))
         bounds = load.constraints.bounds
         upper = bounds.upper.copy()
         upper[j] = np.inf
         self._constraints = replace(load.constraints, bounds=Bounds(bounds.lower, upper))
 
+    @property
+    def _columns(self) -> _ProfiledColumns:
+        """Columns of this joint, of the errors, and of the readings."""
+        load, j = self._load, self._j
+        return _ProfiledColumns(load.A[:, j : j + 1], load.B, load.levers[:, j], load.d[:, None])
+
     @cached_property
-    def _without_others(self) -> tuple[FloatArray, ...]:
-        """Project the columns of the other joints out of the least-squares problem ``v a + B e ≈ d``.
+    def _columns_without_others(self) -> _ProfiledColumns:
+        """The columns with those of the other joints projected out.
 
         A fit to the result equals a fit in which the other compliances are free.
-
-        Returns:
-            The joint's column a (m, 1), the columns B of the errors (m, K), the change of B by a unit
-            compliance of the joint (m, K), and the readings d (m, 1).
         """
-        load, j = self._load, self._j
-        columns_of_others, _ = unit_columns(load.A[:, self._others])
+        columns_of_others, _ = unit_columns(self._load.A[:, self._others])
         basis = orthonormal_basis(columns_of_others, INDEPENDENT)
-        columns = (load.A[:, j : j + 1], load.B, load.levers[:, j], load.d[:, None])
-        return tuple(each - basis @ (basis.T @ each) for each in columns)
+        projected = [columns - basis @ (basis.T @ columns) for columns in self._columns]
+        return _ProfiledColumns(*projected)
 
-    def without_constraints(self, compliance: FloatArray) -> FloatArray:
+    def minimise_without_constraints(self, compliance: FloatArray) -> FloatArray:
         """Minimise the sum of squares over all other unknowns for each of V compliances of the joint.
 
         Returns the least sums (V,) without constraints on the compliances.
         """
-        a, B, lever, d = self._without_others
-        rows = self._stack(compliance, a, B, lever, d)
+        rows = self._build_rows_of_errors(compliance, self._columns_without_others)
         # The last entry of the QR factor of rows [A d] is the length of the residual of ``A x ≈ d``.
         factors = compute_triangular_factor(rows)
         return np.square(factors[:, -1, -1])
 
-    def within_constraints(self, compliance: FloatArray) -> FloatArray:
+    def minimise_within_constraints(self, compliance: FloatArray) -> FloatArray:
         """Minimise the sum of squares over all other unknowns for each of V compliances of the joint.
 
         Returns the least sums (V,) within the constraints on the compliances; infinite where no compliances
         of the other joints satisfy the constraints.
         """
-        rows = self._stack_with_others(compliance)
+        rows = self._build_rows_of_all_unknowns(compliance)
         # The errors have no constraints, and their columns come first. So the QR factor has a first part for
         # the errors, and below it a part for the other compliances alone.
         error_count = self._load.B.shape[1]
         factors = compute_triangular_factor(rows)[:, error_count:, error_count:]
-        least = [self._solve(value, factor) for value, factor in zip(compliance, factors, strict=True)]
-        return np.array(least)
+        least_sums = []
+        for value, factor in zip(compliance, factors, strict=True):
+            least_sums.append(self._minimise_over_other_joints(value, factor))
+        return np.array(least_sums)
 
-    def _stack(
-        self, compliance: FloatArray, a: FloatArray, B: FloatArray, lever: FloatArray, d: FloatArray
-    ) -> FloatArray:
+    def _build_rows_of_errors(self, compliance: FloatArray, columns: _ProfiledColumns) -> FloatArray:
         """Build the least-squares rows of the errors e for each of V compliances v of the joint.
 
-        First ``(B + (v − ĉ) lever) e = d − v a`` for the readings, with ĉ the fitted compliance, then the
-        statements ``σ e = 0``.
+        First m rows ``(B + (v − ĉ) lever) e = d − v a`` of the readings, with ĉ the fitted compliance, then K
+        rows ``σ e = 0``, which state that the errors are near zero.
 
         Args:
             compliance: (V,) compliances v.
-            a: (m, 1) column of the joint.
-            B: (m, K) columns of the errors at the fitted compliances.
-            lever: (m, K) change of B by a unit compliance of the joint.
-            d: (m, 1) readings.
+            columns: a, B, lever and d.
 
         Returns:
             Rows (V, m + K, K + 1), the right-hand side last.
         """
-        load = self._load
+        a, B, lever, d = columns
         m, error_count = B.shape
         v = compliance[:, None, None]
         rows = np.zeros((len(compliance), m + error_count, error_count + 1))
-        rows[:, :m, :-1] = B + (v - load.compliance[self._j]) * lever
+        rows[:, :m, :-1] = B + (v - self._load.compliance[self._j]) * lever
         rows[:, :m, -1:] = d - v * a
-        rows[:, m:, :-1] = load.sigma * np.eye(error_count)
+        rows[:, m:, :-1] = self._load.sigma * np.eye(error_count)
         return rows
 
-    def _stack_with_others(self, compliance: FloatArray) -> FloatArray:
+    def _build_rows_of_all_unknowns(self, compliance: FloatArray) -> FloatArray:
         """Build the least-squares rows of the errors and the other joints, for V compliances of the joint.
 
         Returns:
             Rows (V, m + K, K + p): K columns of errors, p − 1 columns of other compliances, the right-hand
             side.
         """
-        load, j = self._load, self._j
-        rows = self._stack(compliance, load.A[:, j : j + 1], load.B, load.levers[:, j], load.d[:, None])
+        rows = self._build_rows_of_errors(compliance, self._columns)
+        reading_count = len(self._load.A)
         columns_of_others = np.zeros((*rows.shape[:2], len(self._others)))
-        columns_of_others[:, : len(load.A)] = load.A[:, self._others]
+        columns_of_others[:, :reading_count] = self._load.A[:, self._others]
         return np.concatenate([rows[..., :-1], columns_of_others, rows[..., -1:]], axis=-1)
 
-    def _solve(self, value: float, factor: FloatArray) -> float:
-        """Minimise the sum of squares over the other compliances; return infinity if none is feasible.
+    def _minimise_over_other_joints(self, value: float, factor: FloatArray) -> float:
+        """Return the least sum of squares over the other compliances within the constraints.
+
+        The result is infinite if the order of the joints excludes the compliance of this joint.
 
         Args:
-            value: compliance of the joint [rad/(N·m)].
+            value: compliance of this joint [rad/(N·m)].
             factor: (p, p) triangular factor of the rows of the other compliances, the right-hand side last.
         """
         self.programs += 1
         try:
-            left = self._constraints.fix_joints(np.array([self._j]), np.array([value]), self._others)
-        except RequestError:  # the order of the joints excludes this compliance
+            remaining = self._constraints.fix_joints(np.array([self._j]), np.array([value]), self._others)
+        except RequestError:
             return np.inf
         R, z = factor[:, :-1], factor[:, -1]
-        solution = solve_step(IdentificationProblem(R, z, left.bounds, left.inequalities))
+        solution = solve_step(IdentificationProblem(R, z, remaining.bounds, remaining.inequalities))
         return float(np.square(R @ solution.compliance - z).sum())
 
     def find_ends(self, radii: FloatArray) -> ProfileEnds:
         """Return intervals of the joint's compliance, in which the least sum of squares is near its minimum.
 
-        The joint's own upper bound is ignored.
+        The joint's own upper bound is ignored. The intervals within the constraints equal those without where
+        the best fit satisfies the constraints: the sums of squares within the constraints are nowhere less,
+        so that their interval is contained in the other.
 
         Args:
             radii: (q,) half-widths in standard uncertainties, times sigma.
         """
         estimate = float(self._load.compliance[self._j])
-        free = _search(self.without_constraints, estimate, self.unit, radii, -np.inf)
-        # If the optimum without constraints satisfies the constraints, it is the optimum within them, too.
-        # The sums of squares within constraints are nowhere less: that interval is contained in this one.
-        optimum = self._find_optimum(free.bottom)
-        if self._constraints.are_satisfied_by(optimum):
-            return ProfileEnds(free.ends, free.ends)
+        free = _Curve.around(estimate, self.unit, -np.inf, self.minimise_without_constraints)
+        free_ends = free.find_intervals(radii)
+        best_fit = self._fit_without_constraints(free.bottom)
+        if self._constraints.are_satisfied_by(best_fit):
+            return ProfileEnds(free_ends, free_ends)
         least = float(self._constraints.bounds.lower[self._j])
-        constrained = _search(self.within_constraints, estimate, self.unit, radii, least)
-        return ProfileEnds(free.ends, constrained.ends)
+        constrained = _Curve.around(estimate, self.unit, least, self.minimise_within_constraints)
+        return ProfileEnds(free_ends, constrained.find_intervals(radii))
 
-    def _find_optimum(self, value: float) -> FloatArray:
+    def _fit_without_constraints(self, value: float) -> FloatArray:
         """Return the compliances (p,) of the fit without constraints for a compliance of the joint."""
-        rows = self._stack_with_others(np.array([value]))[0]
+        rows = self._build_rows_of_all_unknowns(np.array([value]))[0]
         columns, lengths = unit_columns(rows[:, :-1])
         scaled_unknowns, *_ = np.linalg.lstsq(columns, rows[:, -1], rcond=INDEPENDENT)
-        unknowns = scaled_unknowns / lengths
+        unknowns = scaled_unknowns / lengths  # first the errors, then the other compliances
         error_count = self._load.B.shape[1]
         return np.insert(unknowns[error_count:], self._j, value)
 
@@ -319,72 +360,84 @@ class ProfileEnds(NamedTuple):
     within_constraints: FloatArray  # (q, 2) [rad/(N·m)]
 
 
-class _Search(NamedTuple):
-    """Intervals of a profile, and the compliance at its minimum."""
+@dataclass(frozen=True, eq=False)
+class _Curve:
+    """Sum of squares P(v) of a profile at compliances v of one joint, and its minimum."""
 
-    ends: FloatArray  # (q, 2)
-    bottom: float
+    squares: Callable[[FloatArray], FloatArray]  #: the function P: sums of squares (V,) at compliances (V,)
+    grid: FloatArray  #: (G,) compliances at which P was computed first, ascending [rad/(N·m)]
+    values: FloatArray  #: (G,) P on the grid
+    unit: float  #: first step of the grid [rad/(N·m)]
+    least: float  #: lower bound of the compliance [rad/(N·m)]
+    bottom: float  #: compliance at the minimum [rad/(N·m)]
+    minimum: float  #: least value of P; infinite if the order of the joints excludes all of the grid
 
+    @classmethod
+    def around(
+        cls, estimate: float, unit: float, least: float, squares: Callable[[FloatArray], FloatArray]
+    ) -> _Curve:
+        """Compute the profile on a grid around the estimate, and find the minimum between points of the grid.
 
-def _search(
-    squares: Callable[[FloatArray], FloatArray],
-    start: float,
-    unit: float,
-    radii: FloatArray,
-    least: float,
-) -> _Search:
-    """Find the intervals (q, 2) in which a profile exceeds its minimum by at most each squared radius.
+        Args:
+            estimate: estimate [rad/(N·m)].
+            unit: first step from the estimate [rad/(N·m)].
+            least: lower bound of the compliance [rad/(N·m)].
+            squares: sums of squares (V,) at compliances (V,).
+        """
+        steps = unit * _STEPS
+        points = np.concatenate([estimate - steps, [estimate], estimate + steps])
+        grid = np.unique(np.clip(points, least, None))  # ascending
+        values = squares(grid)
+        lowest = int(values.argmin())
+        on_grid = cls(squares, grid, values, unit, least, float(grid[lowest]), float(values[lowest]))
+        if not np.isfinite(on_grid.minimum):
+            return replace(on_grid, bottom=estimate)
+        before, after = grid[max(lowest - 1, 0)], grid[min(lowest + 1, len(grid) - 1)]
+        found = minimize_scalar(
+            on_grid.compute_at,
+            bounds=(float(before), float(after)),
+            method="bounded",
+            options={"maxiter": _MOST_STEPS_TO_MINIMUM, "xatol": _MINIMUM_TOLERANCE * unit},
+        )
+        if found.fun < on_grid.minimum:
+            return replace(on_grid, bottom=float(found.x), minimum=float(found.fun))
+        return on_grid
 
-    The profile is computed on a grid around the estimate; then the minimum and the ends are found between
-    points of the grid. An end is infinite, or the lower bound, if the profile is below as far as it was
-    computed.
+    def compute_at(self, v: float) -> float:
+        """Return P at the compliance v."""
+        return float(self.squares(np.array([v]))[0])
 
-    Args:
-        squares: profile: sums of squares (V,) at compliances (V,).
-        start: estimate [rad/(N·m)].
-        unit: first step from the estimate.
-        radii: (q,) square roots of the rises.
-        least: lower bound.
-    """
+    def find_intervals(self, radii: FloatArray) -> FloatArray:
+        """Find the intervals (q, 2) in which P exceeds its minimum by at most each squared radius.
 
-    def profile(v: float) -> float:
-        """Return the sum of squares at a compliance."""
-        return float(squares(np.array([v]))[0])
+        An end is infinite, or the lower bound, if the rise of P stays below as far as P was computed.
 
-    steps = unit * _STEPS
-    grid = np.concatenate([start - steps, [start], start + steps])
-    grid = np.unique(np.clip(grid, least, None))  # ascending
-    values = squares(grid)
-    lowest = int(values.argmin())
-    bottom, minimum = float(grid[lowest]), float(values[lowest])
-    if not np.isfinite(minimum):  # the order of the joints excludes every compliance of the grid
-        return _Search(np.tile([least, np.inf], (len(radii), 1)), start)
-    before, after = grid[max(lowest - 1, 0)], grid[min(lowest + 1, len(grid) - 1)]
-    found = minimize_scalar(
-        profile,
-        bounds=(float(before), float(after)),
-        method="bounded",
-        options={"maxiter": _MOST_STEPS_TO_MINIMUM, "xatol": _MINIMUM_TOLERANCE * unit},
-    )
-    if found.fun < minimum:
-        bottom, minimum = float(found.x), float(found.fun)
+        Args:
+            radii: (q,) square roots of the rises.
+        """
+        if not np.isfinite(self.minimum):
+            return np.tile([self.least, np.inf], (len(radii), 1))
+        return np.array([self._find_interval(radius) for radius in radii.tolist()]).reshape(-1, 2)
 
-    root_of_rise = np.sqrt(np.maximum(values - minimum, 0.0))
-    ends = np.empty((len(radii), 2))
-    for row, radius in enumerate(radii.tolist()):
-
-        def excess(v: float, radius: float = radius) -> float:
-            """Return by how much the root of the rise exceeds the radius."""
-            return float(np.sqrt(max(profile(v) - minimum, 0.0))) - radius
-
-        def find_end(inside: float, beyond: float, excess: Callable[[float], float] = excess) -> float:
-            """Return the compliance between two neighbours of the grid at which the rise is the radius."""
-            tolerance = _END_TOLERANCE * max(abs(beyond - bottom) / 4.0, unit)
-            return float(brentq(excess, inside, beyond, xtol=tolerance))
-
-        inside = np.append(grid[root_of_rise <= radius], bottom)
+    def _find_interval(self, radius: float) -> tuple[float, float]:
+        """Return the ends of the interval around the minimum in which P rises by at most radius²."""
+        roots_of_rises = np.sqrt(np.maximum(self.values - self.minimum, 0.0))
+        inside = np.append(self.grid[roots_of_rises <= radius], self.bottom)
         first, last = float(inside.min()), float(inside.max())
-        below, above = grid[grid < first], grid[grid > last]
-        ends[row, 0] = find_end(first, float(below[-1])) if len(below) else least
-        ends[row, 1] = find_end(last, float(above[0])) if len(above) else np.inf
-    return _Search(ends, bottom)
+        below, above = self.grid[self.grid < first], self.grid[self.grid > last]
+        lower, upper = self.least, np.inf
+        if len(below):
+            lower = self._find_crossing(first, float(below[-1]), radius)
+        if len(above):
+            upper = self._find_crossing(last, float(above[0]), radius)
+        return lower, upper
+
+    def _find_crossing(self, inside: float, beyond: float, radius: float) -> float:
+        """Return the compliance, between two neighbours on the grid, at which P has risen by radius²."""
+
+        def compute_excess(v: float) -> float:
+            rise = max(self.compute_at(v) - self.minimum, 0.0)
+            return float(np.sqrt(rise)) - radius
+
+        tolerance = _END_TOLERANCE * max(abs(beyond - self.bottom) / 4.0, self.unit)
+        return float(brentq(compute_excess, inside, beyond, xtol=tolerance))

@@ -67,13 +67,16 @@ class Settings:
     def from_options(cls, options: RunOptions, robot: Robot) -> Settings:
         """Convert the options of a run into settings; stiffnesses become compliances.
 
+        If elastic links are requested, the loss belongs to their model, and joints alone are fitted by
+        squares. Contradictions between options are found here, before any work is done.
+
         Raises:
             RequestError: an option names a joint that the robot does not have, or the order of the joints
                 contradicts itself or the bounds.
         """
         order = _order_from_options(options, robot)
-        # If elastic links are requested, the loss belongs to their model, and joints alone use squares.
-        uses_huber = options.loss == "huber" and options.elasticity in {"joints", "automatic"}
+        fits_joints_alone = options.elasticity in {"joints", "automatic"}
+        uses_huber = options.loss == "huber" and fits_joints_alone
         settings = cls(
             method=options.method,
             weighting=options.weighting,
@@ -86,8 +89,16 @@ class Settings:
             huber_threshold=options.huber_threshold or DEFAULT_THRESHOLD,
             complementary_stiffness=options.complementary_stiffness == "included",
         )
-        _ = settings.constraints  # raises RequestError for contradictions before any work is done
+        settings.refuse_contradictions()
         return settings
+
+    def refuse_contradictions(self) -> None:
+        """Refuse an order of the joints that contradicts itself or the bounds.
+
+        Raises:
+            RequestError: names the contradiction.
+        """
+        _ = self.constraints  # which checks order and bounds
 
     @cached_property
     def constraints(self) -> Constraints:
@@ -112,7 +123,10 @@ def _order_from_options(options: RunOptions, robot: Robot) -> Order:
 
 
 def _bounds_from_options(options: RunOptions, robot: Robot, order: Order) -> Bounds:
-    """Return the bounds of the compliances; joints in an order or with a stiffness bound are positive."""
+    """Return the bounds of the compliances; joints in an order or with a stiffness bound are positive.
+
+    A compliance is the inverse of a stiffness, so that the greatest stiffness gives the lower bound.
+    """
     bounds = Bounds.positive(robot.n) if options.positive else Bounds.unconstrained(robot.n)
     lower, upper = bounds.lower.copy(), bounds.upper.copy()
     for pair in order:
@@ -156,12 +170,12 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class StageRows:
-    """Rows of B observations in one stage, with the stage's linear map N of the targets' rows."""
+    """Rows of B observations of T targets in one stage, which fits N M, with a linear map N of the rows M."""
 
-    #: (B, r, K + 1) columns of all terms, then of the readings; rows of the targets, then rows of the
-    #: encoders of the stage's joints
+    #: (B, r, K + 1) rows N M that are fitted: columns of all K unknowns, then of the readings; rows of the
+    #: targets, then rows of the encoders of the stage's joints
     fitted: FloatArray
-    spread: FloatArray  #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows
+    mapped_twice: FloatArray  #: (B, 3 T, K + 1) NᵀN M, rows of the targets, for covariances
 
     @property
     def columns(self) -> FloatArray:
@@ -217,7 +231,7 @@ class Method:
         """Yield the rows of B observations of T targets in each stage, in the order of the stages.
 
         A stage is a least-squares problem with N times the whitened rows M of the targets, N its own linear
-        map; its spread ``NᵀN M`` serves covariances. Rows of the encoders of the stage's joints come last.
+        map. Covariances need ``NᵀN M``, too. Rows of the encoders of the stage's joints come last.
 
         Args:
             whitened: whitened rows of B observations, in units of sigma.
@@ -228,27 +242,28 @@ class Method:
         by_target = whitened.targets  # (B, T, 3, K + 1)
         M = by_target.reshape(len(by_target), -1, by_target.shape[-1])  # (B, 3 T, K + 1)
         for stage, N in zip(self.stages, self._stage_maps(whitened.block), strict=True):
-            fitted, spread = M, M  # for N = I
+            N_M, NtN_M = M, M  # for N = I
             if N.of_observations is not None:
-                fitted = N.of_observations @ M
-                spread = N.of_observations.mT @ fitted
+                N_M = N.of_observations @ M
+                NtN_M = N.of_observations.mT @ N_M
             elif N.of_targets is not None:
-                fitted_by_target = N.of_targets @ by_target
-                spread = (N.of_targets.mT @ fitted_by_target).reshape(M.shape)
-                fitted = fitted_by_target.reshape(M.shape)
+                N_by_target = N.of_targets @ by_target
+                NtN_M = (N.of_targets.mT @ N_by_target).reshape(M.shape)
+                N_M = N_by_target.reshape(M.shape)
+            fitted = N_M
             if whitened.encoders is not None:
-                fitted = np.concatenate([fitted, whitened.encoders[:, stage.joints]], axis=1)
-            yield StageRows(fitted, spread)
+                fitted = np.concatenate([N_M, whitened.encoders[:, stage.joints]], axis=1)
+            yield StageRows(fitted, mapped_twice=NtN_M)
 
     def _stage_maps(self, block: RegressorBlock) -> list[_StageMap]:
         """Return for each stage of the method the linear map N of the whitened rows of observations.
 
         The partial pose uses the positions of the targets, the complete pose that of the flange, and the
-        decoupled method first that of the wrist centre, then the targets again.
+        decoupled method first that of the wrist centre, then the targets again. With a weighting other than
+        that by covariance, the map to the targets undoes the whitening.
         """
-        to_targets = _StageMap()  # the identity: rows stay weighted by covariance
-        if not self.by_covariance:
-            to_targets = self._undo_whitening(block)
+        identity = _StageMap()
+        to_targets = identity if self.by_covariance else self._undo_whitening(block)
         if self.name == "partial_pose":
             return [to_targets]
         if self.name == "complete_pose":
@@ -260,34 +275,39 @@ class Method:
         """Return the map (B, 6, 3 T) from whitened rows to the displacement of the flange's pose.
 
         With factors Q R of the whitened map from the displacement to the deflections, the displacement is
-        R⁻¹ Qᵀ times the rows. It is whitened if the method uses covariances, else scaled by the method's
-        length.
+        R⁻¹ Qᵀ times the rows, of covariance (Rᵀ R)⁻¹. R whitens it if the method uses covariances, which
+        leaves the map Qᵀ. Else its translation is divided by the method's length, so that translation and
+        rotation have the same unit.
         """
-        Q, R, _ = factorise_displacement(block)
+        factors = factorise_displacement(block)
         if self.by_covariance:
-            return Q.mT  # the covariance of the displacement is (Rᵀ R)⁻¹, so R whitens it
-        displacement_map = np.linalg.solve(R, Q.mT)
-        row_scale = np.repeat([1.0 / (self.length or 1.0), 1.0], 3)  # three of translation, three of rotation
+            return factors.Q.mT
+        displacement_map = np.linalg.solve(factors.R, factors.Q.mT)
+        scale_of_translation, scale_of_rotation = 1.0 / (self.length or 1.0), 1.0
+        row_scale = np.repeat([scale_of_translation, scale_of_rotation], 3)  # three coordinates each
         scaled_map = row_scale[:, None] * displacement_map
-        return np.asarray(_least_root_weights(block.measurements) * scaled_map)
+        return np.asarray(_find_least_root_weights(block.measurements) * scaled_map)
 
     def _map_to_wrist_centre(self, block: RegressorBlock) -> FloatArray:
         """Return the map (B, 3, 3 T) from whitened rows to the displacement of the wrist centre.
 
         The displacement is whitened if the method uses covariances.
         """
-        Q, R, reference = factorise_displacement(block)
-        # Map (B, 6, 3 T) to the translation of the reference point, and the rotation of the flange
-        displacement_map = np.linalg.solve(R, Q.mT)
-        centre_in_flange = np.broadcast_to(self.centre, (len(Q), 1, 3))
+        factors = factorise_displacement(block)
+        B = len(factors.Q)
+        # Map (B, 6, 3 T) to the translation of the barycentre of the targets, and the rotation of the flange
+        displacement_map = np.linalg.solve(factors.R, factors.Q.mT)
+        centre_in_flange = np.broadcast_to(self.centre, (B, 1, 3))
         centre = block.postures.to_base(centre_in_flange)[:, 0]  # (B, 3)
-        # δp_centre = δp_reference + δφ × (centre − reference) = [I, −skew(centre − reference)] (δp, δφ)
-        identity = np.broadcast_to(np.eye(3), (len(Q), 3, 3))
-        to_centre = np.concatenate([identity, -skew(centre - reference)], axis=2)
+        # δp_centre = δp_b + δφ × (centre − b) = [I, −skew(centre − b)] (δp_b, δφ), b the barycentre
+        identity = np.broadcast_to(np.eye(3), (B, 3, 3))
+        to_centre = np.concatenate([identity, -skew(centre - factors.barycentre)], axis=2)
         centre_map = to_centre @ displacement_map
-        if self.by_covariance:  # orthonormal rows: the displacement of the centre, whitened
-            return np.linalg.qr(centre_map.mT)[0].mT
-        return np.asarray(_least_root_weights(block.measurements) * centre_map)
+        if self.by_covariance:
+            # A map of whitened rows gives a whitened displacement if its own rows are orthonormal.
+            orthonormal_columns, _ = np.linalg.qr(centre_map.mT)
+            return orthonormal_columns.mT
+        return np.asarray(_find_least_root_weights(block.measurements) * centre_map)
 
     @staticmethod
     def _undo_whitening(block: RegressorBlock) -> _StageMap:
@@ -308,7 +328,7 @@ class Method:
         return _StageMap(of_observations=np.asarray(S * np.linalg.inv(W), dtype=np.float64))
 
 
-def _least_root_weights(measurements: Measurements) -> FloatArray | float:
+def _find_least_root_weights(measurements: Measurements) -> FloatArray | float:
     """Return the root (B, 1, 1) of the least weight of each observation's targets; 1 without weights.
 
     A robust fit gives the weights of single targets, but a pose of the flange needs one weight.
@@ -326,7 +346,7 @@ class _MethodSums:
         readings: triangular factor of all whitened rows.
         fitted: triangular factor of the rows that each stage fits; not used by a plain method.
         spreads: triangular factor of the rows ``NᵀN [A d]`` of each stage, with the stage's linear map N.
-        cross: (n, n) products of the columns of the wrist's and the arm's stage.
+        cross: (n, n) products of these columns of the wrist's and the arm's stage.
         seen_from_centre: effect of the joints on the wrist centre, for the decoupled method.
     """
 
@@ -339,23 +359,27 @@ class _MethodSums:
         self.cross: FloatArray = np.zeros((n, n))
         self.seen_from_centre = Excitation(method.joint_kinds)
 
-    def add(self, of_block: BlockRows) -> None:
-        """Add the whitened rows of a block of observations, as they are and as each stage fits them."""
-        self.readings.add(of_block.flat, count=int(of_block.read.sum()))
+    def add(self, block_rows: BlockRows) -> None:
+        """Add the whitened rows of a block of observations, as they are and as each stage fits them.
+
+        A plain method fits them as they are.
+        """
+        self.readings.add(block_rows.flat, count=int(block_rows.read.sum()))
         if self._method.is_plain:
             return
-        stages = list(self._method.map_rows(of_block))
+        stages = list(self._method.map_rows(block_rows))
         for stage_rows, fitted in zip(stages, self.fitted, strict=True):
             fitted.add(stage_rows.fitted)
         if not self._method.by_covariance:
             joints_and_readings = [*range(self._n), -1]
             for stage_rows, spread in zip(stages, self.spreads, strict=True):
-                spread.add(stage_rows.spread[..., joints_and_readings])
+                spread.add(stage_rows.mapped_twice[..., joints_and_readings])
         if len(stages) > 1:
-            # Products of the joints' columns, summed over the rows of all observations
-            arm, wrist = (stage_rows.spread[..., : self._n] for stage_rows in stages)  # (B, 3 T, n)
-            self.cross += wrist.reshape(-1, self._n).T @ arm.reshape(-1, self._n)
-            self.seen_from_centre.add_wrist_centre(of_block.block, self._method.centre)
+            arm, wrist = stages
+            arm_columns = arm.mapped_twice[..., : self._n].reshape(-1, self._n)  # (B 3 T, n) of the joints
+            wrist_columns = wrist.mapped_twice[..., : self._n].reshape(-1, self._n)
+            self.cross += wrist_columns.T @ arm_columns
+            self.seen_from_centre.add_wrist_centre(block_rows.block, self._method.centre)
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,7 +392,7 @@ class MethodRows:
     #: sigma and degrees of freedom are computed on this triangle, whatever the method fits
     all_readings: Triangle
     stages: tuple[Triangle, ...]  #: triangle of each stage, with the stated errors projected out
-    #: triangle of each stage's `StageRows.spread`; None where rows are weighted by covariance
+    #: triangle of each stage's `StageRows.mapped_twice`; None where rows are weighted by covariance
     spreads: tuple[Triangle, ...] | None
     #: (n, n) weighted covariance between the readings of the two stages: ``A₂ᵀΩ₂ Σ Ω₁A₁``
     cross: FloatArray
@@ -390,17 +414,19 @@ class MethodRows:
         n = rows.robot.n
         statements = statements or Statements.none(n)
         blocks = statements.generate(rows, [JOINTS])
-        first = next(blocks)  # tells the number of columns: n joints, K stated errors, the readings
-        K = first.targets.shape[-1] - 1 - n
+        first = next(blocks)
+        column_count = first.targets.shape[-1]  # n joints, K stated errors, the readings
+        K = column_count - n - 1
         sums = _MethodSums(method, n, K)
-        for of_block in chain([first], blocks):
-            sums.add(of_block)
+        for block_rows in chain([first], blocks):
+            sums.add(block_rows)
         # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
         sums.readings.rows -= fitted_errors(rows.measurements).determined
         sigma = statements.sigma
-        all_readings = _fit_stated(sums.readings, K, sigma)
+        all_readings = _project_out_stated_errors(sums.readings, K, sigma)
         fitted = [sums.readings] if method.is_plain else sums.fitted
-        stages = [_fit_stated(triangle, K, sigma) for triangle in fitted]
+        stages = [_project_out_stated_errors(triangle, K, sigma) for triangle in fitted]
+        rows_of_statements = np.eye(n + K)[n:] * sigma  # each error is 0 ± 1
         return cls(
             method=method,
             statements=statements,
@@ -409,31 +435,34 @@ class MethodRows:
             spreads=None if method.by_covariance else tuple(sums.spreads),
             cross=sums.cross,
             seen_from_centre=sums.seen_from_centre,
-            columns=np.vstack([sums.readings.matrix, np.eye(n + K)[n:] * sigma]),
-            to_unknowns=_fit_unknowns(fitted[-1].R, n, sigma),
+            columns=np.vstack([sums.readings.matrix, rows_of_statements]),
+            to_unknowns=_fit_errors_to_columns(fitted[-1].R, n, sigma),
         )
 
-    def compress_again(self, rows: Rows) -> MethodRows:
-        """Compress other observations by the same method, with the same stated errors."""
-        return MethodRows.compress(self.method, rows, self.statements)
-
     def fit_statements(self, compliance: FloatArray) -> FittedStatements:
-        """Return the stated errors with the values that fit best for given compliances (n,) [rad/(N·m)]."""
-        return FittedStatements(self.statements, self.to_unknowns @ np.append(-compliance, 1.0))
+        """Return the stated errors with the values that fit best for given compliances (n,) [rad/(N·m)].
+
+        The errors fit what the joints leave of the readings, ``d − A c``, so that they are the same
+        combination of those that fit the readings d and the columns of A best.
+        """
+        readings_minus_joints = np.append(-compliance, 1.0)
+        return FittedStatements(self.statements, self.to_unknowns @ readings_minus_joints)
 
     @property
     def determined_statement_count(self) -> float:
         """Effective number of stated errors that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``.
 
         B are the columns of K errors of stated uncertainty, such as errors of the load, with the columns of
-        the joints projected out; σ is the noise of a reading.
+        the joints projected out; σ is the noise of a reading. An error counts 1 if the readings determine it,
+        and 0 if only its stated uncertainty does.
         """
         n, K = len(self.method.joint_names), len(self.to_unknowns)
         if not K:
             return 0.0
-        columns = self.columns[:-K]  # the last K rows are not those of readings
-        of_joints, of_errors = columns[:, :n], columns[:, n:]
-        basis = orthonormal_basis(unit_columns(of_joints)[0])
+        columns_of_readings = self.columns[:-K]  # the last K rows state the errors
+        of_joints, of_errors = columns_of_readings[:, :n], columns_of_readings[:, n:]
+        unit_columns_of_joints, _ = unit_columns(of_joints)
+        basis = orthonormal_basis(unit_columns_of_joints)
         B = of_errors - basis @ (basis.T @ of_errors)
         squares = np.square(np.linalg.svd(B, compute_uv=False))
         return float((squares / (squares + self.statements.sigma**2)).sum())
@@ -444,8 +473,8 @@ class MethodRows:
         First the n joints, then the K stated errors, as in `columns`.
         """
         blocks = []
-        for of_block in self.statements.generate(rows, [JOINTS]):
-            columns = of_block.targets[..., :-1]  # (B, T, 3, n + K), without the readings
+        for block_rows in self.statements.generate(rows, [JOINTS]):
+            columns = block_rows.targets[..., :-1]  # (B, T, 3, n + K), without the readings
             blocks.append(columns.reshape(-1, columns.shape[-1]))
         return np.concatenate(blocks)
 
@@ -482,12 +511,16 @@ class MethodRows:
             # The bias b of the fitted joints solves AᵀA b = Aᵀ A_term − Aᵀ A_known b_known.
             rhs = product[fitted_joints] - A.T @ (A_known @ bias[known_joints])
             if prior is not None:
-                A = np.vstack([A, prior.rows(fitted_joints)[0]])
+                prior_matrix, _ = prior.rows(fitted_joints)
+                A = np.vstack([A, prior_matrix])
             inverse = Spectrum(A).inverse  # pseudo-inverse A⁺, so (AᵀA)⁻¹ = A⁺ A⁺ᵀ
             bias[fitted_joints] = inverse @ (inverse.T @ rhs)
-        stops = np.cumsum([widths[term.name] for term in terms])
-        bias_of_terms = np.split(bias, stops[:-1], axis=1)
-        return {term.name: part for term, part in zip(terms, bias_of_terms, strict=True)}
+        bias_by_term, start = {}, 0
+        for term in terms:
+            stop = start + widths[term.name]
+            bias_by_term[term.name] = bias[:, start:stop]
+            start = stop
+        return bias_by_term
 
     def _multiply_by_terms(
         self, rows: Rows, terms: Sequence[Term], compliance: FloatArray
@@ -519,14 +552,14 @@ class MethodRows:
         return products, widths
 
 
-def _fit_stated(triangle: Triangle, count: int, sigma: float) -> Triangle:
-    """Return the triangle in which `count` stated errors are fitted, each 0 ± 1."""
+def _project_out_stated_errors(triangle: Triangle, count: int, sigma: float) -> Triangle:
+    """Return the triangle of the other columns, in which `count` stated errors are fitted, each 0 ± 1."""
     if not count:
         return triangle
     return triangle.given("statements", np.ones(count), sigma)
 
 
-def _fit_unknowns(rows: FloatArray, joints: int, sigma: float) -> FloatArray:
+def _fit_errors_to_columns(rows: FloatArray, joints: int, sigma: float) -> FloatArray:
     """Return the stated errors (K, n + 1) that fit each joint's column, and the readings, best.
 
     The best U minimises ``‖B U − Y‖² + sigma² ‖U‖²``, with the columns B of the errors, and the columns Y
@@ -547,7 +580,15 @@ def _fit_unknowns(rows: FloatArray, joints: int, sigma: float) -> FloatArray:
     return np.asarray(np.linalg.lstsq(with_statements, rhs, rcond=None)[0])
 
 
-def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
+class DisplacementFactors(NamedTuple):
+    """Factors Q R of the map from a rigid displacement of the flange to the whitened deflections."""
+
+    Q: FloatArray  # (B, 3 T, 6) orthonormal columns
+    R: FloatArray  # (B, 6, 6) upper triangular
+    barycentre: FloatArray  # (B, 3) of the targets, the point whose translation is meant, in R0 [m]
+
+
+def factorise_displacement(block: RegressorBlock) -> DisplacementFactors:
     """Return factors Q R of the map from a rigid displacement of the flange to the whitened deflections.
 
     Target X moves by ``δp_X = δp_b + δφ × (P1X − b)``, with P1X its place and b the barycentre of the
@@ -556,9 +597,6 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
 
     Args:
         block: B observations with at least three targets each.
-
-    Returns:
-        Orthonormal Q (B, 3 T, 6), upper triangular R (B, 6, 6), and b (B, 3) in R0 [m].
 
     Raises:
         UnsupportedMethodError: if the targets of an observation lie on a line.
@@ -576,7 +614,7 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
     )
     whitened = block.whiten(np.where(present[..., None], columns, 0.0))  # (B, T, 3, 6)
     Q, R = np.linalg.qr(whitened.reshape(len(lever_arms), -1, 6))
-    return Q, R, barycentre
+    return DisplacementFactors(Q, R, barycentre)
 
 
 def _refuse_lines(lever_arms: FloatArray) -> None:
@@ -614,8 +652,8 @@ def refuse_missing_poses(measurements: Measurements) -> None:
             where=f"observations[{first}].readings",
             remedy="use method partial_pose, or read three targets in every observation",
         )
-    # Positions in two frames, flange and base, cannot be compared without the robot's kinematics:
-    # `factorise_displacement` judges such observations later.
+    # Positions in two frames, flange and base, cannot be compared without the robot's kinematics. Whether
+    # such targets form a triangle is checked when they are fitted.
     present, in_flange = measurements.present, measurements.in_flange
     all_in_flange = (in_flange | ~present).all(axis=1)
     none_in_flange = ~(in_flange & present).any(axis=1)
@@ -665,10 +703,11 @@ def find_length_of_least_condition(method: Method, rows: Rows, has_no_effect: Bo
     """
     n = len(has_no_effect)
     displacements, rotations = Triangle(joints=n), Triangle(joints=n)
-    for of_block in rows.generate([JOINTS], np.zeros(n)):
-        (mapped,) = method.map_rows(of_block)
-        displacements.add(mapped.fitted[:, :3])
-        rotations.add(mapped.fitted[:, 3:])
+    translation, rotation = slice(0, 3), slice(3, 6)  # rows of the flange's displacement
+    for block_rows in rows.generate([JOINTS], np.zeros(n)):
+        (only_stage,) = method.map_rows(block_rows)
+        displacements.add(only_stage.fitted[:, translation])
+        rotations.add(only_stage.fitted[:, rotation])
     A_v = displacements.matrix[:, ~has_no_effect]
     A_omega = rotations.matrix[:, ~has_no_effect]
 

@@ -102,11 +102,11 @@ def split_null_space(
     # the groups are the connected components of the graph of its entries that are not zero.
     projector = null_space.T @ null_space  # (p, p)
     are_linked = np.abs(projector) > _INVOLVED_PART
-    is_involved = are_linked.diagonal()
+    is_in_a_group = are_linked.diagonal()
     _, labels = connected_components(coo_array(are_linked), directed=False)
     combinations = list[Combination]()
-    for label in np.unique(labels[is_involved]):
-        group = np.flatnonzero((labels == label) & is_involved)
+    for label in np.unique(labels[is_in_a_group]):
+        group = np.flatnonzero((labels == label) & is_in_a_group)
         combinations.append(_describe_combination(null_space, scale, group, columns))
     return tuple(combinations)
 
@@ -117,8 +117,8 @@ def _describe_combination(
     """Return a group of joints with the weighted sums of their compliances that the readings determine.
 
     A sum with weights w is determined if no direction without effect on the readings changes it: ``ν w = 0``
-    with these k directions ν (k, m), one in each row. We choose k joints f with independent columns ν_f. Each
-    other joint i has one sum, ``w = e_i + Σ_f w_f e_f`` with ``w_f = −ν_f⁻¹ ν_i``.
+    with these k directions ν (k, m), one in each row. Choose k joints f with independent columns ν_f of ν.
+    Each other joint i then has one sum, with the weight 1 of joint i and ``w_f = −ν_f⁻¹ ν_i`` of joints f.
 
     Args:
         null_space: (k, p) orthonormal directions without effect on the readings, for columns of unit norm.
@@ -132,17 +132,18 @@ def _describe_combination(
     chosen = _choose_independent_columns(directions)
     others = np.setdiff1d(np.arange(len(group)), chosen)
     nu = directions / scale[group]  # from columns of unit norm to the compliances themselves
-    sums = np.zeros((len(others), len(group)))
-    sums[np.arange(len(others)), others] = 1.0
-    sums[:, chosen] = -np.linalg.solve(nu[:, chosen], nu[:, others]).T
-    return Combination(tuple(int(columns[i]) for i in group), sums)
+    weights = np.zeros((len(others), len(group)))
+    weights[np.arange(len(others)), others] = 1.0
+    weights[:, chosen] = -np.linalg.solve(nu[:, chosen], nu[:, others]).T
+    return Combination(joints=tuple(int(columns[i]) for i in group), seen=weights)
 
 
 def _choose_independent_columns(directions: FloatArray) -> list[int]:
     """Return ascending indices of k independent columns of a matrix (k, m) of rank k.
 
-    Of the columns that are long enough after projection on the complement of those chosen before, the last is
-    chosen rather than the longest, so that rounding does not decide between equal columns.
+    Columns are chosen one after the other, and each is projected out of the others. Of the columns that are
+    then long enough, the last is chosen rather than the longest, so that rounding does not decide between
+    equal columns.
     """
     remaining = directions
     chosen = list[int]()
@@ -158,6 +159,8 @@ def _choose_independent_columns(directions: FloatArray) -> list[int]:
 
 def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ...]) -> str:
     """Return a weighted sum of compliances as text, such as ``c(joint_4) + 0.8 c(joint_6)``.
+
+    Weights below `_NOT_PRINTED` are left out, and a weight of 1 is not written.
 
     Args:
         row: (m,) weights of the compliances.
@@ -207,10 +210,13 @@ class Excitation:
     """
 
     def __init__(self, joint_kinds: tuple[JointKind, ...]) -> None:
+        """Start with sums of zero for n joints of some kinds.
+
+        "Largest" is what is largest possible, with the force perpendicular to the lever.
+        """
         n = len(joint_kinds)
         self._kinds = joint_kinds
-        # Sums of squares over the observations, for each joint. "Largest" is what is largest possible, with
-        # the force perpendicular to the lever.
+        # Sums of squares over the observations, for each joint
         self._squared_torque = np.zeros(n)
         self._squared_largest_torque = np.zeros(n)
         self._squared_column = np.zeros(n)  # of the joint's column in the regressor
@@ -234,7 +240,8 @@ class Excitation:
         """Add the observations of a block to the sums, for given points that move with the flange.
 
         A joint's column in the regressor is its torque times the motion of the points by the joint. An
-        encoder counts like a target at the distance from the axis at which a target has the same weight.
+        encoder counts like a target at the distance from the axis at which a target has the same weight. The
+        largest torque is that of a force perpendicular to the lever, and of a moment about the axis.
 
         Args:
             block: B observations.
@@ -242,11 +249,10 @@ class Excitation:
             present: (B, T) whether the point counts in the observation.
         """
         measurements, encoders = block.measurements, block.measurements.encoders
-        # (B, n) sum of the squared motions of all points by a unit turn of each joint
         if not present.all():
             jacobian = jacobian * present[..., None, None]
-        rows = jacobian.reshape(len(jacobian), -1, jacobian.shape[-1])  # (B, 3 T, n)
-        squared_motion = np.einsum("bij,bij->bj", rows, rows)
+        jacobian_of_all_points = jacobian.reshape(len(jacobian), -1, jacobian.shape[-1])  # (B, 3 T, n)
+        squared_motion = _square_columns(jacobian_of_all_points)  # (B, n) by a unit turn of each joint
         if encoders is not None:
             squared_lever = measurements.encoder_lever**2
             squared_motion += squared_lever * encoders.present
@@ -259,10 +265,9 @@ class Excitation:
         greatest_of_block = np.abs(block.torque).max(axis=0)
         self._greatest_torque = np.maximum(self._greatest_torque, greatest_of_block)
 
-        # (B, n) torque of a force perpendicular to the lever, and a moment about the axis
         force = np.linalg.norm(measurements.force, axis=1)[:, None]
         moment = np.linalg.norm(measurements.moment, axis=1)[:, None]
-        lever_arm = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
+        lever_arm = np.sqrt(_square_columns(block.load_jacobian))  # (B, n)
         squared_largest_torque = (lever_arm * force + moment) ** 2
         self._squared_largest_torque += squared_largest_torque.sum(axis=0)
         self._squared_largest_column += (squared_largest_torque * squared_motion).sum(axis=0)
@@ -286,19 +291,22 @@ class Excitation:
     def observability(self) -> Observability:
         """Return how much each joint affects the readings, over all observations added so far.
 
-        A joint has no effect if no load could show it, as no target moves with it or no load has a lever, or
-        if the actual loads do not show it.
+        The effect of a joint is the norm of its column in the regressor, compared with the largest norm that
+        loads of the same size can have. A joint has no effect if no load could show it, as no target moves
+        with it or no load has a lever, or if the actual loads do not show it.
         """
-        largest = self._squared_largest_column
-        no_load_could_show = largest <= NULL_COLUMN**2 * largest.max()
-        loads_do_not_show = self._squared_column <= NULL_COLUMN**2 * largest
+        largest_possible = self._squared_largest_column
+        no_load_could_show = largest_possible <= NULL_COLUMN**2 * largest_possible.max()
+        loads_do_not_show = self._squared_column <= NULL_COLUMN**2 * largest_possible
         has_no_effect = no_load_could_show | loads_do_not_show
         reasons: list[str | None] = [None] * len(has_no_effect)
         for joint in np.flatnonzero(has_no_effect).tolist():
             reasons[joint] = self._explain_no_effect(joint)
-        divisor = np.where(largest > 0, largest, np.inf)
+        # Ratios to a column that is zero are zero.
+        divisor = np.where(largest_possible > 0, largest_possible, np.inf)
         return Observability(
             null=has_no_effect,
+            # A compliance c of the joint alone moves the targets by c times the largest column.
             reference_compliance=np.sqrt(self._squared_deflection / divisor),
             reasons=tuple(reasons),
             excitation=np.sqrt(self._squared_column / divisor),
@@ -308,19 +316,22 @@ class Excitation:
 
     def _explain_no_effect(self, joint: int) -> str:
         """Return why a joint has no effect on the readings, with a remedy."""
-        words = JOINT_UNITS[
-            self._kinds[joint]
-        ]  # verbs such as "twists" or "pushes", by the kind of the joint
-        largest = self._squared_largest_torque  # [N²·m²]
-        if not largest.any():
+        words = JOINT_UNITS[self._kinds[joint]]  # with verbs for the kind, such as "twists" or "pushes"
+        largest_possible = self._squared_largest_torque  # (n,) [N²·m²]
+        if not largest_possible.any():
             return "no observation has a force or a moment: give the loads"
         # If the load always acts on the joint's axis, the largest torque of the joint is zero, too: then the
         # largest torque of all joints tells what is rounding.
-        comparable = max(largest[joint], 1e-6 * largest.max())
-        is_never_loaded = self._squared_torque[joint] <= NULL_COLUMN**2 * comparable
+        reference_torque = max(largest_possible[joint], 1e-6 * largest_possible.max())
+        is_never_loaded = self._squared_torque[joint] <= NULL_COLUMN**2 * reference_torque
         if is_never_loaded:
             return f"the load never {words.loads} this joint: add loads that {words.load_verb} the joint"
         return f"no target moves when this joint {words.moves}: place a target away from the joint's axis"
+
+
+def _square_columns(matrices: FloatArray) -> FloatArray:
+    """Return the squared norms (B, n) of the columns of matrices (B, m, n)."""
+    return np.asarray(np.einsum("bij,bij->bj", matrices, matrices))
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,7 +394,10 @@ class Spectrum:
         self.inverse: FloatArray = (Vt.T / s) @ U.T / self.scale[:, None]
 
     def deviation(self, column: int) -> float | None:
-        """Return the standard uncertainty of a column's unknown; None if the rows do not determine it."""
+        """Return the standard uncertainty of a column's unknown; None if the rows do not determine it.
+
+        The unknown is not determined if a direction without effect on the readings changes it.
+        """
         undetermined_part = (self.null_space[:, column] ** 2).sum()
         if undetermined_part > _INVOLVED_PART:
             return None
@@ -392,6 +406,9 @@ class Spectrum:
 
 def analyse_spectrum(spectrum: Spectrum, columns: IndexArray) -> Identifiability:
     """Return rank, condition number, combined joints and weakest direction from a spectrum.
+
+    A weakest direction is stated only if the rank is full and the condition number is above `HARD_TO_TELL`.
+    Joints with a small part in the direction are left out.
 
     Args:
         spectrum: spectrum of the regressor of p joints.
@@ -403,11 +420,12 @@ def analyse_spectrum(spectrum: Spectrum, columns: IndexArray) -> Identifiability
     weakest = None
     if has_full_rank and condition > HARD_TO_TELL:
         direction = spectrum.weakest
-        is_involved = np.abs(direction) > _RELEVANT_PART * np.abs(direction).max()
-        change = direction[is_involved] / spectrum.scale[is_involved]
+        is_relevant = np.abs(direction) > _RELEVANT_PART * np.abs(direction).max()
+        change = direction[is_relevant] / spectrum.scale[is_relevant]  # from unit columns to compliances
         # The sign of a singular vector is arbitrary: choose the sign for which the first part is positive.
-        change = change * (np.sign(change[0]) / np.abs(change).max())
-        weakest = WeakDirection(tuple(columns[is_involved].tolist()), change, condition)
+        sign = np.sign(change[0])
+        change = change * (sign / np.abs(change).max())
+        weakest = WeakDirection(tuple(columns[is_relevant].tolist()), change, attenuation=condition)
     return Identifiability(
         rank=spectrum.rank,
         condition_number=condition,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -39,7 +39,17 @@ class Size:
     @classmethod
     def add(cls, sizes: Sequence[Size]) -> Size:
         """Return the sums over all observations of several sizes."""
-        return cls(**{each.name: sum(getattr(size, each.name) for size in sizes) for each in fields(cls)})
+        sums = {}
+        for field in fields(cls):
+            sums[field.name] = sum(getattr(size, field.name) for size in sizes)
+        return cls(**sums)
+
+
+class _EliminatedErrors(NamedTuple):
+    """Least-squares problem in the P compliances x alone, and the K errors that fit best."""
+
+    rows: FloatArray  # (P + 1, P + 1) rows [S s] of the problem ``S x ≈ s``
+    map_to_errors: FloatArray  # (K, P + 1) [V v_0]: the best errors are v_0 − V x
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,22 +98,19 @@ class Part:
         return self.statements.build_rows(self.compliances, self.stated_errors)
 
     @cached_property
-    def _with_errors_fitted(self) -> tuple[FloatArray, FloatArray]:
-        """Eliminate the K errors v from the least-squares problem ``A x + B v ≈ d``.
+    def _eliminated(self) -> _EliminatedErrors:
+        """The least-squares problem ``A x + B v ≈ d`` of readings and priors, with the K errors v eliminated.
 
         The QR factor of the rows [B A d] of readings and priors has K upper rows [R_B R_A r] and lower rows
         [0 S s]: ``S x ≈ s`` is the problem without errors, and ``v = R_B⁻¹ (r − R_A x)`` the best errors.
-
-        Returns:
-            The lower rows [S s] (P + 1, P + 1), and ``R_B⁻¹ [R_A r]`` (K, P + 1).
         """
         P, K = self.compliances, self.stated_errors
         rows = np.vstack([self.triangle, self.stated])  # [A B d] of readings, then of priors
-        columns_of_errors, readings = np.arange(P, P + K), P + K
-        factor = compute_triangular_factor(rows[:, [*columns_of_errors, *range(P), readings]])
-        upper_left, upper_right = factor[:K, :K], factor[:K, K:]
-        map_to_errors = np.linalg.solve(upper_left, upper_right)
-        return factor[K:, K:], np.asarray(map_to_errors, dtype=np.float64)
+        A, B, d = rows[:, :P], rows[:, P : P + K], rows[:, P + K :]
+        factor = compute_triangular_factor(np.hstack([B, A, d]))
+        R_B, R_A_r, S_s = factor[:K, :K], factor[:K, K:], factor[K:, K:]
+        map_to_errors = np.linalg.solve(R_B, R_A_r)
+        return _EliminatedErrors(S_s, np.asarray(map_to_errors, dtype=np.float64))
 
     @property
     def with_errors_fitted(self) -> FloatArray:
@@ -111,10 +118,7 @@ class Part:
 
         Its solution equals the compliances of a fit together with the K systematic errors, which have priors.
         """
-        if not len(self.stated):
-            return self.triangle
-        rows_of_compliances, _ = self._with_errors_fitted
-        return rows_of_compliances
+        return self._eliminated.rows if len(self.stated) else self.triangle
 
     @property
     def count(self) -> int:
@@ -124,11 +128,11 @@ class Part:
     def append_fitted_errors(self, compliances: FloatArray) -> FloatArray:
         """Append to compliances x (..., P) the systematic errors v (..., K) that fit best in least squares.
 
-        The best errors for given compliances are ``v = v_0 − V x``.
+        The best errors for given compliances are ``v = v_0 − V x``. Without errors, nothing is appended.
         """
         if not self.stated_errors:
             return compliances
-        _, map_to_errors = self._with_errors_fitted
+        map_to_errors = self._eliminated.map_to_errors
         V, v_0 = map_to_errors[:, :-1], map_to_errors[:, -1]
         errors = v_0 - compliances @ V.T
         return np.concatenate([compliances, errors], axis=-1)
@@ -260,8 +264,8 @@ def generate_elastic_rows(
     rows are in metres and radians, not whitened.
     """
     statements = statements or Statements.none(rows.robot.n)
+    is_one_block = len(rows) <= _BLOCK
     for start in range(0, len(rows), _BLOCK):
-        is_one_block = len(rows) <= _BLOCK
         # A set of one block is not sliced, as a slice would lose the kinematics that are already computed.
         block = rows if is_one_block else rows[start : start + _BLOCK]
         yield from statements.generate(block, columns.terms, whitened=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -140,6 +141,7 @@ class Constraints:
     order: Order = ()  #: pairs (i, j) with c_i ≤ c_j: joint i is at least as stiff as joint j
 
     def __post_init__(self) -> None:
+        """Tighten the bounds by the order, and refuse contradictions."""
         if not self.order:
             return
         is_below = self._implied_order()  # (n, n): whether c_i ≤ c_j follows from the order
@@ -159,7 +161,7 @@ class Constraints:
                 where="stiffness_order",
                 remedy="widen the bounds, or omit `stiffness_order`",
             )
-        object.__setattr__(self, "bounds", Bounds(lower, upper))
+        object.__setattr__(self, "bounds", Bounds(lower, upper))  # as the class is frozen
 
     @property
     def inequalities(self) -> Inequalities | None:
@@ -228,9 +230,12 @@ class Constraints:
         """
         equalised = compliance.copy()
         tied_pairs = [pair for pair, is_tied in zip(self.order, tied.tolist(), strict=True) if is_tied]
-        for _ in tied_pairs:  # each round carries the least value of a chain of ties at least one tie further
+        # Each round carries the least value of a chain of ties at least one tie further.
+        for _ in range(len(tied_pairs)):
             for i, j in tied_pairs:
-                equalised[i] = equalised[j] = min(equalised[i], equalised[j])
+                smaller = min(equalised[i], equalised[j])
+                equalised[i] = smaller
+                equalised[j] = smaller
         return np.clip(equalised, self.bounds.lower, self.bounds.upper)
 
     def _implied_order(self) -> BoolArray:
@@ -339,7 +344,8 @@ class Scaled:
     def multipliers_at(self, x: FloatArray, slack: float = TOLERANCE) -> FloatArray:
         """Return multipliers μ (k,) ≥ 0 of the constraints ``G x ≥ h`` that best balance the gradient at x.
 
-        They minimise ‖Gᵀ μ − gradient‖ by non-negative least squares.
+        They minimise ‖Gᵀ μ − gradient‖ by non-negative least squares. If that does not converge, they are
+        zero: the point then gets no certificate, as it should.
 
         Args:
             x: (n,) a point.
@@ -351,10 +357,8 @@ class Scaled:
         multipliers = np.zeros(len(h))
         is_tight = self.find_tight_constraints(x, slack)
         if is_tight.any():
-            try:
+            with suppress(RuntimeError):
                 multipliers[is_tight], _ = nnls(G[is_tight].T, self.gradient(x))
-            except RuntimeError:  # no convergence: zero multipliers make the certificate fail, as it should
-                return multipliers
         return multipliers
 
     def solve_with_active_bounds(self, active: ActiveBounds, near: FloatArray | None = None) -> FloatArray:
@@ -393,6 +397,9 @@ class Scaled:
     def solve_on_rows(self, active: BoolArray, near: FloatArray) -> FloatArray:
         """Minimise ‖A x − b‖² with equality ``G_a x = h_a`` in the active rows of the constraints.
 
+        The shortest step to ``G_a x = h_a`` is followed by a least-squares step in the null space of G_a, in
+        which G_a x does not change.
+
         Args:
             active: (k,) whether each row of the constraints holds with equality.
             near: (n,) point; where the optimum is not unique, the optimum nearest to this point is returned.
@@ -401,17 +408,17 @@ class Scaled:
             The point x (n,).
         """
         G, h = self.constraints
+        G_a, h_a = G[active], h[active]
         x = near
-        null_space = np.eye(len(x))  # columns: directions in which G_a x does not change
+        null_space = np.eye(len(x))  # directions as columns
         if active.any():
-            # The shortest step to G_a x = h_a, by the pseudo-inverse of G_a.
-            missing = h[active] - G[active] @ x
-            U, singular_values, Vt = np.linalg.svd(G[active], full_matrices=True)
+            U, singular_values, Vt = np.linalg.svd(G_a, full_matrices=True)
             rank = int((singular_values > _NO_DIRECTION * singular_values[0]).sum())
-            coefficients = (U[:, :rank].T @ missing) / singular_values[:rank]
+            coefficients = (U[:, :rank].T @ (h_a - G_a @ x)) / singular_values[:rank]
             x = x + Vt[:rank].T @ coefficients
             null_space = Vt[rank:].T
-        if null_space.shape[1] == 0:
+        is_fixed_by_rows = null_space.shape[1] == 0
+        if is_fixed_by_rows:
             return np.asarray(x, dtype=np.float64)
         # Nearly parallel rows may have moved x far away: a second step removes the rounding error of the
         # first step.

@@ -64,6 +64,13 @@ COMPILING: Final = threading.RLock()
 """Lock that a thread acquires to state and compile a program, as threads share cvxpy's variable counter."""
 
 
+class Answer(NamedTuple):
+    """Clarabel's optimum of a program."""
+
+    x: FloatArray  # of the variable that was named when the program was compiled
+    multipliers: FloatArray  # of the second-order cones, one after the other
+
+
 class Program:
     """A program that cvxpy has compiled: cone data ``minimise ½ vᵀP v + qᵀv, A v + s = b, s in a cone``.
 
@@ -112,19 +119,16 @@ class Program:
             tolerances: tolerances of gap and feasibility, in the order in which they are tried.
         """
         answer = self.solve_with_duals(data, *tolerances)
-        return None if answer is None else answer[0]
+        return None if answer is None else answer.x
 
-    def solve_with_duals(
-        self, data: Mapping[str, FloatArray], *tolerances: float
-    ) -> tuple[FloatArray, FloatArray] | None:
+    def solve_with_duals(self, data: Mapping[str, FloatArray], *tolerances: float) -> Answer | None:
         """Solve by Clarabel; try the tolerances in turn until Clarabel reports `Solved`.
+
+        None if no tolerance is reached.
 
         Args:
             data: value of each parameter, by the parameter's name.
             tolerances: tolerances of gap and feasibility, in the order in which they are tried.
-
-        Returns:
-            The optimum of x, and the multipliers of the second-order cones; None if no tolerance is reached.
         """
         settings = clarabel.DefaultSettings()
         for name, value in SETTINGS.items():
@@ -135,8 +139,10 @@ class Program:
             settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
             answer = clarabel.DefaultSolver(self._P, q, A, b, cones, settings).solve()
             x = np.asarray(answer.x[self._x], dtype=np.float64)
-            if answer.status == clarabel.SolverStatus.Solved and np.isfinite(x).all():
-                return x, np.asarray(answer.z[self._norms], dtype=np.float64)
+            is_solved = answer.status == clarabel.SolverStatus.Solved
+            if is_solved and np.isfinite(x).all():
+                multipliers = np.asarray(answer.z[self._norms], dtype=np.float64)
+                return Answer(x, multipliers)
         return None
 
     def _cone_data(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
@@ -364,15 +370,16 @@ def _state_block_cones(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.C
     constraints = list[cp.Constraint]()
     first = 0  # index of the block's first entry of x
     for number, block in enumerate(blocks):
+        first_of_zeta, first_of_nu = first + 1, first + 1 + block.boxes
         c = x[first]
-        zeta = x[first + 1 : first + 1 + block.boxes]
+        zeta = x[first_of_zeta:first_of_nu]
         constraints += [c >= 0, c <= cap[number]]
         if block.boxes:
             constraints += [zeta <= c, -zeta <= c]
-        first_of_nu = first + 1 + block.boxes
         for k, ratio in block.balls:
             nu = x[first_of_nu : first_of_nu + 3]
-            radius = c + ratio * zeta[k] if k >= 0 else c
+            radius_depends_on_zeta = k >= 0
+            radius = c + ratio * zeta[k] if radius_depends_on_zeta else c
             constraints.append(cp.SOC(radius, nu))
             first_of_nu += 3
         first += block.size
@@ -414,7 +421,13 @@ def _find_shape(scaled: Scaled) -> _Shape:
     rows, columns = scaled.A.shape
     with_lower = np.flatnonzero(np.isfinite(scaled.bounds.lower))
     with_upper = np.flatnonzero(np.isfinite(scaled.bounds.upper))
-    return _Shape(rows, columns, tuple(with_lower.tolist()), tuple(with_upper.tolist()), len(scaled.d))
+    return _Shape(
+        rows=rows,
+        columns=columns,
+        with_lower=tuple(with_lower.tolist()),
+        with_upper=tuple(with_upper.tolist()),
+        inequalities=len(scaled.d),
+    )
 
 
 def _state_constraints(x: cp.Variable, shape: _Shape) -> list[cp.Constraint]:

@@ -181,7 +181,9 @@ def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: flo
 
     Compliances are ``unit · x``. For joints the unit makes the columns of x unit vectors. For elements with a
     penalty it makes the penalty the sum of x or, if the compliance is a full matrix, the trace of the matrix
-    of x.
+    X of x: with the compliance C, the diagonal roots K of its penalty and the typical compliance u,
+    ``X_ij = K_i C_ij K_j / u``. In x the joints come first, then the entries of diagonal matrices, then the
+    upper triangles of full matrices.
 
     Args:
         part: compressed rows of the observations.
@@ -204,14 +206,12 @@ def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: flo
     diagonal = [element for element in elements if not element.is_full]
     full = [element for element in elements if element.is_full]
 
-    # The cone has the scalars first: the joints, then the entries of diagonal matrices.
     columns = [joints]
     units = [reading_norm / joint_norms[joints]]
     for element in diagonal:
         columns.append(element.columns)
         units.append(penalty_unit / element.root**2)
     scalar_count = sum(len(each) for each in columns)
-    # Then the upper triangles of full matrices: X_ij = K_i C_ij K_j / u.
     for element in full:
         i, j = triangle_indices(len(element.root))
         columns.append(element.columns)
@@ -236,7 +236,7 @@ def _list_penalised_elements(
     """Yield the elastic elements of a model whose compliance C is penalised by the trace of K C K.
 
     For a link K is ``diag(1, 1, 1, r, r, r)`` with ``r = √(2/3) ρ`` for rotations; for coupled joints it is
-    the diagonal matrix of their r.
+    the diagonal matrix of their r. The base has a smaller K, and always a full compliance.
 
     Args:
         candidate: elastic elements that bend.
@@ -252,21 +252,24 @@ def _list_penalised_elements(
         yield _Element(columns.coupling[both_determined], joints_root, is_full=True)
     for frame in candidate.frames:
         root = np.repeat([1.0, rotation_root[frame]], 3)  # translations, rotations
-        is_full = model.links == "full"
-        if frame == BASE:
-            root, is_full = _BASE_ROOT * root, True
         link_columns = columns.link_columns(frame)
-        if not is_full:
-            link_columns = link_columns[find_diagonal_entries(6)]
-        yield _Element(link_columns, root, is_full)
+        if frame == BASE:
+            yield _Element(link_columns, _BASE_ROOT * root, is_full=True)
+        elif model.links == "full":
+            yield _Element(link_columns, root, is_full=True)
+        else:
+            diagonal_columns = link_columns[find_diagonal_entries(6)]
+            yield _Element(diagonal_columns, root, is_full=False)
 
 
 def _scale_penalty(size: Size, reading_norm: float) -> tuple[float, FloatArray]:
     """Return a typical compliance u [m/N] and the levers ρ (n + 1,) [m] by which the penalty is scaled.
 
-    u is the root mean square deflection divided by the root mean square force. A moment counts as the force
-    that causes this moment on the levers of the joints. The lever ρ of a joint's frame, or of the base, is
-    the root mean square distance from its origin to the load point.
+    u is the root mean square deflection divided by the root mean square force. The lever ρ of a joint's
+    frame, or of the base, is the root mean square distance from its origin to the load point. A moment counts
+    as the force that causes this moment on the levers of the joints: a force F on a lever ρ of random
+    direction causes a squared moment of 2/3 ρ² F² on average, so that F² is 3/2 of the squared moment over
+    ρ². If the load point is the origin of every joint's frame, all levers are zero, and there is no scale.
 
     Args:
         size: sums over the observations.
@@ -278,10 +281,9 @@ def _scale_penalty(size: Size, reading_norm: float) -> tuple[float, FloatArray]:
     levers = np.sqrt(size.lever / size.configurations)  # of the joints' frames, the base's last
     longest_of_joints = levers[:-1].max()
     levers = np.maximum(levers, _SHORTEST_LEVER * longest_of_joints)
-    # If the load point is the origin of every joint's frame, all levers are zero, and no force is computed.
     sum_of_squared_forces = 0.0
-    if levers.all():
-        # A force F on a lever ρ of random direction causes a squared moment of 2/3 ρ² F² on average.
+    has_levers = levers.all()
+    if has_levers:
         squared_force_per_moment = float(np.mean(1.5 / levers[:-1] ** 2))
         sum_of_squared_forces = size.force + size.moment * squared_force_per_moment
     if reading_norm == 0.0 or sum_of_squared_forces == 0.0:
@@ -370,19 +372,20 @@ class HuberLoss(Loss):
     reduced: Reduced
     threshold: float  #: length h of a residual from which the loss is linear [m]
 
-    def _state(self, weight: float) -> RobustProgram:
+    def _state_program(self, weight: float) -> RobustProgram:
+        """Return the program with Huber's loss and λ times the penalty, in the unit of robust losses."""
         return RobustProgram(self.reduced.norms, weight, self.threshold / self.reduced.total)
 
     def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> RobustSolution:
         """Minimise Huber's loss plus λ times the penalty; arguments and errors are those of `Loss.solve`."""
-        return solve_robust(self._state(weight), wanted_gap=gap, accepted_gap=accepted)
+        return solve_robust(self._state_program(weight), wanted_gap=gap, accepted_gap=accepted)
 
     def certify_gap(self, compliances: FloatArray, weight: float, solution: ConeSolution) -> float:
         """Return the duality gap at compliances (P,), with the dual multipliers of the solution."""
         x = self.reduced.to_parameters(compliances)
         errors = solution.errors if isinstance(solution, RobustSolution) else np.zeros(0)
         multipliers = solution.certificate.multipliers
-        return certify_robust(self._state(weight), x, errors, multipliers).gap
+        return certify_robust(self._state_program(weight), x, errors, multipliers).gap
 
     def weigh_targets(self, unknowns: FloatArray) -> FloatArray:
         """Return weights (T,): 1 up to the threshold h, and h/‖r‖ for a target whose residual r is longer.
@@ -445,12 +448,11 @@ def fit_loss(
     Raises:
         SolverError: no optimum is certified within the accepted gap.
     """
-    is_huber = candidate.loss == "huber"
     loss: Loss = SquaredLoss(reduced)
-    if is_huber and reduced.sigma is not None:
+    if candidate.loss == "huber" and reduced.sigma is not None:
         loss = HuberLoss(reduced, candidate.threshold * reduced.sigma)
     solution = loss.solve(weight, gap=gap, accepted=accepted)
-    if is_huber and reduced.sigma is None:
+    if candidate.loss == "huber" and reduced.sigma is None:
         for _ in range(_SCALE_ROUNDS):
             unknowns = reduced.to_unknowns(solution)
             scale = reduced.estimate_residual_scale(unknowns)
@@ -511,7 +513,7 @@ def list_losses_to_compare(measurements: Measurements, losses: tuple[LossName, .
     """Return those of `losses` that a set of measurements supports.
 
     Only `squared` is supported for more than `MOST_TARGETS` targets, for encoders, and for readings along a
-    direction, whose residuals have no length.
+    direction, whose residuals have no length. Then `squared` is returned alone if it is among `losses`.
 
     Raises:
         UnsupportedMethodError: the set does not support the loss, and `losses` does not contain `squared`.

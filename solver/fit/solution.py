@@ -111,7 +111,10 @@ def find_solver_distance(stages: Sequence[Certificate]) -> float | None:
 def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
     """Return the certificate of a point: by how much it violates the conditions of an optimum.
 
-    The conditions are those of Karush, Kuhn and Tucker; violations up to rounding count as zero.
+    The conditions are those of Karush, Kuhn and Tucker; violations up to rounding count as zero. The positive
+    part of the gradient is the multiplier of the lower bound, the negative part that of the upper bound: a
+    bound's multiplier or its slack must be zero (complementarity). The rounding error of a gradient is that
+    of the terms that cancel in it.
 
     Args:
         scaled: the equilibrated problem.
@@ -123,20 +126,19 @@ def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certific
     lower, upper = scaled.bounds.lower, scaled.bounds.upper
     lower_slack, upper_slack = x - lower, upper - x
     gradient = scaled.gradient(x)
-    # Complementarity: either the multiplier of a bound or its slack must be zero.
     lower_multiplier, upper_multiplier = np.maximum(gradient, 0.0), np.maximum(-gradient, 0.0)
     lower_gap = np.minimum(lower_multiplier, lower_slack)
     upper_gap = np.minimum(upper_multiplier, upper_slack)
     greatest_gap = float(np.maximum(lower_gap, upper_gap).max())
     greatest_violation = float(-np.minimum(lower_slack, upper_slack).min())
     unbalanced_gradient = float(scaled.bounds.gradient_violation(x, gradient).max())
-    # The rounding error of a gradient is that of the terms that cancel in it.
     rounding = _ROUNDING * max(1.0, float(np.abs(x).max()))
+    is_at_bound = (x <= lower) | (x >= upper)
     return Certificate(
         primal=max(0.0, greatest_violation),
         dual=max(0.0, unbalanced_gradient - rounding),
         gap=max(0.0, greatest_gap - rounding),
-        multipliers=np.where((x <= lower) | (x >= upper), gradient, 0.0),
+        multipliers=np.where(is_at_bound, gradient, 0.0),
         solved_by=solved_by,
     )
 
@@ -156,7 +158,8 @@ def _certify_under_inequalities(scaled: Scaled, x: FloatArray, solved_by: Suppor
     # of a joint that the readings hardly show, have multipliers far larger than the gradient.
     greatest_value = max(1.0, float(np.abs(x).max()))
     greatest_term = max(greatest_value, float((np.abs(G.T) @ multipliers).max(initial=0.0)))
-    bound_count = len(h) - len(scaled.d)  # the rows of the bounds come first
+    inequality_count = len(scaled.d)
+    bound_count = len(h) - inequality_count  # the rows of the bounds come first
     of_bounds = G[:bound_count].T @ multipliers[:bound_count]  # one for each variable
     return Certificate(
         primal=max(0.0, greatest_violation - _ROUNDING * greatest_value),
@@ -197,10 +200,12 @@ def solve(problem: IdentificationProblem) -> Solution:
     scaled = Scaled.from_problem(problem)
     has_inequalities = len(scaled.d) > 0
     clarabel_point = programs.solve_least_squares(scaled)
-    # Generators: the fallback runs only if no point near Clarabel's answer is certified.
-    refined = () if clarabel_point is None else _propose_near(scaled, clarabel_point)
+    # The proposals are generators: the fallback runs only if no point near Clarabel's answer is certified.
+    near_clarabel: Iterator[_Proposal] = iter(())
+    if clarabel_point is not None:
+        near_clarabel = _propose_near(scaled, clarabel_point)
     fallback = _propose_by_least_distance(scaled) if has_inequalities else _propose_by_active_set(scaled)
-    solution = _select_first_certified(problem, scaled, chain(refined, fallback))
+    solution = _select_first_certified(problem, scaled, chain(near_clarabel, fallback))
     witness = compare_answers(scaled.A, clarabel_point, solution.compliance / scaled.unit, scaled.b)
     return replace(solution, certificate=replace(solution.certificate, witness=witness))
 
@@ -293,24 +298,33 @@ def _propose_near(scaled: Scaled, near: FloatArray) -> Iterator[_Proposal]:
     """Yield exact least-squares points on the constraints that are active in Clarabel's answer (n,).
 
     Clarabel's answer is an interior point: it only nearly touches the constraints that are active at the
-    optimum.
+    optimum. An inequality counts as active if it is nearly tight and has a positive multiplier. Without an
+    active inequality, only bounds can be active.
     """
     inequality_count = len(scaled.d)
     if inequality_count:
-        # A constraint is active if it is nearly tight and has a positive multiplier.
-        is_active = scaled.multipliers_at(near, _ACTIVE_SLACK) > 0
-        if is_active[-inequality_count:].any():
+        # The constraints of the scaled problem are the bounds, then the inequalities.
+        multipliers = scaled.multipliers_at(near, _ACTIVE_SLACK)  # zero at constraints that are not tight
+        is_active = multipliers > 0
+        has_active_inequality = is_active[-inequality_count:].any()
+        if has_active_inequality:
             yield from _propose_on_rows(scaled, is_active, near, "clarabel")
             return
-        # All inequalities have slack, so only bounds can be active.
-    # A bound is active if its multiplier exceeds its slack.
+    yield from _propose_on_bounds(scaled, near)
+
+
+def _propose_on_bounds(scaled: Scaled, near: FloatArray) -> Iterator[_Proposal]:
+    """Yield exact least-squares points at the bounds that are active in Clarabel's answer (n,).
+
+    A bound is active if its multiplier exceeds its slack. Where the optimum is not unique, pivoting ends at
+    the shortest optimum, which may violate a bound that Clarabel's point satisfies: so the second proposal is
+    the optimum nearest to Clarabel's point.
+    """
     gradient = scaled.gradient(near)
     active = np.full(len(near), FREE, dtype=np.int8)
     active[gradient > near - scaled.bounds.lower] = LOWER
     active[-gradient > scaled.bounds.upper - near] = UPPER
     yield scaled.solve_by_pivoting(active), "clarabel"
-    # Where the optimum is not unique, pivoting ends at the shortest optimum, which may violate a bound that
-    # Clarabel's point satisfies: also propose the optimum nearest to Clarabel's point.
     yield scaled.solve_with_active_bounds(active, near), "clarabel"
 
 
@@ -327,10 +341,11 @@ def _propose_by_active_set(scaled: Scaled) -> Iterator[_Proposal]:
 def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     """Yield the optimum under inequalities by least-distance programming; nothing if A lacks full rank.
 
-    The problem is turned into one of least distance (Lawson & Hanson 1974, chapter 23). With A = Q R and
-    w = R x − Qᵀb, the constraints ``G x ≥ h`` are ``G R⁻¹ w ≥ h − G R⁻¹ Qᵀ b =: g``, and the w of least
-    length is sought. Its dual is non-negative least squares on ``E = [(G R⁻¹)ᵀ; gᵀ]`` with right-hand side
-    (0, …, 0, 1): the solution is positive for the active constraints.
+    The problem ``minimise ‖A x − b‖ subject to G x ≥ h`` is turned into one of least distance (Lawson &
+    Hanson 1974, chapter 23). With A = Q R and w = R x − Qᵀb, it is ``minimise ‖w‖ subject to G R⁻¹ w ≥ g``
+    with ``g = h − G R⁻¹ Qᵀ b``. The dual of this problem is to fit (0, …, 0, 1) by multipliers u ≥ 0 of the
+    columns of ``E = [(G R⁻¹)ᵀ; gᵀ]``. The constraints with positive multipliers are active at the optimum,
+    which is then found by exact least squares. Nothing is proposed, too, if the multipliers do not converge.
     """
     from scipy.optimize import nnls
 
@@ -343,14 +358,15 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     g = h - transformed_G @ (Q.T @ scaled.b)
     E = np.vstack([transformed_G.T, g])
     column_norms = np.linalg.norm(E, axis=0)
-    right_side = np.zeros(len(E))
-    right_side[-1] = 1.0
+    target = np.zeros(len(E))
+    target[-1] = 1.0
     try:
-        multipliers, _ = nnls(E / column_norms, right_side)
-    except RuntimeError:  # no convergence
+        multipliers, _ = nnls(E / column_norms, target)
+    except RuntimeError:
         return
     is_active = multipliers > 0
-    yield from _propose_on_rows(scaled, is_active, np.zeros(len(scaled.unit)), "least_distance")
+    origin = np.zeros(len(scaled.unit))
+    yield from _propose_on_rows(scaled, is_active, origin, "least_distance")
 
 
 def _propose_on_rows(
@@ -486,11 +502,9 @@ class GramProblems:
         """
         points = np.empty(self.b.shape)
         active = np.full(self.b.shape, FREE, dtype=np.int8)
-        # Only the problems whose active bounds still change are solved again.
-        unsettled = np.arange(len(active))
-        problems = self  # those with the indices `unsettled`
+        unsettled = np.arange(len(active))  # problems whose active bounds still change
         for _ in range(MOST_PIVOTS):
-            before = active[unsettled]
+            problems, before = self.select(unsettled), active[unsettled]
             x = problems.solve_with_active_bounds(before)
             points[unsettled] = x
             pivoted = problems.bounds.pivot(before, x, problems.gradient(x))
@@ -499,8 +513,7 @@ class GramProblems:
             active[unsettled] = pivoted[has_changed]
             if not len(unsettled):
                 return points
-            problems = self.select(unsettled)
-        points[unsettled] = problems.solve_with_active_bounds(active[unsettled])
+        points[unsettled] = self.select(unsettled).solve_with_active_bounds(active[unsettled])
         return points
 
     def solve_with_active_bounds(self, active: ActiveBounds) -> FloatArray:

@@ -107,7 +107,7 @@ class Likelihood:
         return Likelihood(self.joints, self.centre, covariance, rows)
 
     def leave_out(self, joints: IndexArray) -> Likelihood:
-        """Return the likelihood of the other joints, where nothing is known of some joints (q,).
+        """Return the likelihood of the other joints, where some joints (q,) may have any compliance.
 
         Args:
             joints: (q,) joints that are left out, as indices among the n joints of the robot.
@@ -117,10 +117,13 @@ class Likelihood:
             return self
         rows = self.given_rows
         if rows is not None:
-            # Remove from the rows what the unknown compliances can explain.
-            basis = orthonormal_basis(unit_columns(rows[:, ~kept])[0], INDEPENDENT)
-            rows = (rows - basis @ (basis.T @ rows))[:, kept]
-        return Likelihood(self.joints[kept], self.centre[kept], self.covariance[np.ix_(kept, kept)], rows)
+            # Project out of the rows what the free compliances can explain.
+            columns_left_out, _ = unit_columns(rows[:, ~kept])
+            basis = orthonormal_basis(columns_left_out, INDEPENDENT)
+            projected = rows - basis @ (basis.T @ rows)
+            rows = projected[:, kept]
+        covariance = self.covariance[np.ix_(kept, kept)]
+        return Likelihood(self.joints[kept], self.centre[kept], covariance, rows)
 
 
 def invert_to_root(covariance: FloatArray) -> FloatArray:
@@ -176,7 +179,7 @@ class Fit:
         )
 
 
-Find = Callable[[IdentificationProblem], Solution]
+SolveProblem = Callable[[IdentificationProblem], Solution]
 """Function that finds and certifies the optimum of a problem."""
 
 
@@ -201,9 +204,12 @@ class StageFit:
         joints: IndexArray,
         constraints: Constraints,
         prior: Prior | None = None,
-        solve_problem: Find = solve,
+        solve_problem: SolveProblem = solve,
     ) -> StageFit:
         """Solve one stage of a method: minimise ``‖R c − z‖²`` over p compliances c under constraints.
+
+        The number of parameters that the readings determine is the rank of R. With a prior, it is the trace
+        of the matrix that turns z into the fitted R c: a parameter that the prior determines does not count.
 
         Args:
             R: (m, p) compressed rows of the stage's readings.
@@ -222,16 +228,15 @@ class StageFit:
             prior_rows, prior_values = prior.rows(joints)
             spectrum = Spectrum(np.vstack([R, prior_rows]))
             undetermined = analyse_spectrum(spectrum, joints).combinations
-            # Trace of the influence of the readings: parameters that the prior determines do not count.
             inverse_of_readings = spectrum.inverse[:, : len(R)]
-            parameter_count = float(np.sum(inverse_of_readings.T * R))
+            parameter_count = float(np.sum(inverse_of_readings.T * R))  # the trace
         rhs = np.concatenate([z, prior_values])
         solution = solve_problem(
             IdentificationProblem(spectrum.determined, rhs, constraints.bounds, constraints.inequalities)
         )
         is_tied = np.zeros(len(joints), dtype=np.bool_)
         if solution.tight is not None:
-            # Pairs of joints in the order whose compliances are equal up to rounding become equal.
+            # Make compliances exactly equal that are equal up to rounding because of the stiffness order.
             equalised = constraints.equalise_tied(solution.compliance, solution.tight)
             solution = replace(solution, compliance=equalised)
             tied_pairs = np.array(constraints.order)[solution.tight]
@@ -262,13 +267,13 @@ def fit_method(
     has_no_effect: BoolArray,
     constraints: Constraints,
     prior: Prior | None = None,
-    solve_problem: Find = solve,
+    solve_problem: SolveProblem = solve,
 ) -> Fit:
     """Solve the stages of a method in turn, without the joints that have no effect on the readings.
 
     A stage is a least-squares problem for some joints; a later stage takes the compliances of an earlier
     stage as known. The stage of the arm comes first, so a stiffness order between an arm joint and a wrist
-    joint only bounds the wrist joint.
+    joint only bounds the wrist joint. A stage without joints that have an effect is left out.
 
     Args:
         compressed: compressed rows of all observations.
@@ -303,10 +308,9 @@ def fit_method(
         if fit.undetermined and stage is not stages[-1]:
             _refuse_combined_arm_joints(fit, compressed.method.joint_names)
         compliance[joints] = unconstrained[joints] = fit.solution.compliance
-        # The estimates differ if a constraint acts in this stage or in an earlier stage.
-        is_constrained = fit.solution.active.any() or fit.tied.any()
-        was_constrained = (unconstrained[known] != compliance[known]).any()
-        if is_constrained or was_constrained:
+        constraint_acts_here = fit.solution.active.any() or fit.tied.any()
+        constraint_acted_before = (unconstrained[known] != compliance[known]).any()
+        if constraint_acts_here or constraint_acted_before:
             remaining_z = z - R_known @ unconstrained[known]
             unconstrained[joints] = fit.estimate_without_constraints(remaining_z)
         fits[number] = fit
@@ -330,11 +334,14 @@ def _refuse_combined_arm_joints(arm: StageFit, joint_names: Sequence[str]) -> No
 
 
 def _refuse_joints_without_effect_on_centre(compressed: MethodRows, has_no_effect: BoolArray) -> None:
-    """Raise UnsupportedMethodError if an arm joint moves the targets but not the wrist centre.
+    """Refuse a fit of arm and wrist if an arm joint moves the targets but not the wrist centre.
 
     Args:
         compressed: compressed rows of a method with two stages, the arm and the wrist.
         has_no_effect: (n,) mask of joints that have no effect on the readings of the targets.
+
+    Raises:
+        UnsupportedMethodError: names these joints.
     """
     arm = compressed.method.stages[0].joints
     does_not_move_centre = compressed.seen_from_centre.observability().null
@@ -372,7 +379,9 @@ def _combine_stages(
     undetermined = tuple(group for stage in stages for group in stage.undetermined)
     # Rows R of the likelihood, RᵀR the inverse covariance; None leaves the computation to `Likelihood`.
     rows = None
-    if len(compressed.stages) == 1 and compressed.spreads is None and stages:
+    is_by_covariance = compressed.spreads is None
+    is_one_stage_by_covariance = is_by_covariance and len(compressed.stages) == 1
+    if is_one_stage_by_covariance and stages:
         rows = stages[0].spectrum.determined  # weighted by covariance, so RᵀR is the inverse already
     elif undetermined:
         # Only some sums of the compliances are determined: invert the covariance of these sums.
@@ -394,9 +403,9 @@ def _combine_stages(
 def _compute_covariance(compressed: MethodRows, fits: dict[int, StageFit]) -> FloatArray:
     """Return the exact covariance (n, n) of the unconstrained estimate, in units of sigma² (method.md §4).
 
-    An estimate ĉ = H d from deflections d of covariance sigma² Σ has the covariance H Σ Hᵀ. With a stage's
-    linear map N of whitened deflections, rows N A and pseudo-inverse P of the rows, H is P where N Nᵀ = I,
-    and P Pᵀ (NᵀN A)ᵀ for other weightings.
+    A stage maps the whitened deflections d, of covariance I, by a matrix N, and fits its rows N A to N d.
+    With the pseudo-inverse P of these rows, its estimate is ĉ = P N d, of covariance (P N)(P N)ᵀ: that is
+    P Pᵀ where N Nᵀ = I, as for weighting by covariance, and H Hᵀ with H = P Pᵀ (NᵀN A)ᵀ otherwise.
 
     Args:
         compressed: compressed rows of all observations.
@@ -407,27 +416,36 @@ def _compute_covariance(compressed: MethodRows, fits: dict[int, StageFit]) -> Fl
     for number, stage in fits.items():
         P = H = stage.spectrum.inverse
         if compressed.spreads is not None:  # the rows were not weighted with the covariance of the readings
-            spread = compressed.spreads[number].matrix[:, stage.joints]  # compressed NᵀN A
-            H = P @ P.T @ spread.T
+            compressed_NtN_A = compressed.spreads[number].matrix[:, stage.joints]
+            H = P @ P.T @ compressed_NtN_A.T
         covariance[np.ix_(stage.joints, stage.joints)] = H @ H.T
     if len(fits) > 1:
-        _add_covariance_of_arm(covariance, compressed, *fits.values())
+        arm, wrist = fits.values()
+        covariance = _propagate_error_of_arm(covariance, compressed, arm, wrist)
     return covariance
 
 
-def _add_covariance_of_arm(
+def _propagate_error_of_arm(
     covariance: FloatArray, compressed: MethodRows, arm: StageFit, wrist: StageFit
-) -> None:
-    """Add to the covariance (n, n) of two stages, in place, what the wrist's estimate owes to the arm's.
+) -> FloatArray:
+    """Return the covariance (n, n) of two stages, with the effect of the arm's error on the wrist's estimate.
 
-    From the estimate ĉ_a of the arm that of the wrist is ĉ_w = L (d − A_a ĉ_a). With M = L A_a and the
-    correlation K = cov(L d, ĉ_a) of the stages:
+    The wrist is fitted to what the arm leaves of the deflections d: ``ĉ_w = L (d − A_a ĉ_a)``, with the
+    estimate ĉ_a of the arm, the arm's columns A_a in the rows of the wrist, and the pseudo-inverse L of these
+    rows. With M = L A_a and K = cov(L d, ĉ_a):
 
-        cov(ĉ_w) = L Σ Lᵀ + M cov(ĉ_a) Mᵀ − K Mᵀ − M Kᵀ,    cov(ĉ_w, ĉ_a) = K − M cov(ĉ_a)
+        cov(ĉ_w) = L cov(d) Lᵀ + M cov(ĉ_a) Mᵀ − K Mᵀ − M Kᵀ,    cov(ĉ_w, ĉ_a) = K − M cov(ĉ_a)
+
+    Args:
+        covariance: (n, n) covariance of each stage alone: cov(ĉ_a), and L cov(d) Lᵀ for the wrist.
+        compressed: compressed rows of both stages.
+        arm: fit of the arm.
+        wrist: fit of the wrist.
     """
     arm_block = np.ix_(arm.joints, arm.joints)
     wrist_block = np.ix_(wrist.joints, wrist.joints)
     wrist_and_arm = np.ix_(wrist.joints, arm.joints)
+    arm_and_wrist = np.ix_(arm.joints, wrist.joints)
     L = wrist.spectrum.inverse
     A_a = compressed.stages[1].matrix[:, arm.joints]
     M = L[:, : len(A_a)] @ A_a  # further columns of L belong to a prior, which does not depend on the arm
@@ -435,9 +453,11 @@ def _add_covariance_of_arm(
     K = (L @ L.T) @ compressed.cross[wrist_and_arm]
     K = K @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)
     K_M = K @ M.T
-    covariance[wrist_block] += M @ covariance[arm_block] @ M.T - K_M - K_M.T
-    covariance[wrist_and_arm] = K - M @ covariance[arm_block]
-    covariance[np.ix_(arm.joints, wrist.joints)] = covariance[wrist_and_arm].T
+    propagated = covariance.copy()
+    propagated[wrist_block] += M @ covariance[arm_block] @ M.T - K_M - K_M.T
+    propagated[wrist_and_arm] = K - M @ covariance[arm_block]
+    propagated[arm_and_wrist] = propagated[wrist_and_arm].T
+    return propagated
 
 
 def student_quantile(probability: float, degrees_of_freedom: float | None) -> float:
@@ -479,6 +499,8 @@ def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
     For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
     weighted least squares. Here p is the number of parameters that the readings, not a prior, determine; A
     are the regressors and Σ the covariance of the readings. All methods get sigma from the same readings.
+    A sigma from the residuals makes chi-square equal to its expectation; sigma is None without degrees of
+    freedom.
 
     Args:
         fit: outcome of a method.
@@ -486,20 +508,19 @@ def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
         sigma: stated standard uncertainty of a coordinate [m]; None to estimate sigma from the residuals.
     """
     R = readings.matrix  # RᵀR = AᵀΣ⁻¹A
-    residual_squares = float(np.sum((R @ fit.compliance - readings.rhs) ** 2))
-    trace = float(np.sum((R @ fit.covariance) * R))
+    sum_of_squares = float(np.sum((R @ fit.compliance - readings.rhs) ** 2))
+    trace = float(np.sum((R @ fit.covariance) * R))  # tr(RᵀR C)
     freedom = readings.rows - 2 * fit.parameters + trace
     has_freedom = freedom >= _LEAST_FREEDOM
     freedom = freedom if has_freedom else 0.0
     if sigma is not None:
-        with np.errstate(all="ignore"):  # `_build_estimate` refuses numbers that overflow, with a remedy
-            chi_square = float(np.float64(residual_squares) / np.float64(sigma) ** 2)
-        return Scale(sigma, True, chi_square, freedom)
+        with np.errstate(all="ignore"):  # the caller refuses numbers that overflow, with a remedy
+            chi_square = float(np.float64(sum_of_squares) / np.float64(sigma) ** 2)
+        return Scale(sigma, given=True, chi_square=chi_square, degrees_of_freedom=freedom)
     if not has_freedom:
-        return Scale(None, False, 0.0, freedom)
-    # With this sigma chi-square equals its expectation.
-    estimated_sigma = float(np.sqrt(residual_squares / freedom))
-    return Scale(estimated_sigma, False, chi_square=freedom, degrees_of_freedom=freedom)
+        return Scale(sigma=None, given=False, chi_square=0.0, degrees_of_freedom=0.0)
+    estimated_sigma = float(np.sqrt(sum_of_squares / freedom))
+    return Scale(estimated_sigma, given=False, chi_square=freedom, degrees_of_freedom=freedom)
 
 
 @dataclass(frozen=True)
@@ -515,6 +536,9 @@ def sigma_test(
 ) -> SigmaTest | None:
     """Test a stated sigma against the residuals, two-sided; return None without degrees of freedom.
 
+    Chi-square is too large if it exceeds what the stated errors allow, and too small if it is even below what
+    exact stated values would give: so each side has its own degrees of freedom.
+
     Args:
         chi_square: sum of squared residuals over the squared sigma.
         degrees_of_freedom: expectation of `chi_square` if model, sigma and stated uncertainties are right.
@@ -523,8 +547,8 @@ def sigma_test(
     """
     if degrees_of_freedom < _LEAST_FREEDOM:
         return None
-    least_expected = max(degrees_of_freedom - from_stated_errors, _LEAST_FREEDOM)
-    probability_below = float(special.chdtr(least_expected, chi_square))
+    freedom_if_stated_values_exact = max(degrees_of_freedom - from_stated_errors, _LEAST_FREEDOM)
+    probability_below = float(special.chdtr(freedom_if_stated_values_exact, chi_square))
     probability_above = float(special.chdtrc(degrees_of_freedom, chi_square))
     p_value = min(1.0, 2.0 * min(probability_below, probability_above))
     if p_value >= SIGMA_TEST_LEVEL:
@@ -594,7 +618,9 @@ class TargetRows:
         norms = np.linalg.norm(d - A @ compliance, axis=1) / sigma
         # 3 b is the sum of E[t²; t < k] and k² P(t > k), where t² has a χ² distribution.
         half_square = 0.5 * threshold**2
-        b = special.gammainc(2.5, half_square) + threshold**2 / 3.0 * special.gammaincc(1.5, half_square)
+        part_below = special.gammainc(2.5, half_square)
+        part_beyond = threshold**2 / 3.0 * special.gammaincc(1.5, half_square)
+        b = part_below + part_beyond
         from_targets = np.sum(np.minimum(norms, threshold) ** 2) / b
         encoder_residuals = (self.squared.matrix @ compliance - self.squared.rhs) / sigma
         return float(from_targets + encoder_residuals @ encoder_residuals)
@@ -633,7 +659,8 @@ class RobustFit:
             a   mean of ``(w ‖r‖)²`` per coordinate: as expected below the threshold t, and t²/3 beyond
             b   mean derivative of ``w r``: 1 below the threshold; beyond, w across r and 0 along r
 
-        The factor is 1.0 for good readings.
+        The factor is 1.0 for good readings. A weight below 1 shows a residual beyond the threshold, and
+        2 w / 3 is the mean of w, w and 0 over the three coordinates.
         """
         weights = self.weight[self.residual_norm > 0]  # weights of the targets that were read
         if not len(weights):
@@ -662,7 +689,7 @@ class _HuberProblem:
     squared: FloatArray  # (q, p + 1) [S t] of rows whose loss stays squared
     constraints: Constraints
 
-    def in_units_of(self, length: float) -> _HuberProblem:
+    def with_residuals_in(self, length: float) -> _HuberProblem:
         """Return the problem with all rows divided by a length [m], so that residuals are in this unit."""
         return replace(self, rows=self.rows / length, squared=self.squared / length)
 
@@ -672,7 +699,7 @@ class _HuberProblem:
         residual = d - A @ c
         return residual, np.linalg.norm(residual, axis=1)
 
-    def objective(self, c: FloatArray) -> float:
+    def compute_objective(self, c: FloatArray) -> float:
         """Return the Huber loss of the targets plus half the squares of the other rows, at c (p,)."""
         _, norm = self.residuals_at(c)
         huber_loss = np.where(norm <= 1.0, 0.5 * norm**2, norm - 0.5).sum()
@@ -680,7 +707,10 @@ class _HuberProblem:
         return float(huber_loss + 0.5 * (squared_residuals @ squared_residuals))
 
     def state_problem(self, spectrum: Spectrum, z: FloatArray) -> IdentificationProblem:
-        """Return the problem to minimise ‖R c − z‖² under the constraints, R by its spectrum and z (m,)."""
+        """Return the problem to minimise ‖R c − z‖² under the constraints.
+
+        R (m, p) is the matrix with the given spectrum, without what it does not determine; z is (m,).
+        """
         R = spectrum.determined
         return IdentificationProblem(R, z, self.constraints.bounds, self.constraints.inequalities)
 
@@ -708,7 +738,7 @@ class _HuberProblem:
         """
         A, S, t = self.rows[..., :-1], self.squared[:, :-1], self.squared[:, -1]  # A (K, 3, p)
         residual, norm = self.residuals_at(c)
-        w = _huber_weights(norm)
+        w = _compute_huber_weights(norm)
         u = residual / np.maximum(norm, 1.0)[:, None]  # unit vectors beyond the threshold
         # With f = 1 − √damping, (I − f u uᵀ)² = I − (1 − damping) u uᵀ: the rows are √w (I − f u uᵀ) A.
         f = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)
@@ -723,14 +753,15 @@ class _HuberProblem:
         solution = solve_step(self.state_problem(spectrum, R @ c - h))
         return solution.compliance, solution.certificate
 
-    def certificate(self, c: FloatArray, solved_by: SupportFinder) -> Certificate:
-        """Return the certificate of a point c (p,) as the Huber optimum.
+    def certify_point(self, c: FloatArray, solved_by: SupportFinder) -> Certificate:
+        """Return the certificate that states how nearly a point c (p,) is the Huber optimum.
 
         The Huber optimum is also the optimum of weighted least squares with the weights at that optimum, so
-        the certificate is computed for the weighted least-squares problem with the weights at c.
+        the certificate is computed for the weighted least-squares problem with the weights at c. It records
+        the algorithm that found the active bounds, `solved_by`.
         """
         _, norm = self.residuals_at(c)
-        problem = self.build_weighted_problem(_huber_weights(norm))
+        problem = self.build_weighted_problem(_compute_huber_weights(norm))
         scaled = Scaled.from_problem(problem)
         return certify(scaled, c / scaled.unit, solved_by)
 
@@ -748,7 +779,8 @@ def fit_huber(
 
     Where sigma is unknown, a robust scale replaces it: the median norm of the whitened residuals over the
     median of χ with three degrees of freedom, times √(rows/(rows − parameters)), because a fit shrinks its
-    residuals. Scale and fit are iterated to convergence; then the scale is fixed.
+    residuals. Scale and fit are iterated to convergence; then the scale is fixed. The prior needs sigma as
+    its unit, and so does not take part in the estimate of the scale.
 
     Args:
         targets: whitened rows of all readings.
@@ -766,26 +798,27 @@ def fit_huber(
         SolverError: optimality could not be certified.
     """
     joints = np.flatnonzero(~has_no_effect)
-    columns = [*joints, -1]  # the last column has the readings
-    target_rows = targets.rows[..., columns]  # (K, 3, p + 1)
-    squared_rows = targets.squared.R[:, columns]  # of encoders: their loss stays squared
-    problem = _HuberProblem(target_rows, squared_rows, constraints.select(joints))
+    joints_and_readings = [*joints, -1]  # the last column has the readings
+    target_rows = targets.rows[..., joints_and_readings]  # (K, 3, p + 1)
+    encoder_rows = targets.squared.R[:, joints_and_readings]
+    in_metres = _HuberProblem(target_rows, encoder_rows, constraints.select(joints))
     if sigma is None:
-        sigma = _estimate_robust_scale(problem, threshold)
+        sigma = _estimate_robust_scale(in_metres, threshold)
     if prior is not None:
-        prior_rows = np.column_stack(prior.in_units_of(sigma).rows(joints))  # matrix and right-hand side
-        problem = replace(problem, squared=np.vstack([squared_rows, prior_rows]))
-    problem = problem.in_units_of(threshold * sigma)
-    compliance, certificate = _minimise_huber_loss(problem)
-    _, norms = problem.residuals_at(compliance)  # (K,) in units of the threshold
+        matrix, prior_values = prior.in_units_of(sigma).rows(joints)
+        prior_rows = np.column_stack([matrix, prior_values])
+        in_metres = replace(in_metres, squared=np.vstack([encoder_rows, prior_rows]))
+    in_thresholds = in_metres.with_residuals_in(threshold * sigma)
+    compliance, certificate = _minimise_huber_loss(in_thresholds)
+    _, norms = in_thresholds.residuals_at(compliance)  # (K,)
     is_read = targets.present  # (N, T) with K entries true
     weight, residual_norm = np.ones(is_read.shape), np.zeros(is_read.shape)
-    weight[is_read] = _huber_weights(norms)
-    residual_norm[is_read] = threshold * norms
+    weight[is_read] = _compute_huber_weights(norms)
+    residual_norm[is_read] = threshold * norms  # in units of sigma
     return RobustFit(threshold, sigma, weight, residual_norm, certificate)
 
 
-def _huber_weights(norm: FloatArray) -> FloatArray:
+def _compute_huber_weights(norm: FloatArray) -> FloatArray:
     """Return the weights (K,) of residuals with norms (K,) in units of the threshold: 1 or 1/norm."""
     return 1.0 / np.maximum(norm, 1.0)
 
@@ -794,7 +827,8 @@ def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificat
     """Return the optimum (p,) of the Huber problem and its certificate.
 
     Clarabel's point is refined by Newton's method. With more than `MOST_STATED` readings, least squares gives
-    the start instead, with full damping, because that is faster than Clarabel.
+    the start instead, with full damping, because that is faster than Clarabel. A step of Newton's method that
+    goes too far is repeated from the same point with full damping, which always descends.
 
     Raises:
         SolverError: no certified optimum after `MOST_ROUNDS` rounds.
@@ -806,19 +840,22 @@ def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificat
     else:
         compliance = clarabel_point
         damping = _LEAST_DAMPING
-    objective = problem.objective(compliance)
+    objective = problem.compute_objective(compliance)
     for _ in range(MOST_ROUNDS):
         proposed, model_certificate = problem.minimise_quadratic_model(compliance, damping)
-        proposed_objective = problem.objective(proposed)
-        if proposed_objective > objective * (1.0 + _NO_DESCENT) and damping < 1.0:
-            damping = 1.0  # Newton's step went too far: reweighting from the same point always descends
+        proposed_objective = problem.compute_objective(proposed)
+        has_risen = proposed_objective > objective * (1.0 + _NO_DESCENT)
+        if has_risen and damping < 1.0:
+            damping = 1.0
             continue
         compliance, objective = proposed, proposed_objective
         damping = max(0.1 * damping, _LEAST_DAMPING)
-        # Clarabel found the active bounds if the refined point has zeros at the same joints.
-        same_zeros = clarabel_point is not None and np.array_equal(clarabel_point == 0.0, compliance == 0.0)
-        solved_by = "clarabel" if same_zeros else model_certificate.solved_by
-        certificate = problem.certificate(compliance, solved_by)
+        solved_by = model_certificate.solved_by
+        if clarabel_point is not None:
+            # Clarabel found the active bounds if the refined point has zeros at the same joints.
+            has_same_zeros = np.array_equal(clarabel_point == 0.0, compliance == 0.0)
+            solved_by = "clarabel" if has_same_zeros else solved_by
+        certificate = problem.certify_point(compliance, solved_by)
         if certificate.is_optimal():
             return compliance, _add_witness(problem, certificate, clarabel_point, compliance)
     raise SolverError(
@@ -856,7 +893,7 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
     """Return the robust scale of the residuals [m]: their median norm, made a standard deviation.
 
     A fit with the Huber loss needs the scale, and the scale needs the residuals of the fit: both are
-    repeated to convergence.
+    repeated to convergence. The scale is at least `_LEAST_SCALE` times the root mean square of the readings.
 
     Args:
         problem: rows in metres.
@@ -885,6 +922,6 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
         scale = max(least_scale, factor * float(np.median(norms)))
         if abs(scale - previous_scale) <= _SCALE_TOLERANCE * scale:
             break
-        scaled_problem = problem.in_units_of(threshold * scale)
-        compliance, _ = scaled_problem.minimise_quadratic_model(compliance, damping=1.0)
+        in_thresholds = problem.with_residuals_in(threshold * scale)
+        compliance, _ = in_thresholds.minimise_quadratic_model(compliance, damping=1.0)
     return scale

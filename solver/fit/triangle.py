@@ -38,12 +38,13 @@ def compute_triangular_factor(rows: FloatArray) -> FloatArray:
     stack of s small matrices (s, m, k) gives s factors (s, k, k).
     """
     width = rows.shape[-1]
-    group = max(_LEAF, 4 * width)  # number of rows in a group
-    while rows.ndim == 2 and len(rows) > 4 * group:
-        whole = len(rows) // group * group
-        groups = rows[:whole].reshape(-1, group, width)
+    is_stack = rows.ndim > 2
+    group_size = max(_LEAF, 4 * width)  # number of rows
+    while not is_stack and len(rows) > 4 * group_size:
+        rows_in_groups = len(rows) // group_size * group_size
+        groups = rows[:rows_in_groups].reshape(-1, group_size, width)
         factors = np.asarray(np.linalg.qr(groups, mode="r"))
-        rows = np.concatenate([factors.reshape(-1, width), rows[whole:]])
+        rows = np.concatenate([factors.reshape(-1, width), rows[rows_in_groups:]])
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
@@ -72,16 +73,20 @@ class Triangle:
     def add(self, rows: FloatArray, *, count: int | None = None) -> None:
         """Add rows: update the triangular factor R of all rows.
 
+        The factor of the earlier rows replaces these rows.
+
         Args:
             rows: (..., K + 1); leading dimensions are flattened.
             count: number of rows that are readings, if others are padding with zeros; all if None.
         """
         width = self.R.shape[1]
         flat = rows.reshape(-1, width)
-        if not self.rows and len(flat) >= width:
-            self.R = compute_triangular_factor(flat)
-        else:  # the factor of the earlier rows replaces these rows
-            self.R = compute_triangular_factor(np.concatenate([self.R, compute_triangular_factor(flat)]))
+        factor_of_added = compute_triangular_factor(flat)
+        are_first_rows = not self.rows and len(flat) >= width
+        if are_first_rows:
+            self.R = factor_of_added
+        else:
+            self.R = compute_triangular_factor(np.concatenate([self.R, factor_of_added]))
         self.rows += len(flat) if count is None else count
 
     def _find_columns(self, names: Sequence[str]) -> IndexArray:
@@ -209,7 +214,10 @@ class Triangle:
         return with_statements
 
     def sigma(self, names: Sequence[str]) -> float:
-        """Return the standard deviation of a reading, from the residuals of a fit of the named terms."""
+        """Return the standard deviation of a reading, from the residuals of a fit of the named terms.
+
+        The resolution is added, so that exact readings do not have the standard deviation zero.
+        """
         freedom = self.rows - self.rank(names, INDEPENDENT)
         squares = max(self.residual_squares(names), 0.0)
         return float(np.sqrt(squares / max(freedom, 1))) + RESOLUTION
@@ -218,8 +226,8 @@ class Triangle:
         """Return the p-value of the test that the unknowns of a term are zero, as stated.
 
         A term is a group of columns, one for each unknown. The estimate ê of the unknowns deviates from zero
-        by its own uncertainty U and by that of the statement S: ``êᵀ (S + U)⁻¹ ê`` is compared with an F
-        distribution.
+        by its own covariance U and by that of the statement S: ``êᵀ (S + U)⁻¹ ê`` is compared with an F
+        distribution. The p-value is 1 if the readings show no unknown, or leave no degree of freedom.
 
         Args:
             name: term that is tested.

@@ -29,9 +29,9 @@ from jointstiff.solver.text import figure
 GREATEST_FACTOR: Final = 1.5
 """Factor between a stiffness and an end of its interval, beyond which a log is no check."""
 _CONTRADICTION: Final = 0.01
-"""Probability below which logs that belong to one gearbox differ as much."""
-_LEAST_TORQUE: Final = 3.0
-"""Twist by the range of the torque over lost motion, below which friction decides the answer."""
+"""Probability, over the number of compared logs, below which logs of one gearbox differ as much."""
+_LEAST_TORQUE: Final = 1.5
+"""Twist by the range of the torque over lost motion, below which friction decides the answer of a log."""
 _GREATEST_DELAY: Final = 0.02
 """Delay between two encoders [s] beyond which the log is misread."""
 _LEAST_MOTION: Final = 0.02
@@ -51,26 +51,30 @@ class _Joint:
     by_log: dict[str, LogFit]  # label → fit; empty for a single log
 
     @cached_property
+    def compared(self) -> dict[str, LogFit]:
+        """Fits by label of the logs in which the torque, and not friction, decides the answer."""
+        return {label: fit for label, fit in self.by_log.items() if self._has_torque(fit)}
+
+    @cached_property
     def contradiction(self) -> float:
-        """Probability with which logs of one gearbox differ as much; 1 for a single log."""
-        fits = list(self.by_log.values())
-        if not fits:
+        """Probability with which compared logs of one gearbox differ as much; 1 without two of them."""
+        fits = list(self.compared.values())
+        if len(fits) < 2:
             return 1.0
         compliance = np.array([fit.compliance for fit in fits])
         weight = 1.0 / np.square([fit.uncertainty for fit in fits])
         mean = weight @ compliance / weight.sum()
         return float(stats.chi2.sf(weight @ np.square(compliance - mean), len(fits) - 1))
 
-    @cached_property
-    def outsiders(self) -> list[str]:
-        """Labels of logs whose own interval excludes the compliance by all logs."""
-        own = self.by_all.compliance
-        return [label for label, fit in self.by_log.items() if not fit.interval[0] <= own <= fit.interval[1]]
-
     @property
     def is_contradicted(self) -> bool:
         """True if the logs do not belong to one gearbox."""
-        return self.contradiction < _CONTRADICTION or bool(self.outsiders)
+        return self.contradiction < _CONTRADICTION / max(len(self.compared), 1)
+
+    def _has_torque(self, fit: LogFit) -> bool:
+        """Return whether the torque of some logs twists the gearbox by more than its lost motion allows."""
+        lost_motion = abs(self.by_all.lost_motion)
+        return fit.torque_range * self.by_all.compliance > _LEAST_TORQUE * lost_motion
 
     @property
     def has_number(self) -> bool:
@@ -80,18 +84,13 @@ class _Joint:
     def _explain(self) -> str | None:
         """Return why there is no stiffness; None if there is one."""
         fit = self.by_all
-        if self.outsiders:
-            return (
-                f"the logs contradict each other: {', '.join(self.outsiders)} alone excludes the joint answer"
-            )
         if self.is_contradicted:
             return f"the logs contradict each other (p = {figure(self.contradiction, '.1g')})"
         if abs(fit.delay) > _GREATEST_DELAY:
             return f"its link encoder seems to be {figure(1e3 * fit.delay, '.3g')} ms late"
         least, greatest = fit.interval
         is_narrow = greatest <= GREATEST_FACTOR * fit.compliance and fit.compliance <= GREATEST_FACTOR * least
-        has_torque = fit.torque_range * fit.compliance > _LEAST_TORQUE * abs(fit.lost_motion)
-        if is_narrow and has_torque:
+        if is_narrow and self._has_torque(fit):
             return None
         torques = f"{fit.least_torque:.0f} … {fit.greatest_torque:.0f} N·m"
         return (
@@ -126,13 +125,11 @@ class _Joint:
         """Report a joint whose logs contradict each other, or whose twist cannot be true."""
         fit = self.by_all
         if self.is_contradicted:
-            differing = f"{', '.join(self.outsiders)} and the other logs"
-            logs = differing if self.outsiders else ", ".join(self.by_log)
             yield Finding(
                 code="logs_contradict",
                 weight="use_with_care",
                 where=self.name,
-                message=f"{self.name}: {logs} do not belong to one gearbox",
+                message=f"{self.name}: {', '.join(self.compared)} do not belong to one gearbox",
                 remedy="check that payload, encoders and temperature were the same, or give the logs apart",
             )
         if fit.against_torque > _AGAINST:

@@ -58,22 +58,24 @@ class Decision:
 def decide(interpretations: Sequence[Interpretation]) -> Decision:
     """Choose the interpretation that fits and that no other interpretation contradicts.
 
+    Without such an interpretation, the decision has the reason, and the one that comes nearest as `next`.
+    Interpretations in a left-handed frame, and positions that a controller computed from the joints, are
+    excluded first.
+
     Args:
         interpretations: by residual, the smallest first.
     """
+    if not interpretations:
+        return Decision(None, None, (), "no columns fit the robot")
     right_handed = [each for each in interpretations if not each.fit.frame.is_mirrored]
     if not right_handed:
-        if interpretations:
-            return Decision(None, interpretations[0], (), "the positions fit only in a left-handed frame")
-        return Decision(None, None, (), "no columns fit the robot")
+        return Decision(None, interpretations[0], (), "the positions fit only in a left-handed frame")
     fitting = [each for each in right_handed if fits(each)]
     if not fitting:
-        best = right_handed[0]
-        return Decision(None, best, (), f"no columns fit the robot (best {best.fit.typical * 1e3:.3g} mm)")
-    # Positions that a controller computed for one robot are no measured positions of another robot either,
-    # nor are y and z of them with x of the next positions.
-    computed = [each.points for each in fitting if is_computed(each)]
-    measured = [each for each in fitting if not any(each.points.overlaps(columns) for columns in computed)]
+        nearest = right_handed[0]
+        distance = f"{nearest.fit.typical * 1e3:.3g} mm"
+        return Decision(None, nearest, (), f"no columns fit the robot (best {distance})")
+    measured = _leave_out_computed_positions(fitting)
     if not measured:
         reason = "the positions were computed from the joints, so that they are no readings"
         return Decision(None, fitting[0], (), reason)
@@ -86,6 +88,16 @@ def decide(interpretations: Sequence[Interpretation]) -> Decision:
     if reason:
         return Decision(None, rival or best, equals, reason)
     return Decision(best, rival, equals, "", shifted)
+
+
+def _leave_out_computed_positions(fitting: Sequence[Interpretation]) -> list[Interpretation]:
+    """Return the interpretations whose positions were measured.
+
+    Positions that a controller computed for one robot are no measured positions of another robot either, nor
+    are y and z of them with x of the next positions.
+    """
+    computed = [each.points for each in fitting if is_computed(each)]
+    return [each for each in fitting if not any(each.points.overlaps(columns) for columns in computed)]
 
 
 def _are_same_positions(first: PointColumns, second: PointColumns) -> bool:
@@ -101,7 +113,8 @@ def fits(interpretation: Interpretation) -> bool:
 
 def measure_share(interpretation: Interpretation) -> float:
     """Return the fraction of the positions that are near the places where the robot would put the targets."""
-    limit = min(2.0 * LARGEST_RESIDUAL, max(5.0 * interpretation.fit.typical, 2e-3))  # [m]
+    five_times_typical = max(5.0 * interpretation.fit.typical, 2e-3)  # [m]
+    limit = min(2.0 * LARGEST_RESIDUAL, five_times_typical)
     distances = interpretation.fit.distances
     known_distances = distances[np.isfinite(distances)]
     return float(np.mean(known_distances < limit))
@@ -194,7 +207,14 @@ def _find_rival(
 ) -> tuple[Interpretation | None, Votes]:
     """Return the interpretation that contradicts the best one most, with the votes of the postures.
 
-    If nothing contradicts the best one, all postures count as votes for it.
+    An interpretation does not contradict the best one if both can be true, if it fits far worse, or if its
+    positions were computed. If nothing contradicts the best one, the votes are a great number for it.
+
+    Args:
+        best: the best interpretation.
+        right_handed: interpretations to compare with the best one.
+        fitting: interpretations that fit.
+        equals: interpretations with the same effect as the best one.
     """
     tied = (best, *equals)
     rival: Interpretation | None = None
@@ -268,12 +288,13 @@ def count_votes(first: Interpretation, second: Interpretation) -> Votes:
     """Count the postures that clearly speak for the first, and for the second (method.md §17).
 
     A posture speaks for an interpretation whose positions are near, if those of the other are
-    `_CLEARLY_WORSE` times as far from where the robot would put the targets.
+    `_CLEARLY_WORSE` times as far from where the robot would put the targets. If the two have different
+    postures, the residuals decide: a clearly smaller one counts as many votes for the first.
     """
     have_same_postures = len(first.fit.distances) == len(second.fit.distances)
     if not have_same_postures:
-        is_clear = second.fit.residual > _CLEARLY_WORSE * max(first.fit.residual, 5e-5)
-        return Votes(99 if is_clear else 0, 0)
+        first_is_clearly_better = second.fit.residual > _CLEARLY_WORSE * max(first.fit.residual, 5e-5)
+        return Votes(supporting=99 if first_is_clearly_better else 0, opposing=0)
     distance_by_first, distance_by_second = _find_largest_distances(first), _find_largest_distances(second)
     is_known = (distance_by_first >= 0.0) & (distance_by_second >= 0.0)
     near = max(LARGEST_RESIDUAL, 3.0 * first.fit.typical)

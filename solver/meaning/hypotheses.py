@@ -58,7 +58,9 @@ class PointHypothesis:
 def list_countings(robot: Robot) -> list[JointCounting]:
     """Return the ways in which controllers count joints: the maker's own, then those of other makers.
 
-    Each is a map ``q = M q_c + o`` from the controller's joints q_c to the model's joints q.
+    Each is a map ``q = M q_c + o`` from the controller's joints q_c to the model's joints q, with M and o in
+    this order. Makers differ in the signs of joints, and in whether J3 is counted from the upper arm or from
+    the horizontal. Ways that are equal for this robot are returned once.
     """
     own, offset, n = robot.joint_map.matrix, robot.joint_map.offset, robot.n
     countings = [
@@ -66,12 +68,13 @@ def list_countings(robot: Robot) -> list[JointCounting]:
         JointCounting("as the model counts", np.eye(n), np.zeros(n)),
     ]
     if n == 6:
+        j2, j3 = 1, 2  # indices of the joints
         add_j2, subtract_j2 = np.eye(6), np.eye(6)
-        add_j2[2, 1], subtract_j2[2, 1] = 1.0, -1.0
+        add_j2[j3, j2], subtract_j2[j3, j2] = 1.0, -1.0
         kuka = np.diag([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
         yaskawa = np.diag([1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
         fanuc = yaskawa.copy()
-        fanuc[2, 1] = -1.0  # J3 from the horizontal
+        fanuc[j3, j2] = -1.0  # J3 from the horizontal
         countings += [
             JointCounting("with J3 from the horizontal (J3 + J2)", own @ add_j2, offset),
             JointCounting("with J3 from the horizontal (J3 − J2)", own @ subtract_j2, offset),
@@ -95,7 +98,8 @@ def _are_equal(first: JointCounting, second: JointCounting) -> bool:
 def find_windows(table: Table, n: int) -> list[tuple[int, ...]]:
     """Return the runs of n columns that can be the joints, from base to flange or in reverse order.
 
-    All rows must have numbers no larger than angles in degrees, and three columns or more must change.
+    All rows must have numbers no larger than angles in degrees, and three columns or more must change. If the
+    headers name the joints, only these columns are returned.
     """
     if len(table.joints) == n:
         return [table.joints]
@@ -109,8 +113,9 @@ def find_windows(table: Table, n: int) -> list[tuple[int, ...]]:
     windows: list[tuple[int, ...]] = []
     for first in range(len(can_be_joint) - n + 1):
         window = tuple(range(first, first + n))
+        all_can_be_joints = all(can_be_joint[column] for column in window)
         moving_count = sum(is_moving[column] for column in window)
-        if all(can_be_joint[column] for column in window) and moving_count >= least_moving:
+        if all_can_be_joints and moving_count >= least_moving:
             windows += [window, window[::-1]]
     return windows
 
@@ -118,20 +123,22 @@ def find_windows(table: Table, n: int) -> list[tuple[int, ...]]:
 def find_repeats(table: Table, window: Sequence[int]) -> list[RowGroups]:
     """Return how the rows repeat their joints, such as three rows for each posture; ungrouped rows first.
 
-    `window` are the columns of the joints.
+    The rows of a posture follow each other ("in turn"), or each block of rows has every posture once ("in
+    blocks"). `window` are the columns of the joints.
     """
     joints = table.numbers[:, list(window)]
-    row_count, groups = len(joints), [RowGroups()]
+    ungrouped = RowGroups()
+    groupings = [ungrouped]
     for rows_of_posture in range(2, _MOST_GROUPED + 1):
-        postures, rest = divmod(row_count, rows_of_posture)
-        if rest or postures < _LEAST_POSTURES:
+        posture_count, rest = divmod(len(joints), rows_of_posture)
+        if rest or posture_count < _LEAST_POSTURES:
             continue
         for order in ("in turn", "in blocks"):
             grouping = RowGroups(order, rows_of_posture)
             joints_of_postures = grouping.split(joints)
             if _repeats(joints_of_postures[:_FIRST_POSTURES]) and _repeats(joints_of_postures):
-                groups.append(grouping)
-    return groups
+                groupings.append(grouping)
+    return groupings
 
 
 def _repeats(joints: FloatArray) -> bool:
@@ -190,8 +197,9 @@ def find_triples(table: Table) -> list[tuple[int, int, int]]:
         for first in range(column_count - 2 * step):
             triple = (first, first + step, first + 2 * step)
             is_free = not excluded & set(triple)
+            all_have_numbers = all(has_numbers[column] for column in triple)
             moving_count = sum(is_moving[column] for column in triple)
-            if is_free and all(has_numbers[column] for column in triple) and moving_count >= 2:
+            if is_free and all_have_numbers and moving_count >= 2:
                 triples.append(triple)
     return triples
 

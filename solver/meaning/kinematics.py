@@ -23,21 +23,26 @@ class FlangeModel:
 
     @classmethod
     def of(cls, robot: Robot) -> FlangeModel:
-        """Read the axes from the Jacobian of the robot at zero positions."""
+        """Read the axes from the Jacobian of the robot at zero positions.
+
+        A joint with the axis a through the point p moves the origin of R0 by the velocity v = p × a; then
+        a × v is the point of the axis nearest to the origin.
+        """
         zero = Postures(robot, np.zeros((1, robot.n)))
-        linear = zero.jacobian[0, :3].T  # (n, 3) velocity at the origin of R0 per unit of each joint
-        angular = zero.jacobian[0, 3:].T  # (n, 3) angular velocity
+        (jacobian,), (rotation,), (place,) = zero.jacobian, zero.flange_rotation, zero.flange_translation
+        linear = jacobian[:3].T  # (n, 3) velocity at the origin of R0 per unit of each joint
+        angular = jacobian[3:].T  # (n, 3) angular velocity
         is_sliding = robot.prismatic[:, None]
         axes = np.where(is_sliding, linear, angular)
-        # With the velocity v = p × a at the origin, a × v is the point p of the axis nearest to the origin.
         points = np.where(is_sliding, 0.0, np.cross(axes, linear))
-        return cls(axes, points, zero.flange_rotation[0], zero.flange_translation[0], robot.prismatic)
+        return cls(axes, points, rotation, place, robot.prismatic)
 
     def place_flange(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rotations R (..., 3, 3) and places d (..., 3) [m] of the flange for positions q (..., n).
 
         The displacements ``x → rotation x + place`` by the joints are chained from base to flange, and then
-        applied to the flange at zero positions.
+        applied to the flange at zero positions. A turn about an axis is followed by the shift after which the
+        point on the axis is where it was.
         """
         shape = q.shape[:-1]
         rotation: FloatArray = np.broadcast_to(np.eye(3), (*shape, 3, 3))
@@ -46,12 +51,11 @@ class FlangeModel:
             position = q[..., joint]  # angle [rad], or length [m] of a prismatic joint
             if self.prismatic[joint]:
                 place = place + position[..., None] * (rotation @ axis)
-                continue
-            turn = _turn_about(axis, position)
-            point = self.points[joint]
-            shift = point - turn @ point  # so that the point on the axis stays
-            place = place + (rotation @ shift[..., None])[..., 0]
-            rotation = rotation @ turn
+            else:
+                turn, point = _turn_about(axis, position), self.points[joint]
+                shift = point - turn @ point
+                place = place + (rotation @ shift[..., None])[..., 0]
+                rotation = rotation @ turn
         return rotation @ self.rotation, place + rotation @ self.place
 
 

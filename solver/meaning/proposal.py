@@ -108,22 +108,24 @@ def propose(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> Proposals:
         decision = decide(interpretations)
         if decision.best is None:
             return Proposals(None, decision.reason, tuple(interpretations))
-        proposals = [
-            _complete(tables, chosen, decision, interpretations)
-            for chosen in (decision.best, *decision.shifted)
-        ]
-    # An interpretation whose x, y and z belong to two states explains fewer positions.
+        candidates = (decision.best, *decision.shifted)
+        proposals = [_build_proposal(tables, chosen, decision, interpretations) for chosen in candidates]
+    # An interpretation that reads x, y and z from two states of a target explains fewer positions.
     best = max(proposals, key=lambda proposal: proposal.count)
     return Proposals(best, "", tuple(interpretations))
 
 
-def _complete(
+def _build_proposal(
     tables: Sequence[Table],
     interpretation: Interpretation,
     decision: Decision,
     interpretations: Sequence[Interpretation],
 ) -> Proposal:
-    """Add the other targets and states that fit with the same joints and the same frame.
+    """Build a proposal from an interpretation of one triple of columns as the positions of a target.
+
+    All other triples of columns that fit with the same joints and the same frame are further targets, or the
+    same target in another state, such as under load. A position counts as fitting if its distance from where
+    the robot would put the target is below some five times the median distance.
 
     Args:
         tables: numbers of files.
@@ -137,7 +139,8 @@ def _complete(
     distances = np.concatenate([reading.distances for reading in readings])
     distances = distances[np.isfinite(distances)]
     residual = float(np.median(distances))
-    fitting_limit = min(2.0 * LARGEST_RESIDUAL, max(5.0 * residual, USUAL_RESIDUAL))
+    five_times_residual = max(5.0 * residual, USUAL_RESIDUAL)
+    fitting_limit = min(2.0 * LARGEST_RESIDUAL, five_times_residual)
     rival = decision.next
     return Proposal(
         robots=(interpretation.known, *_list_equal_robots(interpretation, decision.equals)),
@@ -156,11 +159,10 @@ def _complete(
 def place_flange(table: Table, interpretation: Interpretation) -> tuple[FloatArray, FloatArray]:
     """Return rotation (N, 3, 3) and place (N, 3) [m] of the flange in all postures of a table of joints."""
     joints, robot = interpretation.joints, interpretation.known.robot
-    posture_count = table.size[0] // joints.groups.count
-    hypotheses = build_joints(
-        table, joints.columns, joints.groups, np.arange(posture_count), robot, [joints.counting]
-    )
-    chosen = next(hypothesis for hypothesis in hypotheses if hypothesis.columns.unit == joints.unit)
+    row_count, _ = table.size
+    all_postures = np.arange(row_count // joints.groups.count)
+    by_unit = build_joints(table, joints.columns, joints.groups, all_postures, robot, [joints.counting])
+    chosen = next(hypothesis for hypothesis in by_unit if hypothesis.columns.unit == joints.unit)
     return FlangeModel.of(robot).place_flange(chosen.q)
 
 
@@ -185,6 +187,9 @@ def _find_readings(
 ) -> Iterator[TargetReading]:
     """Yield the positions that fit, in the order of tables and columns; each column is used once.
 
+    Of positions that share a column, the chosen ones or those with the smallest distance are used. Numbers of
+    target and state are zero, as they follow only when all readings are known.
+
     Args:
         tables: numbers of files.
         joint_table: table with the joints.
@@ -205,12 +210,18 @@ def _find_readings(
         used_columns = [other.columns for other in used]
         if _is_free(points.columns, used_columns, interpretation.joints):
             used.append(points)
-    order = {table.name: number for number, table in enumerate(tables)}
-    used.sort(key=lambda points: (order[points.columns.table], points.columns.columns))
+    number_of_table = {table.name: number for number, table in enumerate(tables)}
+    used.sort(key=lambda points: (number_of_table[points.columns.table], points.columns.columns))
     for points in used:
         for row in range(points.columns.groups.count):
-            # Numbers of target and state follow when all readings are known.
-            yield TargetReading(points.columns, row, 0, 0, points.targets[row], points.distances[:, row])
+            yield TargetReading(
+                points=points.columns,
+                index=row,
+                target=0,
+                state=0,
+                place=points.targets[row],
+                distances=points.distances[:, row],
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,9 +263,10 @@ def _fit_as_targets(positions: FloatArray, distances: FloatArray, interpretation
     typical = float(np.median(known_distances))
     movement = float(np.nanstd(positions, axis=0).max())
     largest_typical = min(LARGEST_RESIDUAL, LARGEST_PART * movement)
-    near = min(2.0 * LARGEST_RESIDUAL, max(5.0 * typical, USUAL_RESIDUAL))
-    share_of_near = float(np.mean(known_distances < near))
-    fits_as_readings = typical < largest_typical and share_of_near >= LEAST_SHARE
+    five_times_typical = max(5.0 * typical, USUAL_RESIDUAL)
+    near = min(2.0 * LARGEST_RESIDUAL, five_times_typical)
+    most_are_near = float(np.mean(known_distances < near)) >= LEAST_SHARE
+    fits_as_readings = typical < largest_typical and most_are_near
     return fits_as_readings and not explains_by_rounding(interpretation, typical)
 
 

@@ -110,7 +110,11 @@ class _State:
 def fit_frame(
     rotation: FloatArray, place: FloatArray, points: FloatArray, matrix: FloatArray, targets: FloatArray
 ) -> RigidFit:
-    """Fit the frame of positions to a flange, with the unit nearest to the scale of a linear fit.
+    """Fit the frame of positions to a flange: ``s W p + c = R t + d``, with W a rotation.
+
+    The scale s is the unit of length nearest to the scale of a linear fit ``M p + c = R t + d``. A second fit
+    with a free scale shows by how much the lengths of the robot differ. A left-handed frame is fitted as a
+    right-handed one whose z axis is reversed.
 
     Args:
         rotation: R (N, 3, 3) of the flange.
@@ -120,8 +124,8 @@ def fit_frame(
         targets: t (K, 3) of the linear fit [m].
     """
     nearest_rotation, scales = _find_nearest_rotation(matrix)
-    # A left-handed frame is fitted as a right-handed one whose z axis is reversed.
-    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(nearest_rotation))])
+    handedness = np.sign(np.linalg.det(nearest_rotation))  # −1 in a left-handed frame
+    mirror = np.diag([1.0, 1.0, handedness])
     right_handed = points @ mirror
     known: BoolArray = np.asarray(np.isfinite(right_handed).all(axis=2))
     mean = right_handed[known].mean(axis=0)
@@ -129,8 +133,9 @@ def fit_frame(
     data = _Data(rotation, place, centred, known)
     unit = _find_nearest_unit(float(np.median(scales)))
     start = _State(nearest_rotation @ mirror, np.zeros(3), targets, METRES[unit])
-    fitted = _iterate(_settle_middle(start, data), data, scale_is_free=False)
-    with_free_scale = _iterate(fitted, data, scale_is_free=True)
+    centred_start = _settle_middle(start, data)
+    fitted = _fit_by_reweighting(centred_start, data, scale_is_free=False)
+    with_free_scale = _fit_by_reweighting(fitted, data, scale_is_free=True)
     distances = np.linalg.norm(_compute_misfit(fitted, data), axis=2)
     origin = fitted.middle - fitted.scale * fitted.rotation @ mean
     return RigidFit(
@@ -187,9 +192,11 @@ def _settle_middle(state: _State, data: _Data) -> _State:
     return replace(state, middle=state.middle - np.median(misfit[data.known], axis=0))
 
 
-def _iterate(state: _State, data: _Data, *, scale_is_free: bool) -> _State:
-    """Return the state after Gauss–Newton steps with weights that suppress rows that do not fit."""
-    target_count = len(state.targets)
+def _fit_by_reweighting(state: _State, data: _Data, *, scale_is_free: bool) -> _State:
+    """Return the state after Gauss–Newton steps with weights that suppress rows that do not fit.
+
+    The steps end when the last one is below `_CONVERGED`, or after `_STEPS` steps.
+    """
     for _ in range(_STEPS):
         misfit = _compute_misfit(state, data)
         root_weights = _weigh(misfit, data.known)
@@ -197,19 +204,29 @@ def _iterate(state: _State, data: _Data, *, scale_is_free: bool) -> _State:
         matrix = (derivative * root_weights[..., None, None]).reshape(-1, derivative.shape[-1])
         right_side = -(misfit * root_weights[..., None]).reshape(-1)
         step = _solve_step(matrix, right_side)
-        turn, shift, shift_of_targets = step[:3], step[3:6], step[6 : 6 + 3 * target_count]
-        state = _State(
-            _turn_by(turn) @ state.rotation,
-            state.middle + shift,
-            state.targets + shift_of_targets.reshape(target_count, 3),
-            state.scale,
-        )
-        if scale_is_free:
-            log_factor = np.clip(step[-1], -_LARGEST_TURN, _LARGEST_TURN)
-            state = replace(state, scale=state.scale * float(np.exp(log_factor)))
+        state = _take_step(state, step, scale_is_free=scale_is_free)
         if np.abs(step).max() < _CONVERGED:
             break
     return state
+
+
+def _take_step(state: _State, step: FloatArray, *, scale_is_free: bool) -> _State:
+    """Return the state after a step (6 + 3K [+ 1],): turn [rad], shift of c, shifts of all t [m].
+
+    The last number, if the scale is free, is the logarithm of the factor of the scale, limited in size.
+    """
+    target_count = len(state.targets)
+    turn, shift, shift_of_targets = np.split(step[: 6 + 3 * target_count], [3, 6])
+    scale = state.scale
+    if scale_is_free:
+        log_factor = np.clip(step[-1], -_LARGEST_TURN, _LARGEST_TURN)
+        scale = state.scale * float(np.exp(log_factor))
+    return _State(
+        rotation=_turn_by(turn) @ state.rotation,
+        middle=state.middle + shift,
+        targets=state.targets + shift_of_targets.reshape(target_count, 3),
+        scale=scale,
+    )
 
 
 def _solve_step(matrix: FloatArray, right: FloatArray) -> FloatArray:
@@ -222,8 +239,8 @@ def _solve_step(matrix: FloatArray, right: FloatArray) -> FloatArray:
 def _weigh(misfit: FloatArray, known: BoolArray) -> FloatArray:
     """Return the square roots of weights (N, K): 1 up to the median distance, then falling.
 
-    A missing position has the weight 0. `misfit` (N, K, 3) are the positions less where the robot would put
-    the targets [m].
+    A position beyond `_FAR` median distances has even less weight, and a missing position none. `misfit`
+    (N, K, 3) are the positions less where the robot would put the targets [m].
     """
     distance = np.linalg.norm(misfit, axis=2)
     typical_distance = np.median(distance[known]) + 1e-9
@@ -237,21 +254,23 @@ def _weigh(misfit: FloatArray, known: BoolArray) -> FloatArray:
 def _build_derivative(state: _State, data: _Data, *, scale_is_free: bool) -> FloatArray:
     """Return the derivative (N, K, 3, 6 + 3K [+ 1]) of the misfit s W p + c − R t − d.
 
-    Its columns are turn of W [rad], c, all t, and the logarithm of the scale s if it is free.
+    Its columns are turn of W [rad], c, all t, and the logarithm of the scale s if it is free. A small turn v
+    moves the position a = s W p by v × a, which is minus the cross matrix of a times v.
     """
-    postures, target_count = data.centred.shape[:2]
-    turned = state.scale * data.centred @ state.rotation.T  # s W p
-    x, y, z = turned[..., 0], turned[..., 1], turned[..., 2]
-    derivative = np.zeros((postures, target_count, 3, 6 + 3 * target_count + scale_is_free))
-    # A small turn v moves a position a by v × a.
+    posture_count, target_count, _ = data.centred.shape
+    a = state.scale * data.centred @ state.rotation.T  # s W p
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    column_count = 6 + 3 * target_count + (1 if scale_is_free else 0)
+    derivative = np.zeros((posture_count, target_count, 3, column_count))
     derivative[..., 0, 1], derivative[..., 0, 2] = z, -y
     derivative[..., 1, 0], derivative[..., 1, 2] = -z, x
     derivative[..., 2, 0], derivative[..., 2, 1] = y, -x
-    derivative[..., 3:6] = np.eye(3)
+    derivative[..., 3:6] = np.eye(3)  # by c
     for k in range(target_count):
-        derivative[:, k, :, 6 + 3 * k : 9 + 3 * k] = -data.rotation
+        start = 6 + 3 * k
+        derivative[:, k, :, start : start + 3] = -data.rotation  # by t of target k
     if scale_is_free:
-        derivative[..., -1] = turned
+        derivative[..., -1] = a
     return derivative
 
 

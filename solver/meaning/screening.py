@@ -9,7 +9,7 @@ frame.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -70,9 +70,10 @@ class LinearFit:
 def fit_all(columns: FloatArray, points: FloatArray) -> list[LinearFit]:
     """Fit ``M p + c = R t + d`` to positions p, for each of H hypotheses of the joints.
 
-    Fits that make no sense, such as with a scale that is no unit of length, are not returned. M and c are
-    eliminated by a projection, t by the normal equations, so that each fit costs a few products of small
-    matrices. Rows without a number are left out.
+    R and d are rotation and place of the flange by a hypothesis; the matrix M (3, 3), c (3,) and the places t
+    of the targets on the flange are fitted. Fits that make no sense, such as with a scale that is no unit of
+    length, are not returned. M and c are eliminated by a projection, t by the normal equations, so that each
+    fit costs a few products of small matrices. Rows without a number are left out.
 
     Args:
         columns: (N K, 3, H, 3K + 1) of `FlangePlaces`.
@@ -84,13 +85,13 @@ def fit_all(columns: FloatArray, points: FloatArray) -> list[LinearFit]:
     if degrees_of_freedom < 1:
         return []
     known_columns = columns if basis.known.all() else columns[basis.known]
-    normal, parts = _project(known_columns, basis)
-    targets = _solve_targets(normal)
+    projected = _project_on_positions(known_columns, basis)
+    targets = _solve_targets(projected.normal)
     t_and_1 = np.concatenate([targets, np.ones((len(targets), 1))], axis=1)  # (H, 3K + 1)
-    residual_squares = np.einsum("hi,hij,hj->h", t_and_1, normal, t_and_1)
+    residual_squares = np.einsum("hi,hij,hj->h", t_and_1, projected.normal, t_and_1)
     residual = np.sqrt(np.maximum(residual_squares, 0.0) / degrees_of_freedom)
     kept = np.flatnonzero(residual < WORST_SCREENED)
-    in_basis = np.einsum("hari,hi->har", parts[kept], t_and_1[kept])  # R t + d for each axis a
+    in_basis = np.einsum("hari,hi->har", projected.parts[kept], t_and_1[kept])  # R t + d for each axis a
     coefficients = in_basis @ basis.to_coefficients.T  # (H, 3, 4) of x, y, z and 1
     matrix = coefficients[..., :3] / basis.scale
     # Most matrices are far from a rotation times a unit: their norm shows that without singular values.
@@ -101,38 +102,37 @@ def fit_all(columns: FloatArray, points: FloatArray) -> list[LinearFit]:
     origin = coefficients[..., 3] - matrix @ basis.mean
     movement = _measure_movement(matrix, points[np.isfinite(points).all(axis=2)])
     makes_sense = (movement >= LEAST_MOVEMENT) & _has_one_scale(matrix)
-    return [
-        LinearFit(
-            hypothesis=int(kept[i]),
+    fits = []
+    for i in _choose_smallest(residual[kept], makes_sense):
+        hypothesis = int(kept[i])
+        fit = LinearFit(
+            hypothesis=hypothesis,
             matrix=matrix[i],
             origin=origin[i],
-            targets=targets[kept[i]].reshape(target_count, 3),
-            residual=float(residual[kept[i]]),
+            targets=targets[hypothesis].reshape(target_count, 3),
+            residual=float(residual[hypothesis]),
             movement=float(movement[i]),
         )
-        for i in _choose_smallest(residual[kept], makes_sense)
-    ]
+        fits.append(fit)
+    return fits
 
 
-def _project(columns: FloatArray, basis: _Basis) -> tuple[FloatArray, FloatArray]:
-    """Project the columns of t and d on the basis of the positions.
+class _ProjectedColumns(NamedTuple):
+    """Columns C of t and d of H hypotheses: a part P in the basis of the positions, and the rest."""
 
-    Args:
-        columns: (R, 3, H, 3K + 1) of R positions and H hypotheses.
-        basis: orthonormal directions B (R, r) of x, y, z and 1.
+    normal: FloatArray  # (H, 3K + 1, 3K + 1) products CᵀC − PᵀP of the columns of the rest
+    parts: FloatArray  # (H, 3, r, 3K + 1) coordinates P in the r directions of the basis
 
-    Returns:
-        Normal matrices (H, 3K + 1, 3K + 1) of what remains after the projection; and the columns in the basis
-        (H, 3, r, 3K + 1).
-    """
+
+def _project_on_positions(columns: FloatArray, basis: _Basis) -> _ProjectedColumns:
+    """Project the columns (R, 3, H, 3K + 1) of t and d on the basis of R positions, for H hypotheses."""
     hypotheses, width = columns.shape[2:]
     of_hypothesis = columns.transpose(2, 0, 1, 3).reshape(hypotheses, -1, width)
     parts = np.tensordot(basis.directions, columns, axes=(0, 0))  # (r, 3, H, 3K + 1)
     parts = parts.transpose(2, 1, 0, 3)
     parts_as_rows = parts.reshape(hypotheses, -1, width)
-    # With columns C and their part P in the basis, CᵀC − PᵀP are the products of the remaining columns.
     normal = of_hypothesis.mT @ of_hypothesis - parts_as_rows.mT @ parts_as_rows
-    return normal, parts
+    return _ProjectedColumns(normal, parts)
 
 
 def _choose_smallest(residual: FloatArray, makes_sense: BoolArray) -> list[int]:
@@ -159,7 +159,10 @@ class _Basis:
 
     @classmethod
     def of(cls, points: FloatArray) -> _Basis:
-        """Build the basis for positions (N, K, 3)."""
+        """Build the basis for positions (N, K, 3).
+
+        Positions in a plane have fewer directions than four; without a number in any row, the basis is zero.
+        """
         rows = points.reshape(-1, 3)
         known: BoolArray = np.asarray(np.isfinite(rows).all(axis=1))
         if not known.any():
@@ -170,7 +173,7 @@ class _Basis:
         regressors = np.ones((len(known_rows), 4))  # x, y, z and 1
         regressors[:, :3] = (known_rows - mean) / scale
         U, singular_values, Vt = np.linalg.svd(regressors, full_matrices=False)
-        is_used = singular_values > 1e-8 * singular_values[0]  # positions in a plane have fewer directions
+        is_used = singular_values > 1e-8 * singular_values[0]
         to_coefficients = Vt[is_used].T / singular_values[is_used]
         return cls(U[:, is_used], to_coefficients, known, mean, scale)
 

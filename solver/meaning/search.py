@@ -6,6 +6,8 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -85,9 +87,8 @@ def find_interpretations(tables: Sequence[Table], robots: Iterable[KnownRobot]) 
     """
     searches = [search for known in robots for search in _list_searches(tables, known)]
     candidates_of_searches = [search.screen_all_rows() for search in searches]
-    is_any_good = any(
-        candidate.rank < _GOOD for candidates in candidates_of_searches for candidate in candidates
-    )
+    all_candidates = chain.from_iterable(candidates_of_searches)
+    is_any_good = any(candidate.rank < _GOOD for candidate in all_candidates)
     if not is_any_good:
         hypothesis_count = sum(len(search.joints) * len(search.points) for search in searches)
         subset_count = min(_SUBSETS, MOST_INTERPRETATIONS // max(hypothesis_count, 1))
@@ -95,9 +96,9 @@ def find_interpretations(tables: Sequence[Table], robots: Iterable[KnownRobot]) 
             candidates.extend(search.screen_subsets(subset_count))
     kept = []
     for search, candidates in zip(searches, candidates_of_searches, strict=True):
-        kept += [(search, candidate) for candidate in _keep_best(candidates)]
-    kept.sort(key=lambda pair: pair[1].rank)
-    interpretations = [search.refine(candidate) for search, candidate in kept[:_REFINED_OF_ALL]]
+        kept += [(candidate.rank, search, candidate) for candidate in _keep_best(candidates)]
+    kept.sort(key=itemgetter(0))
+    interpretations = [search.refine(candidate) for _, search, candidate in kept[:_REFINED_OF_ALL]]
     interpretations.sort(key=lambda interpretation: interpretation.fit.residual)
     return interpretations
 
@@ -163,7 +164,10 @@ class _Search:
         return list(self._fit_rows(all_rows))
 
     def screen_subsets(self, subset_count: int) -> Iterator[_Candidate]:
-        """Yield the interpretations that fit in one of some random halves of the screened rows."""
+        """Yield the interpretations that fit in one of some random halves of the screened rows.
+
+        Nothing is yielded if there are too few rows for a smaller subset.
+        """
         row_count = len(self.rows)
         subset_size = max(_LEAST_SUBSET, row_count // 2)
         if subset_size >= row_count:
@@ -176,7 +180,8 @@ class _Search:
     def _fit_rows(self, chosen: IndexArray) -> Iterator[_Candidate]:
         """Yield the interpretations that fit in some of the screened rows, given by their indices.
 
-        Each hypothesis of the joints is fitted to each hypothesis of the positions.
+        Each hypothesis of the joints is fitted to each hypothesis of the positions, unless the two share a
+        column. The columns of all hypotheses of the joints are stacked once for each number of targets.
         """
         places = FlangePlaces(self.places.rotation[:, chosen], self.places.place[:, chosen])
         rows = self.rows[chosen]
@@ -192,13 +197,16 @@ class _Search:
                     yield _Candidate(joints, points, linear_fit)
 
     def refine(self, candidate: _Candidate) -> Interpretation:
-        """Fit the frame of a screened interpretation in more rows, and with all K targets."""
+        """Fit the frame of a screened interpretation in more rows, and with all K targets.
+
+        The fit starts with the targets that were not screened at the place of the first one.
+        """
         rotation, place = self.model.place_flange(candidate.joints.q)
         points = candidate.points.points  # (N, K, 3)
         screened_targets = candidate.linear.targets
-        # The fit starts with the other targets at the place of the first one.
         missing_count = points.shape[1] - len(screened_targets)
-        targets = np.concatenate([screened_targets, np.repeat(screened_targets[:1], missing_count, axis=0)])
+        other_targets = np.repeat(screened_targets[:1], missing_count, axis=0)
+        targets = np.concatenate([screened_targets, other_targets])
         fit = fit_frame(rotation, place, points, candidate.linear.matrix, targets)
         deviations = np.nanstd(points - np.nanmean(points, axis=0), axis=0)
         movement = fit.frame.scale * float(np.nanmax(deviations))
@@ -246,8 +254,8 @@ def _share_columns(joints: JointColumns, points: PointColumns) -> bool:
 def _keep_best(candidates: list[_Candidate]) -> list[_Candidate]:
     """Return up to `_REFINED` of the best candidates, each pair of hypotheses once.
 
-    At most `_REFINED_OF_WORDS` of them have the same hypothesis of the joints. Subsets of the rows give the
-    same pair again.
+    Subsets of the rows give the same pair of joints and positions again. At most `_REFINED_OF_WORDS` of the
+    candidates have the same hypothesis of the joints. A hypothesis is identified by its object.
     """
     kept: list[_Candidate] = []
     kept_pairs: set[tuple[int, int]] = set()

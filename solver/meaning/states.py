@@ -15,6 +15,9 @@ from jointstiff.solver.meaning.table import Table
 def order_states(proposal: Proposal, tables: Sequence[Table], forces: FloatArray) -> Proposal:
     """Return the proposal with the unloaded state first: the forces move the targets along themselves.
 
+    The states of all targets are exchanged if the forces did negative work from the first state to the
+    second. A proposal without a target in two states is returned as it is.
+
     Args:
         proposal: meaning of the tables.
         tables: the tables of the proposal.
@@ -30,11 +33,12 @@ def order_states(proposal: Proposal, tables: Sequence[Table], forces: FloatArray
     first_is_unloaded = float(np.nansum(work)) >= 0.0
     if first_is_unloaded:
         return proposal
-    exchanged = []
+    exchanged_state = {0: 1, 1: 0}  # further states stay
+    readings = []
     for reading in proposal.readings:
-        state = 1 - reading.state if reading.state < 2 else reading.state
-        exchanged.append(replace(reading, state=state))
-    return replace(proposal, readings=tuple(exchanged))
+        state = exchanged_state.get(reading.state, reading.state)
+        readings.append(replace(reading, state=state))
+    return replace(proposal, readings=tuple(readings))
 
 
 def _read_state(proposal: Proposal, tables: Sequence[Table], state: int) -> dict[int, FloatArray]:

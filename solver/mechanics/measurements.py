@@ -302,6 +302,8 @@ NOISE_SIGMAS: Final = 3.0
 """Number of standard deviations below which a deflection carries little information."""
 ASSUMED_LOAD_POINT: Final = 0.01
 """Standard uncertainty of each coordinate of a load point without a stated uncertainty [m]."""
+LEAST_OF_GROUND: Final[dict[str, float]] = {"tracker": 1e-3, "drawing": 3e-3, "hand": ASSUMED_LOAD_POINT}
+"""Least standard uncertainty of each coordinate of a load point [m], by how the point is known."""
 ASSUMED_FORCE_SCALE: Final = 0.01
 """Relative standard uncertainty of all forces and moments without a stated uncertainty."""
 ASSUMED_LIVE_DRIFT: Final = 1e-6
@@ -334,14 +336,13 @@ class CommonUncertainty:
     #: next, along each axis of R0 [m]
     drift: float = 0.0
     assumed: frozenset[str] = frozenset()  #: terms whose uncertainty was not stated with the readings
+    #: standard uncertainty that is stated for each coordinate of the load point, smaller than `load_point`,
+    #: although the point is known by hand or in an unknown way [m]; None otherwise
+    doubtful_load_point: float | None = None
 
     @property
     def stated(self) -> CommonUncertainty:
-        """Return these uncertainties, with zero in place of those that were assumed rather than stated.
-
-        In campaigns with the same hook and load cell, the assumed errors are equal: a comparison cancels
-        them.
-        """
+        """Return these uncertainties, with zero in place of those that were assumed rather than stated."""
         load_point = 0.0 if "load_point" in self.assumed else self.load_point
         scale = 0.0 if "force_scale" in self.assumed else self.scale
         return replace(self, load_point=load_point, scale=scale, assumed=frozenset())

@@ -30,6 +30,7 @@ from jointstiff.solver.mechanics.robot import Robot
 _READ_AGAIN = (
     "read a posture again without the load: if the targets are elsewhere, the tracker or the base moved"
 )
+_READ_WARM = "warm the arm up, and read each posture without and with load before the next posture"
 _SETTLED, _WOUND = 50.0, 3e-5
 """Torque [N·m] at which a gear lies against one side of its play at the latest, and winding [rad] of the
 gear's spring at which the gear does so if the spring winds so far at a smaller torque. Makers state lost
@@ -76,6 +77,26 @@ def _add_flange_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return move_by_torque(block, compliance, forces)
 
 
+def _find_rope_directions(measurements: Measurements) -> FloatArray:
+    """Return the direction (N, 3) of each force, axes of R0; zero without a force."""
+    size = np.linalg.norm(measurements.force, axis=1, keepdims=True)
+    return measurements.force / np.where(size > 0.0, size, 1.0)
+
+
+def _add_rope_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion due to one force along each rope, such as the wrong zero of the cell in the rope.
+
+    The force z adds the torques ``z J_Fᵀ F / |F|``.
+    """
+    directions = _find_rope_directions(block.measurements)
+    return move_by_torque(block, compliance, block.load_jacobian.transpose(0, 2, 1) @ directions[..., None])
+
+
+def _add_hook_weight(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion due to a weight that hangs with every load: a force along −z of R0."""
+    return move_by_torque(block, compliance, -block.load_jacobian.transpose(0, 2, 1)[..., 2:])
+
+
 def _read_uncertainties(names: tuple[str, ...], common: CommonUncertainty) -> tuple[float, ...]:
     """Return the standard uncertainties that `common` has in the fields with the given names."""
     return tuple(getattr(common, name) for name in names)
@@ -95,6 +116,16 @@ def _load_with_flange_force(robot: Robot, measurements: Measurements, force: Flo
     """Return the measurements with a force (3,), axes of the flange [N], added to every load."""
     force_in_base = unloaded_postures(robot, measurements).flange_rotation @ force
     return replace(measurements, force=measurements.force + force_in_base)
+
+
+def _load_along_ropes(_: Robot, measurements: Measurements, force: FloatArray) -> Measurements:
+    """Return the measurements with a force (1,) along each rope [N] added to every load."""
+    return replace(measurements, force=measurements.force + force * _find_rope_directions(measurements))
+
+
+def _load_with_weight(_: Robot, measurements: Measurements, weight: FloatArray) -> Measurements:
+    """Return the measurements with a weight (1,) [N] added to every load."""
+    return replace(measurements, force=measurements.force - weight * np.array([0.0, 0.0, 1.0]))
 
 
 LOAD_POINT = Term(
@@ -126,6 +157,25 @@ LOAD_ZERO = Term(
     change_loads=_load_with_flange_force,
     words="a constant force of {} (axes of the flange) added to every load",
     remedy="read the load cell without load in two postures",
+)
+ROPE_ZERO = Term(
+    "rope_zero",
+    "N",
+    _add_rope_force,
+    suspected=True,
+    change_loads=_load_along_ropes,
+    words="a force of {} along the rope added to every load",
+    remedy="read the load cell without load, and tare it before each reading",
+)
+HOOK_WEIGHT = Term(
+    "hook_weight",
+    "N",
+    _add_hook_weight,
+    suspected=True,
+    change_loads=_load_with_weight,
+    nonnegative=True,
+    words="a weight of {} that hangs with every load",
+    remedy="weigh hook and slings, and add them to the loads",
 )
 
 
@@ -309,6 +359,39 @@ def _drift_readings(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return Motion(block.measurements.order[:, None, None, None] * shift)
 
 
+def _grow_arm(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Return the motion due to a growth of the arm, per strain: each target moves away from R0's origin."""
+    return Motion(block.points[..., None])
+
+
+def _grow_arm_steadily(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion due to a growth of the arm that increases by a strain with each observation."""
+    growth = _grow_arm(block, compliance).targets
+    return Motion(block.measurements.order[:, None, None, None] * growth)
+
+
+def _bend_tool(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Return the motion due to a tool that bends between the flange and the targets on the tool.
+
+    A force F moves the targets by F per unit of the first compliance [m/N]. The moment M about the origin of
+    the flange turns them, by ``M × r`` per unit of the second compliance [rad/(N·m)], with r from this origin
+    to the target.
+    """
+    measurements, postures = block.measurements, block.postures
+    origin = postures.flange_translation
+    to_load_point = postures.to_base(measurements.load_point[:, None])[:, 0] - origin
+    moment = measurements.moment + np.cross(to_load_point, measurements.force)
+    levers = block.points - origin[:, None]
+    by_force = np.broadcast_to(measurements.force[:, None], levers.shape)
+    by_moment = np.cross(moment[:, None], levers)
+    return Motion(np.stack([by_force, by_moment], axis=-1))
+
+
+def _soften_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Return the motion of targets and joints per change of each joint's compliance."""
+    return _turn_joints(block, block.torque)
+
+
 def _shift_and_turn_readings(pivot: FloatArray, block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Return the motion due to a shift of all readings under load and a turn about a pivot (3,) in R0 [m]."""
     turned = -skew(block.points - pivot)
@@ -342,9 +425,12 @@ def _move_only_observations(
     block: RegressorBlock,
     compliance: FloatArray,
 ) -> Motion:
-    """Return the targets' motion due to a term's `motion`; zero for observations not among `labels`."""
+    """Return the motion due to a term's `motion`; zero for observations not among `labels`."""
     is_concerned = np.isin(block.measurements.labels, labels)
-    return Motion(np.where(is_concerned[:, None, None, None], motion(block, compliance).targets, 0.0))
+    targets, joints = motion(block, compliance)
+    if joints is not None:
+        joints = np.where(is_concerned[:, None, None], joints, 0.0)
+    return Motion(np.where(is_concerned[:, None, None, None], targets, 0.0), joints)
 
 
 def limit_to_later(term: Term, labels: Sequence[str], first: str) -> Term:
@@ -387,6 +473,40 @@ SHIFT = Term(
     words="a shift of all readings under load by {}",
     remedy=_READ_AGAIN,
 )
+GROWTH = Term(
+    "growth",
+    "m/m",
+    _grow_arm,
+    suspected=True,
+    words="a growth of the arm by {} between the readings without and with load",
+    remedy=_READ_WARM,
+)
+GROWTH_OVER_TIME = Term(
+    "growth_over_time",
+    "m/m",
+    _grow_arm_steadily,
+    suspected=True,
+    words="a growth of the arm between the readings without and with load that increases by {} with each "
+    "observation",
+    remedy=_READ_WARM,
+)
+TOOL = Term(
+    "tool",
+    "m/N, rad/(N·m)",
+    _bend_tool,
+    suspected=True,
+    nonnegative=True,
+    words="a tool that yields between flange and targets by {}",
+    remedy="put the targets on the flange, or read one target on the flange with the others",
+)
+STIFFNESS = Term(
+    "stiffness",
+    "rad/(N·m)",
+    _soften_joints,
+    words="compliances of the joints that differ by {}",
+    remedy="identify the observations before and after apart, and look for what changed on the arm",
+)
+"""It is suspected from a later observation on; from the first on, it is the joints themselves."""
 DRIFT = Term("drift", "m", _drift_readings, partial(_read_uncertainties, ("drift",)))
 
 
@@ -415,8 +535,13 @@ TERMS: Final[dict[str, Term]] = {
         LOAD_POINT,
         CONSTANT_FORCE,
         LOAD_ZERO,
+        ROPE_ZERO,
+        HOOK_WEIGHT,
+        TOOL,
         PLAY,
         SHIFT,
+        GROWTH,
+        GROWTH_OVER_TIME,
         DRIFT,
         TARGET_PLACES,
         AXES,

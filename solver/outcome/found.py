@@ -12,8 +12,8 @@ from jointstiff.solver.choice.competition import Competition, Elastic, Winner
 from jointstiff.solver.choice.held_out import report_losses, report_penalty
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.evidence.causes import Screening
+from jointstiff.solver.evidence.doubt import PointDoubt, find_doubt
 from jointstiff.solver.evidence.joints import JointsAlone
-from jointstiff.solver.evidence.reliability import LeastMistake, find_least_mistakes
 from jointstiff.solver.evidence.structure import Apart
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL
 from jointstiff.solver.fit.effective import replace_by_effective
@@ -42,7 +42,7 @@ class Found:
     choice: ModelChoice  #: model and loss of the run, and why they were chosen
     screening: Screening  #: tests of what joints alone leave unexplained
     budget: UncertaintyBudget | None = None  #: None with links, or where sigma is unknown
-    unseen: tuple[LeastMistake, ...] = ()  #: mistakes that the tests hardly find; none with links
+    doubt: PointDoubt | None = None  #: doubt about the stated load point; None with links
     links: LinksResult | None = None  #: result for links and base; None if only joints bend
     remarks: tuple[Finding, ...] = ()  #: findings on the choice of penalty and loss
     apart: Apart | None = None  #: gearboxes and structure apart; None with links, or without encoders
@@ -51,7 +51,9 @@ class Found:
 def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) -> Found:
     """Gather the evidence for a model in which only joints bend.
 
-    Where this model does not fit the readings, the model error widens the intervals of the compliances.
+    Where this model does not fit the readings, the model error widens the intervals of the compliances, but
+    not after a gross mistake in the data, which gives a lack of fit no meaning. The model error is that of
+    fits that each leave out one posture; if such a fit fails, the run is valid without a model error.
 
     Args:
         joints: fit of the joints alone.
@@ -64,25 +66,22 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
     """
     rows, settings, estimate = joints.rows, joints.settings, joints.estimate
     predictor = JointModel.from_estimate(rows.robot, estimate, settings.constraints)
-    jackknife = None  # fits that each leave out one posture; None if such a fit fails
+    fits_without_a_posture = None
     error: ModelError | JointstiffError
     try:
         error = estimate_error_by_leaving_postures_out(rows, settings, estimate, predictor)
-        jackknife = error.left_out
-    except JointstiffError as failure:  # the run is valid without a model error; predictions say why
+        fits_without_a_posture = error.left_out
+    except JointstiffError as failure:  # predictions say why there is no model error
         error = failure
-    # After a gross mistake in the data, a lack of fit means nothing.
     has_lack_of_fit = screening.lack_of_fit and joints.are_sound
     budget = UncertaintyBudget.from_estimate(
-        estimate, settings.confidence, jackknife, lack_of_fit=has_lack_of_fit
+        estimate, settings.confidence, fits_without_a_posture, lack_of_fit=has_lack_of_fit
     )
     if budget is not None and has_lack_of_fit:
         estimate = budget.widen_intervals(estimate, settings.bounds)
-    # Smallest mistakes in loads and readings that the tests would find; empty if the tests found something.
-    least_mistakes: tuple[LeastMistake, ...] = ()
-    if not (screening.causes or screening.lack_of_fit) and joints.are_sound:
-        prior = None if settings.prior is None else settings.prior.in_units_of(estimate.sigma or 1.0)
-        least_mistakes = find_least_mistakes(rows, estimate, len(screening.tests), prior)
+    # Causes that are found explain more than a doubt does.
+    is_explained = bool(screening.causes) or screening.lack_of_fit
+    doubt = None if is_explained or not joints.are_sound else find_doubt(rows, estimate)
     prediction = predict(
         rows.at(estimate.balanced),
         estimate.compliance,
@@ -98,7 +97,7 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
         choice=choice,
         screening=screening,
         budget=budget,
-        unseen=least_mistakes,
+        doubt=doubt,
         apart=joints.apart,
     )
 
@@ -234,17 +233,21 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
 
 
 def _describe_intervals(winner: Winner) -> str:
-    """Return a sentence on the model with which the intervals of stiffness were computed; "" for joints."""
+    """Return a sentence on the model with which the intervals of stiffness were computed; "" for joints.
+
+    If the readings do not distinguish links from base, the intervals contain the values of both models,
+    unless one of the two has no certified optimum.
+    """
     elastic = winner.elastic
     interval_model = None if elastic is None else elastic.intervals
     model_text = "" if interval_model is None else interval_model.replace("_", " ")
     if winner.selection.tied is not None and not winner.given:
         both_models_count = elastic is None or elastic.estimate.prediction.joined or interval_model is None
-        intervals = (
-            "contain both models' values."
-            if both_models_count
-            else f"are computed with {model_text} alone, because no optimum of the other model was certified."
-        )
+        intervals = "contain both models' values."
+        if not both_models_count:
+            intervals = (
+                f"are computed with {model_text} alone, because no optimum of the other model was certified."
+            )
         return f" The readings do not distinguish links from base: the intervals of stiffness {intervals}"
     if interval_model == winner.held_out.model:
         return " The intervals of stiffness are computed with this model."

@@ -13,7 +13,6 @@ from jointstiff.schemas.finding import Assessment as StatedAssessment
 from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.model import IdentifiedModel
 from jointstiff.schemas.run import RunResult
-from jointstiff.solver.evidence.reliability import LeastMistake
 from jointstiff.solver.evidence.scatter import Repeatability
 from jointstiff.solver.evidence.structure import Apart, build_parts
 from jointstiff.solver.fit.estimate import (
@@ -123,7 +122,7 @@ def describe_found(
         "resampling": resampling,
         "links": found.links,
         "choice": found.choice,
-        "causes": list(_add_least_mistakes(found.screening.tests, found.unseen)),
+        "causes": list(found.screening.tests),
         "contributions": contributions,
         "encoder_residuals": _build_encoder_residuals(prediction, measurements, names),
         "gearboxes": _build_parts(found.apart, 0, names, assessment),
@@ -144,28 +143,6 @@ def _list_warnings(found: Found, assessment: Assessment, noticed: Sequence[Findi
     if only_joints_bend or links_leave_outliers:
         return list(noticed)
     return [finding for finding in noticed if finding.code != "residual_outlier"]
-
-
-def _add_least_mistakes(
-    tests: Iterable[runs.CauseTest], mistakes: Sequence[LeastMistake]
-) -> Iterator[runs.CauseTest]:
-    """Yield the tests of causes, each with the least mistake of its cause that the test would find.
-
-    Such mistakes are known only for causes that concern all observations, from the first one on.
-    """
-    mistake_of_cause = {mistake.name: mistake for mistake in mistakes}
-    for test in tests:
-        mistake = mistake_of_cause.get(test.name)
-        if mistake is None or test.first is not None:
-            yield test
-            continue
-        fields = {
-            "least_found": mistake.size,
-            "unit": mistake.unit,
-            "joint": mistake.joint,
-            "moves": mistake.moves,
-        }
-        yield test.model_copy(update=fields)
 
 
 def build_joint_results(
@@ -281,10 +258,13 @@ def _build_parts(
     """
     messages = []
     for message in build_parts(apart, part, names):
-        of_joint = assessment.joints[names.index(message.name)]
-        worst = assessment.verdict == "do_not_use" or of_joint == "do_not_use"
-        careful: Verdict = message.verdict if assessment.verdict == "use" else "use_with_care"
-        messages.append(message.model_copy(update={"verdict": "do_not_use" if worst else careful}))
+        verdict_on_joint = assessment.joints[names.index(message.name)]
+        verdict: Verdict = message.verdict
+        if "do_not_use" in (assessment.verdict, verdict_on_joint):
+            verdict = "do_not_use"
+        elif assessment.verdict != "use":
+            verdict = "use_with_care"
+        messages.append(message.model_copy(update={"verdict": verdict}))
     return messages
 
 
@@ -358,20 +338,20 @@ def build_budget_message(
     *component_uncertainties, included, with_model_error = budget.spread.uncertainty[:, estimated]
     correlations = budget.spread.correlation[:, estimated][:, :, estimated]
     *component_correlations, correlation, _ = correlations
-    components = [
-        runs.BudgetComponent(
+    rows = zip(budget.components, component_uncertainties, component_correlations, strict=True)
+    components = []
+    for part, uncertainty, correlation_of_part in rows:
+        responses = None if part.responses is None else part.responses[estimated].tolist()
+        component = runs.BudgetComponent(
             source=part.source,
             evaluation=part.evaluation,
             included=part.included,
             degrees_of_freedom=finite_or_none(part.degrees_of_freedom),
             contributions=uncertainty.tolist(),
             correlation=correlation_of_part.tolist(),
-            responses=None if part.responses is None else part.responses[estimated].tolist(),
+            responses=responses,
         )
-        for part, uncertainty, correlation_of_part in zip(
-            budget.components, component_uncertainties, component_correlations, strict=True
-        )
-    ]
+        components.append(component)
     return runs.Budget(
         joints=[names[j] for j in estimated],
         components=components,
@@ -390,8 +370,12 @@ def _list_missing_contributions(
 ) -> list[runs.BudgetGap]:
     """Return the names of contributions to the uncertainty that the budget does not include."""
     missing: list[runs.BudgetGap] = []
-    if all(part.source != "model_error" for part in budget.components):
+    has_model_error = any(part.source == "model_error" for part in budget.components)
+    if not has_model_error:
         missing.append("model_error")
-    if any(reason.code in _LACK_OF_FIT or reason.weight == "do_not_use" for reason in reasons):
+    shows_lack_of_fit = any(
+        reason.code in _LACK_OF_FIT or reason.weight == "do_not_use" for reason in reasons
+    )
+    if shows_lack_of_fit:
         missing.append("lack_of_fit")
     return missing

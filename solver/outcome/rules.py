@@ -33,10 +33,10 @@ from jointstiff.solver.evidence.alternatives import (
     BetterAlternative,
 )
 from jointstiff.solver.evidence.causes import Screening
+from jointstiff.solver.evidence.doubt import PointDoubt
 from jointstiff.solver.evidence.joints import JointsAlone, residuals_within_noise
 from jointstiff.solver.evidence.payload import inspect_force_unit
 from jointstiff.solver.evidence.pure_error import PureError, compute_pure_error
-from jointstiff.solver.evidence.reliability import LeastMistake, describe_unseen_mistakes
 from jointstiff.solver.evidence.selection import Cause
 from jointstiff.solver.evidence.unloading import Unloading, compare_unloaded_positions
 from jointstiff.solver.fit.estimate import (
@@ -164,7 +164,7 @@ def assess(
     estimate: Estimate,
     prediction: Prediction,
     screening: Screening | None,
-    unseen: Sequence[LeastMistake] = (),
+    doubt: PointDoubt | None = None,
 ) -> Assessment:
     """Assess an identification: collect all reasons against its numbers, and derive the verdicts.
 
@@ -174,7 +174,7 @@ def assess(
         prediction: prediction of the same measurements by the estimate.
         screening: tests for other causes of the deflections, with the cross-validation if models were
             compared; None without tests.
-        unseen: least mistakes that the tests find; empty where more than the joints may bend.
+        doubt: doubt about the stated load point; None where more than the joints may bend.
     """
     unloading = compare_unloaded_positions(joints.rows, joints.estimate.compliance)
     notes = [*_list_notes(joints.measurements, estimate, unloading), *_list_notes_on_encoders(joints)]
@@ -186,10 +186,8 @@ def assess(
         return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
     explanation = _choose_explanation(joints, estimate, screening)
     reasons = list(_list_reasons(joints, estimate, prediction, explanation, unloading))
-    if explanation.screening is not None and not explanation.causes:
-        unseen_note = describe_unseen_mistakes(unseen)
-        if unseen_note is not None:
-            notes.append(unseen_note)
+    if doubt is not None and explanation.screening is not None and not explanation.causes:
+        notes.append(doubt.describe())
     return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
 
 
@@ -295,6 +293,16 @@ def _list_reasons(
     )
 
 
+def _describe_assumed_point(stated: float | None) -> str:
+    """Return the sentence on a load point without a ground; `stated` is a smaller stated uncertainty [m]."""
+    stated_text = "" if stated is None else f", as nothing states how it is known to ±{length_text(stated)}"
+    return (
+        f"The load point is assumed to be known to ±{1e3 * ASSUMED_LOAD_POINT:g} mm{stated_text}. State how "
+        "you know it: by tracker ±1 mm, from a drawing ±3 mm, by hand ±10 mm (`noise.grounds.load_point`; on "
+        "the page: Advanced, How the load point is known)."
+    )
+
+
 def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloading | None) -> Iterator[str]:
     """Yield sentences on assumptions, and on checks that the readings do not allow."""
     largest_force = float(np.linalg.norm(measurements.force, axis=1).max())
@@ -302,11 +310,7 @@ def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloa
         yield _describe_load_and_deflection(measurements, largest_force)
     common = estimate.common  # effects of errors that all readings share, such as of the load point
     if common is not None and common.responses_to("assumed_load_point").any():
-        yield (
-            f"The load point is assumed to be known to ±{1e3 * ASSUMED_LOAD_POINT:g} mm. Measure where the "
-            "force acts on the flange, and enter the uncertainty of this point (`noise.load_point`; on "
-            "the page: Advanced, Uncertainty of the load point)."
-        )
+        yield _describe_assumed_point(measurements.common_uncertainty.doubtful_load_point)
     if common is not None and common.responses_to("assumed_force_scale").any():
         yield (
             f"The forces are assumed to be known to ±{100 * ASSUMED_FORCE_SCALE:g} %. Enter the "

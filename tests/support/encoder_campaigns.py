@@ -16,7 +16,13 @@ from jointstiff.simulator import SpringArm, default_arm
 from jointstiff.simulator.campaign import TARGETS, Experiment
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.comparison.campaigns import Comparison, FreeEstimate, Side, compare_sides
+from jointstiff.solver.comparison.campaigns import (
+    Comparison,
+    FreeEstimate,
+    SharedErrors,
+    Side,
+    compare_sides,
+)
 from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
@@ -80,23 +86,23 @@ SECONDARY: Final = default_arm("secondary")
 
 
 def simulate_pair(
-    design: Design, common: CommonUncertainty, seed: int, *, same_load_point: bool, play: float = 20e-6
+    design: Design, common: CommonUncertainty, seed: int, shared: SharedErrors, *, play: float = 20e-6
 ) -> EncoderPair:
     """Return campaigns whose loads err as stated.
 
     Args:
         design: postures and pulls.
-        common: uncertainties of loads. An assumed scale is one error of both campaigns.
+        common: uncertainties of loads.
         seed: of the noise and the errors.
-        same_load_point: whether the load point errs alike in both campaigns.
+        shared: errors that are the same in both campaigns.
         play: lost motion of each gearbox [rad].
     """
     generator = np.random.default_rng([seed, _STREAM, 2])
     scales = common.scale * generator.standard_normal(2)
     places = common.load_point * generator.standard_normal((2, 3))
-    if "force_scale" in common.assumed:
+    if shared.cell:
         scales[1] = scales[0]
-    if same_load_point:
+    if shared.load:
         places[1] = places[0]
     read = list(READ)
     measured = []
@@ -128,7 +134,7 @@ def simulate_pair(
     return EncoderPair(measured[0], measured[1], gearboxes, SECONDARY.compliances[read])
 
 
-def compare_pair(pair: EncoderPair, *, same_load_point: bool) -> Comparison:
+def compare_pair(pair: EncoderPair, shared: SharedErrors) -> Comparison:
     """Identify both campaigns of a pair, and compare them."""
     robot = robot_of(MOTOR)
     settings = Settings.from_options(RunOptions(), robot)
@@ -138,15 +144,13 @@ def compare_pair(pair: EncoderPair, *, same_load_point: bool) -> Comparison:
         common = estimate.common
         assert common is not None
         assert estimate.covariance is not None
-        assumed = {}
-        if "force_scale" in measurements.common_uncertainty.assumed:
-            responses = common.responses_to("assumed_force_scale")
-            assumed["force_scale"] = responses @ responses.T
+        is_assumed = "force_scale" in measurements.common_uncertainty.assumed
+        responses = common.responses_to("assumed_force_scale" if is_assumed else "force_scale")
         free = FreeEstimate(
             compliance=estimate.compliance,
             covariance=estimate.covariance,
             readings=estimate.covariance,
-            assumed=assumed,
+            force_scale=responses @ responses.T,
             load_point=common.responses_to("load_point"),
             sigma=estimate.sigma,
             degrees_of_freedom=np.inf,
@@ -154,7 +158,7 @@ def compare_pair(pair: EncoderPair, *, same_load_point: bool) -> Comparison:
             unseen=estimate.observability.null,
         )
         sides.append(Side(robot, measurements, estimate.compliance, settings.constraints, True, free))
-    return compare_sides(*sides, confidence=0.95, same_load_point=same_load_point)
+    return compare_sides(*sides, confidence=0.95, shared=shared)
 
 
 def simulate(design: Design, errors: Errors, seed: int) -> EncoderCampaign:

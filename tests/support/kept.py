@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import re
 import sqlite3
 import subprocess
 import sys
@@ -196,7 +197,7 @@ def list_changes(before: object, now: object, place: str = "") -> Iterator[str]:
 
     New fields are allowed, and fields that a step of a document says it drops.
     """
-    if now == MISSING and place.endswith(DROPPED):
+    if now == MISSING and re.sub(r"\[\d+\]", "[]", place).endswith(DROPPED):
         return
     if isinstance(before, dict) and isinstance(now, dict):
         for name, value in before.items():

@@ -42,7 +42,12 @@ def observation(arm: SpringArm, following: Mapping[str, Any], *, sigma: float, s
 
 
 ARM, SIGMA = default_arm(), 2e-5
-EXACT = {"sigma": SIGMA, "load_point": 1e-4, "force": {"scale": 1e-3}}  # next to exact
+EXACT = {
+    "sigma": SIGMA,
+    "load_point": 1e-4,
+    "grounds": {"load_point": "tracker"},
+    "force": {"scale": 1e-3},
+}  # next to exact
 OPEN: dict[str, Any] = {
     "goal": {"kind": "joints", "relative": 0.15},
     "load": {"kind": "dead_weight", "mass": 150.0},

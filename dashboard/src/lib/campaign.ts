@@ -253,7 +253,7 @@ export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | nu
   const { length, angle } = factors(units);
   const { sigma, instrument, encoder_sigma: encoder, load_point: point, target_places: places } = asked;
   const { drift, force, repeatability } = asked;
-  const load = stated(force);
+  const [load, grounds] = [stated(force), stated(asked["grounds"])];
   const { station, range, transverse } = (instrument ?? {}) as Record<string, Fields>;
   const part = (of: Fields | undefined) => ({
     constant: sized(of?.["constant"] ?? 0, 1 / length),
@@ -273,6 +273,7 @@ export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | nu
     ...(isStated(drift) ? { drift: sized(drift, 1 / length) } : {}),
     ...(isStated(repeatability) ? { repeatability: sized(repeatability, 1 / angle) } : {}),
     ...(isFields(load) && Object.keys(load).length > 0 ? { force: load } : {}),
+    ...(isFields(grounds) && Object.keys(grounds).length > 0 ? { grounds: { ...before?.grounds, ...grounds } } : {}),
   };
   const said = Object.entries(noise).filter(([, value]) => value !== null && value !== undefined && value !== false);
   return said.length === 0 ? null : Object.fromEntries(said);

@@ -33,9 +33,9 @@ export function firstSentence(message: string): [string, string] {
   return end ? [message.slice(0, end.index + 2), message.slice(end.index + 3)] : [message, ""];
 }
 
-/** Whether a note says what the readings cannot show: it is no assumption, and is not folded away. */
+/** Whether a note says what the readings doubt or do not show: such a note is no assumption. */
 export const isUnseen = (note: string): boolean =>
-  /\b(cannot show|cannot be checked|not detected|no reading would show)\b/.test(note);
+  /\b(raise a doubt|cannot be checked|not detected|no reading would show)\b/.test(note);
 
 /** A field of a request as a person calls it; other code as it is. */
 export const fieldName = (code: string): string | undefined => text.fields[code];
@@ -45,7 +45,4 @@ export const roundedP = (prose: string): string => prose.replace(/\bp = \d(?:\.\
 
 /** A remark of the service as it is read on the page itself, where nobody sends requests by hand. */
 export const onPage = (remark: string): string =>
-  remark
-    .replace("on the page:", `${text.app.measure}:`)
-    .replace(", in `causes`)", ")")
-    .replace(/; list the existing ids with GET \S+$/, "");
+  remark.replace("on the page:", `${text.app.measure}:`).replace(/; list the existing ids with GET \S+$/, "");

@@ -188,3 +188,9 @@ BY_VALUE = (
 def test_trust_covers_what_a_routine_gets_by_value(declaration, call):
     written = KRL.replace("EXT", declaration).replace("CALL", call).replace("BEHIND", "LIN P1")
     assert last_move(written) in corrected("a.src", written, trust_routines=True)
+
+
+def test_the_remark_on_a_trusted_interrupt_has_its_number():
+    text = KRL.replace("CALL", "INTERRUPT ON 7").replace("BEHIND\n", "").replace("EXT\n", "")
+    program = read_program([("a.src", text.encode())], trust_routines=True, leave_others=True)
+    assert [remark.text.partition(";")[0] for remark in program.left_alone] == ["INTERRUPT 7 is called"]

@@ -32,7 +32,8 @@ class CompareFields(TypedDict, total=False):
 
     units: AnyUnits
     ordered: bool
-    same_load_point: bool
+    same_load: bool
+    same_cell: bool
     confidence: float | None
     methods: Sequence[ComparedMethod | Mapping[str, Any]]
     constraints: Sequence[Literal["unconstrained", "positive"]]

@@ -29,6 +29,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.comparison.campaigns import (
     Comparison,
     FreeEstimate,
+    SharedErrors,
     Side,
     compare_sides,
     models_differ,
@@ -276,7 +277,7 @@ def _add_comparison_of_sides(
         *sides,
         confidence=result.confidence,
         ordered=request.ordered,
-        same_load_point=request.same_load_point,
+        shared=SharedErrors(load=request.same_load, cell=request.same_cell),
     )
     warnings = [
         _add_side_to_place(finding, name) for name, run, _ in leading_runs for finding in _list_warnings(run)
@@ -418,7 +419,7 @@ def _influential_options(run: Run) -> dict[str, Any]:
 def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     """Return a run's estimate before constraints: n compliances with their covariance (n, n).
 
-    The estimate also has the parts of the covariance: one from the readings, and one from each assumed error.
+    The estimate also has parts of the covariance: one from the readings, and one from the scale of the force.
     """
     model, result = _rebuild_joint_model(run, robot), run.result
     if result is None:
@@ -429,7 +430,7 @@ def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     has_compliance, undetermined = np.isfinite(compliance), np.isnan(compliance)
     covariance = np.zeros((joint_count, joint_count))
     readings: FloatArray | None = None
-    assumed: dict[str, FloatArray] = {}
+    force_scale = np.zeros((joint_count, joint_count))
     load_point = np.zeros((joint_count, 0))
     # The likelihood has the estimate before constraints, of the joints that the readings determine.
     if likelihood is not None and result.budget is not None:
@@ -447,8 +448,8 @@ def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
             ) * np.array(component.correlation)
             if component.source == "readings":
                 readings = part_covariance
-            elif component.source.startswith("assumed_"):
-                assumed[component.source.removeprefix("assumed_")] = part_covariance
+            elif component.source.removeprefix("assumed_") == "force_scale":
+                force_scale = part_covariance
             if component.responses is not None:
                 load_point = np.zeros((joint_count, 3))
                 load_point[has_compliance] = component.responses
@@ -456,7 +457,7 @@ def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
         compliance=compliance,
         covariance=covariance,
         readings=readings,
-        assumed=assumed,
+        force_scale=force_scale,
         load_point=load_point,
         sigma=result.sigma,
         degrees_of_freedom=inf if model.degrees_of_freedom is None else model.degrees_of_freedom,
@@ -532,6 +533,7 @@ def request_comparison(
     return ComparisonRequest(
         run_ids=[run.id for run in runs],
         ordered=options.ordered,
-        same_load_point=options.same_load_point,
+        same_load=options.same_load,
+        same_cell=options.same_cell,
         confidence=options.confidence,
     )

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import TYPE_CHECKING, Any, Final, Literal, Unpack
 
+from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.process import ProcessOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.process.kind import PROCESS
@@ -96,8 +97,8 @@ def process(
         with as_campaign_error(""):
             units = complete_units(stated_units)
         if arrays:
-            contents, defaults = _write_poses(arrays, units)
-            request |= defaults
+            contents[_PATH] = _pack_path(arrays, units)
+            request |= _DEFAULTS
         if forces is not None:
             named_options |= _state_forces(forces, contents, units)
         files_sent, named_options = gather_files([Path(each) for each in files], named_options)
@@ -107,36 +108,31 @@ def process(
     return carry_out_verb(backend, PROCESS, JobMonitor(on_progress, cancel, executor), make_request)
 
 
-def _write_poses(arrays: list[Any], units: Mapping[str, str]) -> tuple[dict[str, bytes], dict[str, Any]]:
-    """Write an array of poses as the table of a path; return it by name, and default options for it.
+_PATH: Final = "path.npz"
+"""Name of an array of poses among the files of a request."""
+_FORCES: Final = "forces.npz"
+"""Name of an array of forces."""
+_FRAME: Final = [{"values": [0.0] * 6}]
+_DEFAULTS: Final = {"tools": _FRAME, "bases": _FRAME, "branches": "free", "format": "csv"}
+"""Options of an array of poses, unless others are stated: the tool is the flange, the base is R0."""
+
+
+def _pack_path(arrays: list[Any], units: Mapping[str, str]) -> bytes:
+    """Pack an array of poses as numbers, with their units.
 
     Raises:
         ValueError: there are several arrays.
         CampaignError: the array has another shape, or a matrix is no pose.
     """
-    from jointstiff.service.conversion.poses import read_poses
+    from jointstiff.service.runs.correction.columns import make_sheet
+    from jointstiff.service.runs.correction.poses import name_poses
+    from jointstiff.service.tables.packed import pack_sheet
 
     if len(arrays) > 1:
         raise ValueError("the path must be one array of poses, (N, 4, 4) or (N, 6), or files")
     with as_campaign_error(""):
-        poses = read_poses(arrays[0], "path", units["angle"])
-    lines = [
-        ",".join(
-            [
-                *(f"{axis} [{units['length']}]" for axis in "xyz"),
-                *(f"r{axis} [{units['angle']}]" for axis in "xyz"),
-            ]
-        )
-    ]
-    lines += [",".join(f"{number:.15g}" for number in row) for row in poses.tolist()]
-    zero = [0.0] * 6
-    defaults = {
-        "tools": [{"values": zero}],
-        "bases": [{"values": zero}],
-        "branches": "free",
-        "format": "csv",
-    }
-    return {"path.csv": "\n".join(lines).encode() + b"\n"}, defaults
+        columns = name_poses(arrays[0], "path", units["angle"])
+    return pack_sheet(make_sheet(columns, Units.model_validate(units), []))
 
 
 def _state_forces(
@@ -144,7 +140,7 @@ def _state_forces(
     contents: dict[str, bytes],
     units: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return the options that state forces; a table of forces in `units` is added to the contents of files.
+    """Return the options that state forces; an array is packed, and added to the contents of files.
 
     Raises:
         ValueError: an array of forces has another shape.
@@ -153,6 +149,8 @@ def _state_forces(
     import numpy as np
 
     from jointstiff.service.conversion.arrays import read_numbers
+    from jointstiff.service.tables.packed import pack_sheet
+    from jointstiff.service.tables.table import Sheet
 
     if isinstance(forces, str | PathLike):
         return {"loads": forces}
@@ -169,10 +167,9 @@ def _state_forces(
     first = f"length [{units['length']}]"
     if array.shape[1] == 3:
         first, array = "point", np.column_stack([np.arange(1, len(array) + 1), array])
-    lines = [",".join([first, *(f"F{axis} [{units['force']}]" for axis in "xyz")])]
-    lines += [",".join(f"{each:.15g}" for each in row) for row in array.tolist()]
-    contents["forces.csv"] = "\n".join(lines).encode() + b"\n"
-    return {"loads": "forces.csv"}
+    headers = [first, *(f"F{axis} [{units['force']}]" for axis in "xyz")]
+    contents[_FORCES] = pack_sheet(Sheet(dict(zip(headers, array.T, strict=True))))
+    return {"loads": _FORCES}
 
 
 describe_verb(process, PROCESS)

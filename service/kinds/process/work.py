@@ -26,6 +26,7 @@ from jointstiff.service.kinds.process.tables import pack_choice
 from jointstiff.service.kinds.process.unseen import advise_load, assume_unseen
 from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.path import ProgramPath, find_feeds, find_wanted_postures
+from jointstiff.service.kinds.program.rows import RowsWriting
 from jointstiff.service.kinds.program.text import FaultsError, read_program
 from jointstiff.service.kinds.program.work import ProgramWork, WrittenPoints, refuse_corrected_files
 from jointstiff.service.kinds.work import Arrays, Span, as_request_errors, begin_part, cut_into_spans
@@ -52,7 +53,7 @@ from jointstiff.solver.process.placing import (
 )
 from jointstiff.solver.process.turning import NO_GAIN, TurnChoice, choose_turns
 from jointstiff.solver.text import figure
-from robotprograms import Orientation, choose_frame_notation
+from robotprograms import Orientation, Program, Rewriting, choose_frame_notation
 
 _QUICK_POINTS: Final = 150
 """Greatest number of points whose turns are chosen at once, without a step."""
@@ -499,8 +500,8 @@ class ProcessWork(ProgramWork):
         """Return whether the written program gets a comment that marks it as compensated."""
         return self.corrects and super().must_mark(assessment, unchanged_moves)
 
-    def _check_written(self, contents: Sequence[bytes], points: WrittenPoints) -> None:
-        """Read the written files back, and compare the joints with those that were meant.
+    def _check_written(self, rewriting: Rewriting | RowsWriting, points: WrittenPoints) -> None:
+        """Read the written program back, and compare the joints with those that were meant.
 
         Raises:
             RequestError: a target would be reached in other joints than meant, and the branches are kept.
@@ -512,10 +513,10 @@ class ProcessWork(ProgramWork):
             self._unwritten = self._find_unstated_branch()
             if self._unwritten is None:
                 try:
-                    self._unwritten = self._find_misread(contents)
+                    self._unwritten = self._find_misread(rewriting)
                 except (FaultsError, RequestError) as error:
                     self._unwritten = str(error)
-        elif (misread := self._find_misread(contents)) is not None:
+        elif (misread := self._find_misread(rewriting)) is not None:
             raise RequestError(
                 misread,
                 where="turn",
@@ -552,25 +553,18 @@ class ProcessWork(ProgramWork):
             "rewritten for the chosen side of shoulder, elbow or wrist"
         )
 
-    def _find_misread(self, contents: Sequence[bytes]) -> str | None:
-        """Return where the written files would be read in other joints than meant; None if nowhere.
+    def _find_misread(self, rewriting: Rewriting | RowsWriting) -> str | None:
+        """Return where the written program would be read in other joints than meant; None if nowhere.
 
         Raises:
             RequestError: a frame of the written program is not known.
             FaultsError: the configuration of a target is ambiguous, or it is not reached.
         """
         request, model, placed = self._request, self._run_model.model, self._placed
-        files = [
-            (source.name, content) for source, content in zip(self._program.sources, contents, strict=True)
-        ]
-        program = read_program(
-            files,
-            request.format,
-            request.leave_alone,
-            leave_others=request.leave_others,
-            trust_routines=self._request.trust_routines,
-            external_axes=self._external_axes,
-        )
+        if isinstance(rewriting, RowsWriting):
+            program = rewriting.program
+        else:
+            program = self._read_files(rewriting.files())
         moves = self._program.moves
         if not np.array_equal(program.moves.line, moves.line):
             return "the written program has other moves that can be corrected"
@@ -597,6 +591,24 @@ class ProcessWork(ProgramWork):
         return (
             f"line {line}: the controller would not reach the turned target in the chosen posture, as a "
             f"joint would differ by {np.degrees(np.abs(read[i] - self._meant[i]).max()):.3g}°"
+        )
+
+    def _read_files(self, contents: Sequence[bytes]) -> Program:
+        """Read the written files, without marks, as the files of the request were read.
+
+        Raises:
+            FaultsError: a file is not understood.
+        """
+        files = [
+            (source.name, content) for source, content in zip(self._program.sources, contents, strict=True)
+        ]
+        return read_program(
+            files,
+            self._request.format,
+            self._request.leave_alone,
+            leave_others=self._request.leave_others,
+            trust_routines=self._request.trust_routines,
+            external_axes=self._external_axes,
         )
 
     def list_remarks(self) -> list[str]:

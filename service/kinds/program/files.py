@@ -22,11 +22,14 @@ def compress_file(name: str, content: bytes) -> ProgramFile:
 
 
 def decompress_file(file: ProgramFile) -> bytes:
-    """Return the decompressed content of a stored file, at most `_MAX_UNPACKED` bytes.
+    """Return the decompressed content of a stored file, at most `_MAX_UNPACKED` bytes of it.
+
+    A small file that would unpack to a huge one is cut off there, and cannot fill the memory.
 
     Raises:
         RequestError: the file has no content.
     """
     if file.content is None:
         raise RequestError("the file has no content", where="files", remedy="send the file itself")
-    return zlib.decompressobj().decompress(base64.b64decode(file.content), _MAX_UNPACKED)
+    compressed = base64.b64decode(file.content)
+    return zlib.decompressobj().decompress(compressed, _MAX_UNPACKED)

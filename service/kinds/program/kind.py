@@ -8,9 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from jointstiff.schemas.fields import Interval
 from jointstiff.schemas.program import (
     Program,
     ProgramOptions,
+    ProgramPoint,
     ProgramRequest,
     ProgramResult,
     Spread,
@@ -103,6 +105,7 @@ def choose_program_paths(path: Path, names: Iterable[str]) -> dict[str, Path]:
     return paths
 
 
+_TO_MM: Final = 1e3
 _SHOWN_POINTS = 8
 _REASONS = {
     "no_load": "without load",
@@ -127,6 +130,10 @@ def _make_report(_job: Program, result: ProgramResult, _view: View) -> Report:
     return Report([*parts, *map(Line, result.remarks)])
 
 
+_QUANTILES: Final = {"median": "median", "p95": "95 % of the points", "greatest": "greatest"}
+"""Title of the column of each field of a `Spread`."""
+
+
 def _distances_table(result: ProgramResult) -> Table:
     """Return a table of quantiles of the loaded tool's distance from its target.
 
@@ -139,10 +146,11 @@ def _distances_table(result: ProgramResult) -> Table:
         "predicted, as written": (result.residual, result.residual_ends),
     }
     columns = [Column("quantity", list(rows), text=True)]
-    for title, field in {"median": "median", "95 % of the points": "p95", "greatest": "greatest"}.items():
+    for field, title in _QUANTILES.items():
         cells = [_show_quantile(sizes, ends, field) for sizes, ends in rows.values()]
         columns.append(Column(title, [replace(cell, style=style) for cell in cells], show_cell))
-    columns.append(Column("model error", [model_error_text(result.with_model_error)] * len(rows), text=True))
+    model_error = model_error_text(result.with_model_error)
+    columns.append(Column("model error", [model_error] * len(rows), text=True))
     return Table(
         columns,
         title="Distance of the loaded tool from its target, mm",
@@ -154,23 +162,19 @@ def _show_quantile(sizes: Spread | None, ends: SpreadEnds | None, name: str) -> 
     """Format a quantile of distances [m] in mm with its interval; `name` is its field of the spread."""
     value = None if sizes is None else getattr(sizes, name)
     interval = None if ends is None else (getattr(ends.low, name), getattr(ends.high, name))
-    return show_estimate(value, interval, 1e3)
+    return show_estimate(value, interval, _TO_MM)
 
 
 def _corrections_table(result: ProgramResult) -> Table:
     """Return a table of what is written: displacement of the targets, and rounding of their numbers."""
     rows = {"displacement of targets": result.correction, "rounding of the numbers": result.rounding}
     spreads = list(rows.values())  # None without corrected points
-    format_mm = number_formatter(".4f", 1e3)
-    return Table(
-        [
-            Column("quantity", list(rows), text=True),
-            Column("median", [spread and spread.median for spread in spreads], format_mm),
-            Column("95 % of the points", [spread and spread.p95 for spread in spreads], format_mm),
-            Column("greatest", [spread and spread.greatest for spread in spreads], format_mm),
-        ],
-        title="Corrections as written, mm",
-    )
+    format_mm = number_formatter(".4f", _TO_MM)
+    columns = [Column("quantity", list(rows), text=True)]
+    for field, title in _QUANTILES.items():
+        values = [None if spread is None else getattr(spread, field) for spread in spreads]
+        columns.append(Column(title, values, format_mm))
+    return Table(columns, title="Corrections as written, mm")
 
 
 def _worst_table(result: ProgramResult) -> Table:
@@ -178,10 +182,8 @@ def _worst_table(result: ProgramResult) -> Table:
     points, style = result.worst[:_SHOWN_POINTS], style_for(result.assessment.verdict)
     before, after = [], []
     for point in points:
-        interval = point.interval_with_model_error or point.interval
-        before.append(show_estimate(point.deflection, interval, 1e3, style=style))
-        interval_after = point.residual_interval_with_model_error or point.residual_interval
-        after.append(show_estimate(point.residual, interval_after, 1e3, style=style))
+        before.append(show_estimate(point.deflection, _widest_interval(point), _TO_MM, style=style))
+        after.append(show_estimate(point.residual, _widest_residual_interval(point), _TO_MM, style=style))
     is_model_error_included = [point.interval_with_model_error is not None for point in points]
     columns = [
         Column("point", [point.number for point in points]),
@@ -201,39 +203,58 @@ def _worst_table(result: ProgramResult) -> Table:
     )
 
 
+def _widest_interval(point: ProgramPoint) -> Interval | None:
+    """Return the interval of a point's deflection [m]: with model error if its bound is known."""
+    return point.interval_with_model_error or point.interval
+
+
+def _widest_residual_interval(point: ProgramPoint) -> Interval | None:
+    """Return the interval of a point's residual [m]: with model error if its bound is known."""
+    return point.residual_interval_with_model_error or point.residual_interval
+
+
+def _make_chart(
+    state: str, names: list[str], distances: list[float], intervals: list[Interval | None]
+) -> Chart:
+    """Return a chart of the tool's distance from its target at the worst points, in mm.
+
+    Args:
+        state: state of the program, "without correction" or "as written".
+        names: names of the points.
+        distances: distance of the tool at each point [m].
+        intervals: interval of each distance [m]; None where it is not known.
+    """
+    return Chart(
+        title=f"{state.capitalize()}, worst points",
+        names=names,
+        series={state: distances},
+        factor=_TO_MM,
+        unit="mm",
+        axis="points",
+        intervals={state: intervals},
+        quantity="distance to target",
+    )
+
+
 def make_charts(result: ProgramResult) -> list[Chart]:
     """Return charts of the worst points: distance of the tool from its target, before and after."""
     points = result.worst
     if not points:
         return []
     names = [point.name or str(point.number) for point in points]
-    before = [point.deflection for point in points]
-    intervals = [point.interval_with_model_error or point.interval for point in points]
-    after = [point.residual for point in points]
-    intervals_after = [
-        point.residual_interval_with_model_error or point.residual_interval for point in points
-    ]
-    charts = [
-        Chart(
-            "Without correction, worst points",
-            names,
-            {"without correction": before},
-            1e3,
-            "mm",
-            "points",
-            {"without correction": intervals},
-        ),
-        Chart(
-            "As written, worst points",
-            names,
-            {"as written": after},
-            1e3,
-            "mm",
-            "points",
-            {"as written": intervals_after},
-        ),
-    ]
-    return [replace(chart, quantity="distance to target") for chart in charts]
+    before = _make_chart(
+        "without correction",
+        names,
+        [point.deflection for point in points],
+        [_widest_interval(point) for point in points],
+    )
+    after = _make_chart(
+        "as written",
+        names,
+        [point.residual for point in points],
+        [_widest_residual_interval(point) for point in points],
+    )
+    return [before, after]
 
 
 PROGRAM: Final = Kind[Program, ProgramRequest](

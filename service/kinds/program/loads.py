@@ -6,7 +6,7 @@ import csv
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from jointstiff.service.problems import FilesError
 from jointstiff.service.runs.deflection import parse_vector_header
 from jointstiff.service.runs.verdicts import moment_factor
 from jointstiff.service.tables.files import split_table_rows
+from jointstiff.service.tables.packed import is_packed, unpack_sheet
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.process.cut import MATERIALS, Cut, Material
@@ -29,12 +30,41 @@ _MOST_LENGTHS: Final = 100_000
 _SLACK: Final = 0.01
 """Part of the path's length by which a table by length may end before or beyond the path."""
 _FEED: Final = 6
-"""Place of the feed behind forces and moments."""
-_CELLS: Final = 7
+"""Index of the feed in a row of a load: force (0 to 2), moment (3 to 5), feed."""
+_ROW_WIDTH: Final = 7
+"""Count of the numbers in a row of a load."""
+_TABLE_CELLS: Final = 8
+"""Greatest count of columns of a table of loads: point or length, and the numbers of a load."""
+_FIRST_ROW: Final = 2
+"""Line of the first row of a table below its header."""
+_GREATEST: Final = 1e9
+"""Greatest magnitude of a number in a table of loads."""
 _REMEDY: Final = (
     "write `point`, `label` or `length [mm]`, then Fx [N], Fy [N], Fz [N], and, if known, Mx [N.m] … and "
     "feed [mm/s]"
 )
+
+
+class _LoadColumn(NamedTuple):
+    """Column of a table of loads."""
+
+    component: int  # index in a row of a load: Fx, Fy, Fz, Mx, My, Mz, feed
+    factor: float  # to N, N·m or m/s
+
+
+class _LoadRow(NamedTuple):
+    """Row of a table of loads."""
+
+    key: float  # number of the point, or length along the path in the unit of the header
+    load: FloatArray  # (7,) force [N], moment [N·m] and feed [m/s]; zero without a column
+
+
+class _LoadsByLength(NamedTuple):
+    """Rows of a table of loads by length along the path."""
+
+    places: FloatArray  # (k,) lengths [m]
+    loads: FloatArray  # (k, 7) loads in SI units
+    lines: IndexArray  # (k,) lines of the rows, for errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +90,12 @@ def collect_loads(
 ) -> Loads:
     """Return the load at each visit of a target, from the table of loads or else from the options.
 
+    The options have a milling cut, one load for all moves, or loads for segments of lines.
+
     Args:
         options: options with one load for the whole program, or with loads for segments of lines.
-        table: content of the CSV file with a load for each point; None if the loads are in the options.
+        table: CSV file, or packed numbers, with a load for each point or length; None if the loads are in the
+            options.
         lines: (v,) line of the move at each visit.
         points: (v,) number of the point at each visit, from 1.
         names: names of the points in the program, for a table of labels; empty where a point has none.
@@ -74,17 +107,19 @@ def collect_loads(
         RequestError: segments overlap, or the unit of a moment is missing.
         FilesError: the table has a mistake.
     """
+    if table is not None and is_packed(table):
+        return _read_packed_table(table, points, measure_lengths)
     if table is not None:
         return read_load_table(table, points, names, measure_lengths, common)
     # Row 0 of the loads is the zero load, for visits without load.
     if options.cut is not None:
-        no_load = np.zeros(6)
-        load_of_cut = np.append(convert_cut(options.cut).mean_force(), np.zeros(3))  # without moment
+        no_load, no_moment = np.zeros(6), np.zeros(3)
+        load_of_cut = np.append(convert_cut(options.cut).mean_force(), no_moment)
         return Loads(np.stack([no_load, load_of_cut]), _find_segments([options.cut], lines))
     stated: Sequence[ProcessLoad] = options.segments if options.load is None else [options.load]
     forces = np.array([load.force for load in stated]).reshape(-1, 3)
     moments = np.array([load.moment for load in stated]).reshape(-1, 3)
-    values = np.zeros((len(stated) + 1, 6))
+    values = np.zeros((1 + len(stated), 6))
     values[1:, :3] = FORCE[options.units.force] * forces
     values[1:, 3:] = moment_factor(options.units, moments) * moments
     if not stated:
@@ -113,10 +148,11 @@ def _find_segments(segments: Sequence[ProcessLoad | schemas.Cut], lines: IndexAr
     Raises:
         RequestError: two segments overlap.
     """
+    # Numbers of the segments in order of their first lines; a segment without lines has all lines.
     order = sorted(range(len(segments)), key=lambda i: segments[i].first_line or 0)
     first = np.array([segments[i].first_line or 0 for i in order])
     last = np.array([segments[i].last_line or MAX_LINE for i in order])
-    overlaps = np.flatnonzero(first[1:] <= last[:-1]) + 1  # with the segment before
+    overlaps = 1 + np.flatnonzero(first[1:] <= last[:-1])  # segments that begin in the one before
     if len(overlaps):
         overlap = overlaps[0]
         raise RequestError(
@@ -124,9 +160,10 @@ def _find_segments(segments: Sequence[ProcessLoad | schemas.Cut], lines: IndexAr
             where=f"segments[{order[overlap]}]",
             remedy="give segments of lines that do not overlap",
         )
-    segment = np.searchsorted(first, lines, side="right") - 1  # the last one that begins before the line
-    is_inside = (segment >= 0) & (lines <= last[segment])
-    return np.where(is_inside, np.array(order)[segment] + 1, 0)
+    place_in_order = np.searchsorted(first, lines, side="right") - 1  # last one that begins before the line
+    is_inside = (place_in_order >= 0) & (lines <= last[place_in_order])
+    number_of_segment = np.array(order)[place_in_order] + 1
+    return np.where(is_inside, number_of_segment, 0)
 
 
 def read_load_table(
@@ -139,7 +176,14 @@ def read_load_table(
     """Read the CSV file of loads, and return the loads; a point without a row has no load.
 
     The first column has numbers of points, or labels: names of targets in the program; or lengths along the
-    path, between whose rows the loads are interpolated. A name in `common` means all of its points.
+    path, between whose rows the loads are interpolated.
+
+    Args:
+        content: content of the file.
+        points: (v,) number of the point at each visit, from 1.
+        names: names of the points in the program, for labels.
+        measure_lengths: function that returns the length (v,) of the path up to each visit [m].
+        common: names in capitals that mean all of their points.
 
     Raises:
         FilesError: a line of the file has a mistake; the error has the line.
@@ -148,14 +192,14 @@ def read_load_table(
     number_points = f"number the points from 1 to {point_count}, and give each point at most once"
     rows = _split_rows(content, point_count, number_points)
     header = rows[0] if rows else []
-    columns = _load_columns(header)
+    columns = _parse_header(header)
     key = _parse_key(header[0])
     if key == "length":
-        return _interpolate_loads(rows, columns, measure_lengths())
+        return _interpolate_loads(_read_lengths(rows, columns), measure_lengths(), columns)
     points_of_label = _number_labels(names, common) if key == "label" else None
-    loads = [np.zeros(_CELLS)]  # row 0 is the zero load
+    loads = [np.zeros(_ROW_WIDTH)]  # row 0 is the zero load
     load_of_point = np.zeros(point_count + 1, dtype=np.intp)  # index in `loads` by the point's number
-    for line, row in enumerate(rows[1:], 2):
+    for line, row in enumerate(rows[1:], start=_FIRST_ROW):
         is_blank = not any(row)
         if is_blank:
             continue
@@ -168,7 +212,7 @@ def read_load_table(
             if not is_known or load_of_point[point] != 0:
                 reason = f"point {number_text} occurs twice, or is not in the program"
                 raise _table_fault(line, reason, number_points)
-            load_of_point[point] = len(loads)
+            load_of_point[point] = len(loads)  # the index that `load` is about to get
         loads.append(load)
     return _split_feed(np.array(loads), load_of_point[points], columns)
 
@@ -176,22 +220,24 @@ def read_load_table(
 def _split_rows(content: bytes, point_count: int, number_points: str) -> Sequence[Sequence[str]]:
     """Return the cells of a table of loads, row by row.
 
+    A table by points may have two lines for each point (one of them blank), and `_MORE_LINES` more.
+
     Args:
         content: content of the file.
         point_count: number of points of the program.
-        number_points: remedy if a table by points is too long.
+        number_points: what the user has to do if a table by points is too long.
 
     Raises:
-        FilesError: the table is too long for its first column, or is not readable.
+        FilesError: the table has more lines or cells than it may have, or is not readable.
     """
     text = content.decode("utf-8-sig", errors="replace")
     first_line = text.lstrip().partition("\n")[0][:40]
     is_by_length = first_line.lstrip('" ').lower().startswith("length")
     most_lines = _MOST_LENGTHS if is_by_length else 2 * point_count + _MORE_LINES
-    most_cells = 8 * most_lines
+    most_cells = _TABLE_CELLS * most_lines
     # A huge file is refused before it is split into cells, which would take much memory.
-    has_too_many_lines = any(text.count(sign) > most_lines for sign in "\n\r")
-    has_too_many_cells = any(text.count(sign) > most_cells for sign in ",;\t")
+    has_too_many_lines = any(text.count(line_end) > most_lines for line_end in "\n\r")
+    has_too_many_cells = any(text.count(separator) > most_cells for separator in ",;\t")
     if has_too_many_lines or has_too_many_cells:
         too_many = "the table has too many lines or cells"
         if is_by_length:
@@ -212,107 +258,162 @@ def _parse_key(header: str) -> str:
     """
     name, bracket, _ = header.partition("[")
     key = name.strip().lower()
-    if key not in {"point", "label", "length"} or (bracket and key != "length"):
+    has_unit = bool(bracket)
+    has_unit_without_quantity = has_unit and key != "length"
+    if key not in {"point", "label", "length"} or has_unit_without_quantity:
         raise _table_fault(1, f"the first header {header[:40]!r} is not understood", _REMEDY)
     return key
 
 
-def _interpolate_loads(
-    rows: Sequence[Sequence[str]], columns: Sequence[tuple[int, float]], lengths: FloatArray
+def _read_packed_table(
+    content: bytes, points: IndexArray, measure_lengths: Callable[[], FloatArray]
 ) -> Loads:
+    """Read a table of loads that was packed as numbers; its columns are those of a CSV file.
+
+    Raises:
+        FilesError: a column is missing or unknown, or a row has a mistake.
+        RequestError: the bytes are damaged.
+    """
+    sheet = unpack_sheet(content)
+    header = list(sheet.columns)
+    columns = _parse_header(header)
+    key = _parse_key(header[0])
+    if sheet.texts or key == "label":
+        raise _table_fault(1, "the packed table has labels", "number the points")
+    first, *others = sheet.columns.values()
+    numbers = np.stack([first, *others], axis=1)
+    is_known = (np.abs(numbers) <= _GREATEST).all(axis=1)
+    lines = _FIRST_ROW + np.arange(len(numbers))
+    if not is_known.all():
+        line = int(lines[np.argmin(is_known)])
+        raise _table_fault(line, "a number is out of range", "give a finite number in each column")
+    loads = np.zeros((len(numbers), _ROW_WIDTH))
+    for column, cells in zip(columns, others, strict=True):
+        loads[:, column.component] = column.factor * cells
+    if key == "length":
+        places = _parse_length_unit(header[0]) * numbers[:, 0]
+        return _interpolate_loads(_LoadsByLength(places, loads, lines), measure_lengths(), columns)
+    count = int(points.max(initial=0))
+    is_distinct = len(np.unique(first)) == len(first)
+    if not (is_distinct and np.isin(first, np.arange(1, count + 1)).all()):
+        remedy = f"number the points from 1 to {count}, and give each point at most once"
+        raise _table_fault(1, f"the table has {len(first)} points, and the path {count}", remedy)
+    load_of_point = np.zeros(count + 1, dtype=np.intp)  # row 0 of the loads is the zero load
+    load_of_point[first.astype(np.intp)] = np.arange(1, len(first) + 1)
+    return _split_feed(np.vstack([np.zeros(_ROW_WIDTH), loads]), load_of_point[points], columns)
+
+
+def _interpolate_loads(table: _LoadsByLength, lengths: FloatArray, columns: Sequence[_LoadColumn]) -> Loads:
     """Return the loads at v visits, interpolated between the rows of a table by length along the path.
 
     Two rows of one length are a step: the second one holds from there on.
 
     Args:
-        rows: cells of the table, with the header.
-        columns: index in the load, and factor to SI units, for each column after the first.
+        table: rows of the table.
         lengths: (v,) length of the path up to each visit [m].
+        columns: columns of the table after the first.
 
     Raises:
-        FilesError: a row has a mistake, lengths decrease, or the table leaves a part of the path out.
+        FilesError: lengths decrease, or the table leaves a part of the path out.
     """
-    places, loads = _read_lengths(rows, columns, float(lengths[-1]))
-    # Each visit is between the rows `after - 1` and `after`.
+    places, loads, lines = table
+    _refuse_unsorted(places, lines)
+    _refuse_uncovered(places, lines, float(lengths[-1]))
+    # Each visit is between two rows of the table, `before` and `after`.
     after = np.clip(np.searchsorted(places, lengths, side="right"), 1, len(places) - 1)
-    distance = lengths - places[after - 1]
-    width = places[after] - places[after - 1]
+    before = after - 1
+    distance = lengths - places[before]
+    width = places[after] - places[before]
     fraction = np.divide(distance, width, out=np.ones(len(lengths)), where=width > 0.0)
-    fraction = np.clip(fraction, 0.0, 1.0)[:, None]
-    interpolated = (1.0 - fraction) * loads[after - 1] + fraction * loads[after]
+    fraction = np.clip(fraction, 0.0, 1.0)[:, None]  # of the way from the row before to the row after
+    interpolated = (1.0 - fraction) * loads[before] + fraction * loads[after]
     # Row 0 is the zero load. Equal loads share a row, so that a target that is visited twice may have one.
     distinct, index = np.unique(interpolated, axis=0, return_inverse=True)
     is_loaded = interpolated.any(axis=1)
     of_visit = np.where(is_loaded, index.reshape(-1) + 1, 0)
-    return _split_feed(np.concatenate([np.zeros((1, _CELLS)), distinct]), of_visit, columns)
+    zero_load = np.zeros((1, _ROW_WIDTH))
+    return _split_feed(np.concatenate([zero_load, distinct]), of_visit, columns)
 
 
-def _read_lengths(
-    rows: Sequence[Sequence[str]], columns: Sequence[tuple[int, float]], whole: float
-) -> tuple[FloatArray, FloatArray]:
-    """Read a table by length along the path, whose rows have to cover the whole path.
+def _read_lengths(rows: Sequence[Sequence[str]], columns: Sequence[_LoadColumn]) -> _LoadsByLength:
+    """Read the rows of a CSV table by length along the path.
 
     Args:
         rows: cells of the table, with the header.
-        columns: index in the load, and factor to SI units, for each column after the first.
-        whole: length of the path [m].
-
-    Returns:
-        Lengths (k,) of the rows [m]; their loads (k, 7) in SI units.
+        columns: columns of the table after the first.
 
     Raises:
-        FilesError: a row has a mistake, lengths decrease, or the table leaves a part of the path out.
+        FilesError: a row has a mistake.
     """
-    factor = _length_factor(rows[0][0])
+    header, *rows_below = rows
+    unit = _parse_length_unit(header[0])
     places, loads, lines = list[float](), list[FloatArray](), list[int]()
-    for line, row in enumerate(rows[1:], 2):
+    for line, row in enumerate(rows_below, start=_FIRST_ROW):
         is_blank = not any(row)
         if is_blank:
             continue
-        number, load = _parse_load_row(line, row, columns)
-        place = factor * number
-        decreases = len(places) > 0 and place < places[-1]
-        is_third = len(places) > 1 and place == places[-2]
-        if decreases or is_third:
-            raise _table_fault(
-                line,
-                f"the length {row[0]} is less than that of the row before, or occurs three times",
-                "sort the rows by length; two rows of one length are a step of the load",
-            )
-        places.append(place)
+        length, load = _parse_load_row(line, row, columns)
+        places.append(unit * length)
         loads.append(load)
         lines.append(line)
+    loads_of_rows = np.array(loads).reshape(-1, _ROW_WIDTH)
+    return _LoadsByLength(np.array(places), loads_of_rows, np.array(lines, dtype=np.intp))
+
+
+def _refuse_unsorted(places: FloatArray, lines: IndexArray) -> None:
+    """Refuse lengths (k,) [m] that decrease, or occur three times; `lines` (k,) are for the error.
+
+    Raises:
+        FilesError: names the first such row.
+    """
+    is_wrong = np.diff(places, prepend=-np.inf) < 0.0
+    is_wrong[2:] |= places[2:] == places[:-2]
+    if is_wrong.any():
+        row = int(np.argmax(is_wrong))
+        length = f"{1e3 * places[row]:.6g} mm"
+        raise _table_fault(
+            int(lines[row]),
+            f"the length {length} is less than that of the row before, or occurs three times",
+            "sort the rows by length; two rows of one length are a step of the load",
+        )
+
+
+def _refuse_uncovered(places: FloatArray, lines: IndexArray, whole: float) -> None:
+    """Refuse a table of lengths (k,) [m] that does not cover a path of length `whole` [m].
+
+    Raises:
+        FilesError: the table leaves a part of the path out, or the path has no length.
+    """
     if not whole > 0.0:
         reason = "the path has no length, as all its moves are joint moves"
         raise _table_fault(1, reason, "number the points, or use labels")
     slack = _SLACK * whole
     covers_path = len(places) > 0 and places[0] <= slack and abs(places[-1] - whole) <= slack
     if not covers_path:
-        covered = f"{1e3 * places[0]:.4g} to {1e3 * places[-1]:.4g} mm" if places else "nothing"
+        covered = f"{1e3 * places[0]:.4g} to {1e3 * places[-1]:.4g} mm" if len(places) else "nothing"
         raise _table_fault(
-            lines[-1] if lines else 1,
+            int(lines[-1]) if len(lines) else 1,
             f"the table covers {covered}, but the lines and arcs of the path have 0 to {1e3 * whole:.4g} mm",
             "give rows for the whole path, with zeros where there is no load",
         )
-    return np.array(places), np.array(loads)
 
 
-def _split_feed(values: FloatArray, of_visit: IndexArray, columns: Sequence[tuple[int, float]]) -> Loads:
+def _split_feed(values: FloatArray, of_visit: IndexArray, columns: Sequence[_LoadColumn]) -> Loads:
     """Return the loads and feeds of a table; a feed of zero means that the row states none.
 
     Args:
         values: (k, 7) force [N], moment [N·m] and feed [m/s] of each row.
         of_visit: (v,) row of each visit.
-        columns: index in the row, and factor to SI units, for each column of the table after the first.
+        columns: columns of the table after the first.
     """
     loads, feed = values[:, :_FEED], values[:, _FEED]
-    has_feed = any(component == _FEED for component, _ in columns)
+    has_feed = any(column.component == _FEED for column in columns)
     stated_feed = np.where(feed > 0.0, feed, np.nan)
     return Loads(loads, of_visit, stated_feed if has_feed else None)
 
 
-def _length_factor(header: str) -> float:
-    """Return metres in one unit of a header such as `length [mm]`.
+def _parse_length_unit(header: str) -> float:
+    """Return the unit of a header such as `length [mm]` in metres: 0.001.
 
     Raises:
         FilesError: the header has no unit of length.
@@ -327,11 +428,14 @@ def _length_factor(header: str) -> float:
 def _number_labels(names: Sequence[str], common: Collection[str]) -> dict[str, list[str]]:
     """Return the numbers, as texts, of the points with each name in capitals.
 
-    The list is empty for a name that several targets have. A name in `common` is that of one target with
-    several points.
+    The list is empty for a name that several targets have: the name does not say which one is meant.
+
+    Args:
+        names: name of each point, from point 1 on; empty for a point without a name.
+        common: names in capitals that several points have because they are one declared target.
     """
     numbers_of_name = defaultdict[str, list[str]](list)
-    for number, name in enumerate(names, 1):
+    for number, name in enumerate(names, start=1):
         numbers_of_name[name.upper()].append(str(number))
     for name, numbers in numbers_of_name.items():
         is_ambiguous = len(numbers) > 1 and name not in common
@@ -353,50 +457,40 @@ def _find_label(line: int, label: str, points_of_label: Mapping[str, list[str]])
     return numbers
 
 
-def _parse_load_row(
-    line: int, row: Sequence[str], columns: Sequence[tuple[int, float]]
-) -> tuple[float, FloatArray]:
-    """Return the number of the point, or its length, and its load (6,) [N, N·m] from a row of the table.
+def _parse_load_row(line: int, row: Sequence[str], columns: Sequence[_LoadColumn]) -> _LoadRow:
+    """Parse a row of a table of loads: its first cell, and the load in SI units.
 
-    `columns` has a pair for each cell after the first: index in the load, and factor to SI units.
+    Args:
+        line: line of the row, for errors.
+        row: cells of the row; the first one has the number of a point, or a length.
+        columns: columns of the table after the first.
+
+    Raises:
+        FilesError: a cell is missing, is not a number, or is out of range.
     """
-    load = np.zeros(_CELLS)
     try:
-        first, *numbers = [float(cell) for cell in row]
+        key, *numbers = [float(cell) for cell in row]
     except ValueError:
         raise _table_fault(line, "a cell is not a number", "write numbers with decimal points") from None
-    if len(numbers) != len(columns) or not (np.abs([first, *numbers]) <= 1e9).all():
+    are_in_range = (np.abs([key, *numbers]) <= _GREATEST).all()
+    if len(numbers) != len(columns) or not are_in_range:
         raise _table_fault(
             line, "a cell is missing, or a number is out of range", "give a finite number in each column"
         )
-    for (component, factor), number in zip(columns, numbers, strict=True):
-        load[component] = factor * number
-    return first, load
+    load = np.zeros(_ROW_WIDTH)
+    for column, number in zip(columns, numbers, strict=True):
+        load[column.component] = column.factor * number
+    return _LoadRow(key, load)
 
 
-def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
-    """Return (index in (Fx, …, Mz, feed), factor to SI units) for each column except the first.
+def _parse_header(header: Sequence[str]) -> list[_LoadColumn]:
+    """Return the columns of a table of loads after the first, from the cells of its header.
 
     Raises:
         FilesError: a header is unknown, or a column is missing or occurs twice.
     """
-    columns = []
-    for cell in header[1:]:
-        name, _, unit = cell.partition("[")
-        length_unit = LENGTH.get(unit.strip().removesuffix("/s]"))
-        if name.strip().lower() == "feed" and length_unit:
-            columns.append((_FEED, length_unit))
-            continue
-        try:
-            parsed = parse_vector_header(cell, ("force", "moment"))
-        except RequestError:
-            parsed = None
-        if parsed is None:
-            raise _table_fault(1, f"the header {cell[:40]!r} is not understood", _REMEDY)
-        quantity, axis, factor = parsed
-        first_index = 3 if quantity == "moment" else 0
-        columns.append((first_index + axis, factor))
-    components = [component for component, _ in columns]
+    columns = [_parse_column(cell) for cell in header[1:]]
+    components = [column.component for column in columns]
     key = header[0].partition("[")[0].strip().lower() if header else ""
     has_key = key in {"point", "label", "length"}
     has_forces = {0, 1, 2} <= set(components)  # Fx, Fy and Fz; moments may be absent
@@ -404,6 +498,27 @@ def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
     if not has_key or not has_forces or occurs_twice:
         raise _table_fault(1, "a column is missing, or occurs twice", _REMEDY)
     return columns
+
+
+def _parse_column(cell: str) -> _LoadColumn:
+    """Return the column with a header such as `Fx [N]`, `My [N.m]` or `feed [mm/s]`.
+
+    Raises:
+        FilesError: the header is unknown.
+    """
+    name, _, unit = cell.partition("[")
+    length_unit = LENGTH.get(unit.strip().removesuffix("/s]"))
+    if name.strip().lower() == "feed" and length_unit:
+        return _LoadColumn(_FEED, length_unit)
+    try:
+        parsed = parse_vector_header(cell, ("force", "moment"))
+    except RequestError:
+        parsed = None
+    if parsed is None:
+        raise _table_fault(1, f"the header {cell[:40]!r} is not understood", _REMEDY)
+    quantity, axis, factor = parsed
+    component_of_x = 3 if quantity == "moment" else 0
+    return _LoadColumn(component_of_x + axis, factor)
 
 
 def _table_fault(line: int, reason: str, remedy: str) -> FilesError:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -41,8 +41,10 @@ from robotprograms import (
 
 SAME_FEED: Final = 1.01
 """Ratio to a stated feed up to which the feed of a program is the same."""
-_M: Final = 1e-3
-"""Unit of the feeds of a program [m/s]."""
+_FEED_UNIT: Final = 1e-3
+"""Unit of the feeds of a program, mm/s, in m/s."""
+_NO_FRAME: Final = -1
+"""Index in place of that of a frame, for a target that needs none."""
 _LEAST_SINE: Final = 1e-3
 """Sine of the angle between the tool's axis and `tool_x`, below which these count as parallel."""
 
@@ -59,12 +61,18 @@ class _Frames:
         return np.asarray(self.poses[self.of_target[targets]])
 
     def select_inverse(self, targets: IndexArray) -> FloatArray:
-        """Return the inverses (m, 4, 4) [m] of the frames of m targets, given the indices of the targets."""
+        """Return the inverses (m, 4, 4) [m] of the frames of m targets, given the indices of the targets.
+
+        A pose has a rotation R (3, 3) and an origin p (3,). Its inverse has the rotation Rᵀ and the origin
+        −Rᵀ p.
+        """
         rotations, origins = self.poses[:, :3, :3], self.poses[:, :3, 3:]  # (k, 3, 3), (k, 3, 1)
-        inverse = np.tile(np.eye(4), (len(self.poses), 1, 1))
-        inverse[:, :3, :3] = rotations.transpose(0, 2, 1)
-        inverse[:, :3, 3] = -(inverse[:, :3, :3] @ origins)[:, :, 0]
-        return np.asarray(inverse[self.of_target[targets]])
+        inverse_rotations = rotations.transpose(0, 2, 1)
+        inverse_origins = -(inverse_rotations @ origins)[:, :, 0]
+        inverses = np.tile(np.eye(4), (len(self.poses), 1, 1))
+        inverses[:, :3, :3] = inverse_rotations
+        inverses[:, :3, 3] = inverse_origins
+        return np.asarray(inverses[self.of_target[targets]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +96,10 @@ class ProgramFrames:
         notation, targets = choose_frame_notation(program), program.targets
         world = _read_stated_pose(notation, options.world, "world")
         flange = _read_stated_pose(notation, options.flange, "flange")
+        tools = _find_target_frames(flange, notation, options.tools, targets.frames, targets.tool, "tools")
         # A target in joint angles needs its base only for a load along the axes of the base.
         needs_base = ~targets.given_as_joints | (options.axes == "base")
-        no_frame = -1
-        base_of_target = np.where(needs_base, targets.base, no_frame)
-        tools = _find_target_frames(flange, notation, options.tools, targets.frames, targets.tool, "tools")
+        base_of_target = np.where(needs_base, targets.base, _NO_FRAME)
         bases = _find_target_frames(world, notation, options.bases, targets.frames, base_of_target, "bases")
         tool_x = None if options.tool_x is None else np.array(options.tool_x)
         return cls(tools, bases, tool_x)
@@ -101,6 +108,8 @@ class ProgramFrames:
         self, program: Program, indices: IndexArray, values: FloatArray | None = None
     ) -> FloatArray:
         """Return poses (m, 4, 4) of the flange in R0 [m] for m targets; NaN for targets in joint angles.
+
+        The pose is base in R0, times tool in base (the numbers of the target), times flange in tool.
 
         Args:
             program: the program.
@@ -117,11 +126,11 @@ class ProgramFrames:
             written = program.targets.values[targets] if values is None else values[block]
             tool_in_base = np.full((len(targets), 4, 4), np.nan)
             for notation, rows in program.targets.group_by_notation(targets):
-                numbers = written[rows, : 3 + notation.count]
+                position_and_orientation = written[rows, : 3 + notation.count]
                 if notation.has_pose:
-                    tool_in_base[rows] = notation.to_poses(numbers)
-                elif not notation.is_joints:
-                    tool_in_base[rows] = self._poses_from_axis(notation, numbers)
+                    tool_in_base[rows] = notation.to_poses(position_and_orientation)
+                elif not notation.is_joints:  # a position, and perhaps the direction of the tool's axis
+                    tool_in_base[rows] = self._poses_from_axis(notation, position_and_orientation)
             base_in_r0, flange_in_tool = self.base.select(targets), self.tool.select_inverse(targets)
             flange_in_r0[block] = base_in_r0 @ tool_in_base @ flange_in_tool
         return flange_in_r0
@@ -151,9 +160,9 @@ class ProgramFrames:
         length_units = np.array([notation.length for notation in targets.notations])  # [m]
         unit_of_target = length_units[targets.notation[indices]]
         in_base = unit_of_target[:, None] * targets.values[indices, :3]
-        base = self.base.select(indices)
-        rotations, origins = base[:, :3, :3], base[:, :3, 3]
-        return np.asarray((rotations @ in_base[:, :, None])[:, :, 0] + origins)
+        base_in_r0 = self.base.select(indices)
+        rotations, origins = base_in_r0[:, :3, :3], base_in_r0[:, :3, 3]
+        return _rotate(rotations, in_base) + origins
 
     def convert_poses_to_numbers(
         self, program: Program, indices: IndexArray, flange: FloatArray
@@ -168,23 +177,23 @@ class ProgramFrames:
         for notation, rows in program.targets.group_by_notation(indices):
             if notation.is_joints:
                 continue
-            poses = tool_in_base[rows]
-            programmed = program.targets.values[indices[rows], : 3 + notation.count]
+            count = 3 + notation.count  # of the numbers of a position and an orientation
+            programmed = program.targets.values[indices[rows], :count]
             if notation.has_pose:
-                new_numbers = notation.from_poses(poses, programmed)
-            else:  # position, and perhaps the tool's axis
-                new_numbers = programmed.copy()
-                new_numbers[:, :3] = poses[:, :3, 3] / notation.length
-                # The program's axis vector points from tip to spindle and keeps its length.
-                axis_length = np.linalg.norm(programmed[:, 3:], axis=1, keepdims=True)
-                new_numbers[:, 3:] = -axis_length * poses[:, :3, 2][:, : notation.count]
-            numbers[rows, : new_numbers.shape[1]] = new_numbers
+                numbers[rows, :count] = notation.from_poses(tool_in_base[rows], programmed)
+            else:
+                numbers[rows, :count] = _convert_poses_to_axis(notation, tool_in_base[rows], programmed)
         return numbers
 
     def _poses_from_axis(self, notation: Notation, numbers: FloatArray) -> FloatArray:
-        """Return poses (m, 4, 4) of the tool in the base [m], from numbers (m, 3 or 6): position, tool axis.
+        """Return poses (m, 4, 4) [m], tool in base, of targets without an angle about the tool's axis.
 
-        The z axis of the pose points from spindle to tip, and the x axis is as close as possible to `x_axis`.
+        The z axis of a pose points from spindle to tip. Its x axis is the direction `x_axis` without the part
+        along z, made a unit vector.
+
+        Args:
+            notation: meaning of the numbers: a position, and perhaps the direction of the tool's axis.
+            numbers: (m, 3 or 6) numbers of the targets. Without a direction, the tool points down.
 
         Raises:
             RequestError: `x_axis` is missing, or parallel to a tool axis.
@@ -195,26 +204,51 @@ class ProgramFrames:
                 where="tool_x",
                 remedy="give `tool_x`, the direction of the tool's x axis in the base",
             )
-        # The program's tool axis points from tip to spindle; without one, the tool points down.
-        programmed_axis = np.tile([0.0, 0.0, 1.0], (len(numbers), 1))
+        # The program's tool axis points from tip to spindle.
+        tip_to_spindle = np.tile([0.0, 0.0, 1.0], (len(numbers), 1))
         if notation.orientation is Orientation.TOOL_AXIS:
-            programmed_axis = numbers[:, 3:]
-        z_axis = -programmed_axis / np.linalg.norm(programmed_axis, axis=1, keepdims=True)
+            tip_to_spindle = numbers[:, 3:]
+        z_axis = -tip_to_spindle / np.linalg.norm(tip_to_spindle, axis=1, keepdims=True)
         part_along_z = (z_axis @ self.x_axis)[:, None] * z_axis
-        across = self.x_axis - part_along_z  # the wanted x axis without its part along z
-        length = np.linalg.norm(across, axis=1, keepdims=True)
+        part_across_z = self.x_axis - part_along_z
+        length = np.linalg.norm(part_across_z, axis=1, keepdims=True)
         is_parallel = ~(length > _LEAST_SINE * np.linalg.norm(self.x_axis))
         if is_parallel.any():
             raise RequestError(
                 "`tool_x` is parallel to the tool's axis", where="tool_x", remedy="give another direction"
             )
-        x_axis = across / length
+        x_axis = part_across_z / length
         poses = np.tile(np.eye(4), (len(numbers), 1, 1))
         poses[:, :3, 0] = x_axis
         poses[:, :3, 1] = np.cross(z_axis, x_axis)
         poses[:, :3, 2] = z_axis
         poses[:, :3, 3] = numbers[:, :3] * notation.length
         return poses
+
+
+def _rotate(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return m vectors (m, 3), each multiplied by its rotation matrix of `rotations` (m, 3, 3)."""
+    return np.asarray((rotations @ vectors[:, :, None])[:, :, 0])
+
+
+def _convert_poses_to_axis(notation: Notation, poses: FloatArray, programmed: FloatArray) -> FloatArray:
+    """Convert poses of the tool to a position, and a direction of the tool's axis if the notation has one.
+
+    Args:
+        notation: meaning of the numbers.
+        poses: (m, 4, 4) tool in base [m].
+        programmed: (m, 3 or 6) numbers of the program: position, and direction from tip to spindle. The new
+            direction has the length of the programmed one.
+
+    Returns:
+        (m, 3 or 6) numbers of the poses.
+    """
+    numbers = programmed.copy()
+    numbers[:, :3] = poses[:, :3, 3] / notation.length
+    axis_length = np.linalg.norm(programmed[:, 3:], axis=1, keepdims=True)
+    spindle_to_tip = poses[:, :3, 2]
+    numbers[:, 3:] = -axis_length * spindle_to_tip[:, : notation.count]
+    return numbers
 
 
 def _find_target_frames(
@@ -232,26 +266,19 @@ def _find_target_frames(
         notation: how the program writes the numbers of frames.
         stated_frames: frames with numbers in the request.
         frames: frames that the program names.
-        frame_of_target: (t,) index of each target's frame in `frames`; −1 for `reference` itself.
+        frame_of_target: (t,) index of each target's frame in `frames`; `_NO_FRAME` for `reference` itself.
         field: field of the request, `tools` or `bases`, for errors.
 
     Raises:
         RequestError: a frame has no numbers, has two sets of numbers, or is not in the program; or its
             numbers do not form a pose.
     """
-    stated_poses: dict[str | None, FloatArray] = {
-        _fold_name(frame.name): _read_stated_pose(notation, frame.values, f"{field}[{i}].values")
-        for i, frame in enumerate(stated_frames)
-    }
-    if len(stated_poses) < len(stated_frames):
-        raise RequestError(
-            "two frames have the same name, or two frames have no name",
-            where=field,
-            remedy="give each frame only once",
-        )
-    poses = np.tile(reference, (len(frames) + 1, 1, 1))  # the last pose is `reference`, for index −1
+    stated_poses = _read_stated_poses(notation, stated_frames, field)
+    # One pose more than frames: `reference` is the last one, where the index `_NO_FRAME` (−1) finds it.
+    poses = np.tile(reference, (len(frames) + 1, 1, 1))
     used_names: set[str | None] = set()
-    for index in np.unique(frame_of_target[frame_of_target >= 0]).tolist():
+    used_frames = np.unique(frame_of_target[frame_of_target != _NO_FRAME])
+    for index in used_frames.tolist():
         frame = frames[index]
         if frame.pose is None:  # the program gives no numbers
             stated_name = _find_stated_frame(frame, stated_poses, field)
@@ -262,32 +289,78 @@ def _find_target_frames(
             raise RequestError(reason, where=field, remedy="omit this frame")
         else:
             poses[index] = reference @ frame.pose
-    # A frame that the program does not use is refused, because its name may be misspelt.
-    for stated_frame in stated_frames:
-        name = stated_frame.name
-        if _fold_name(name) in used_names:
+    _refuse_unused_frames(stated_frames, used_names, field)
+    return _Frames(poses, frame_of_target)
+
+
+def _read_stated_poses(
+    notation: Notation, stated_frames: Sequence[ProgramFrame], field: str
+) -> dict[str | None, FloatArray]:
+    """Return the pose (4, 4) [m] of each frame of the request by its name in capitals, or None without one.
+
+    Args:
+        notation: how the program writes the numbers of frames.
+        stated_frames: frames with numbers in the request.
+        field: field of the request, `tools` or `bases`, for errors.
+
+    Raises:
+        RequestError: two frames have the same name or none, or numbers do not form a pose.
+    """
+    poses: dict[str | None, FloatArray] = {}
+    for i, frame in enumerate(stated_frames):
+        poses[_fold_name(frame.name)] = _read_stated_pose(notation, frame.values, f"{field}[{i}].values")
+    if len(poses) < len(stated_frames):
+        raise RequestError(
+            "two frames have the same name, or two frames have no name",
+            where=field,
+            remedy="give each frame only once",
+        )
+    return poses
+
+
+def _refuse_unused_frames(
+    stated_frames: Sequence[ProgramFrame], used_names: Collection[str | None], field: str
+) -> None:
+    """Refuse a frame of the request that the program does not use, because its name may be misspelt.
+
+    Args:
+        stated_frames: frames with numbers in the request.
+        used_names: names in capitals of the frames that the program uses; None for the frame without a name.
+        field: field of the request, `tools` or `bases`, for errors.
+
+    Raises:
+        RequestError: there is such a frame.
+    """
+    for frame in stated_frames:
+        if _fold_name(frame.name) in used_names:
             continue
-        if name is None:
+        if frame.name is None:
             reason = "a frame without name is not used, because every frame of the program has numbers"
         else:
-            reason = f"the program does not use the frame {quote_text(name)}"
+            reason = f"the program does not use the frame {quote_text(frame.name)}"
         raise RequestError(reason, where=field, remedy="omit this frame, or correct its name")
-    return _Frames(poses, frame_of_target)
 
 
 def _find_stated_frame(
     frame: FrameName, stated_poses: Mapping[str | None, FloatArray], field: str
 ) -> str | None:
-    """Return the key of the pose of a program's frame in `stated_poses`: its name, or None.
+    """Find the pose that the request states for a frame of the program; return its key in `stated_poses`.
 
-    The key None is for a pose that the request states without a name.
+    A pose with the name of the frame comes first. A pose without a name, whose key is None, suits any frame.
+
+    Args:
+        frame: frame that the program uses, but whose numbers it does not give.
+        stated_poses: poses of the request by their names in capitals.
+        field: field of the request, for errors.
 
     Raises:
-        RequestError: `stated_poses` has neither key.
+        RequestError: the request has no pose for the frame.
     """
-    for key in (_fold_name(frame.name), None):
-        if key in stated_poses:
-            return key
+    name = _fold_name(frame.name)
+    if name in stated_poses:
+        return name
+    if None in stated_poses:
+        return None
     raise RequestError(
         f"the program uses the frame {quote_text(frame.name)}, but does not define its numbers",
         where=field,
@@ -313,9 +386,10 @@ def _read_stated_pose(notation: Notation, values: Sequence[float] | None, field:
     """
     if values is None:
         return np.eye(4)
-    if len(values) != 3 + notation.count or not notation.is_valid_orientation(np.array(values)):
+    count = 3 + notation.count  # of the numbers of a position and an orientation
+    if len(values) != count or not notation.is_valid_orientation(np.array(values)):
         raise RequestError(
-            f"a frame needs {3 + notation.count} numbers that form a pose",
+            f"a frame needs {count} numbers that form a pose",
             where=field,
             remedy=f"give the position, then {notation.orientation.value}, in the program's units",
         )
@@ -332,7 +406,11 @@ _MOST: Final = 1e9
 
 @dataclass(frozen=True, slots=True)
 class _Word:
-    """The range of one joint's angles that a configuration number, such as KUKA's S or ABB's cf1, states."""
+    """Statement of a configuration's number, such as KUKA's S or ABB's cf1, about one joint of the arm.
+
+    The number allows the joint a range of angles. A number with sign bits states the ranges of several
+    joints, and has a word for each of them.
+    """
 
     joint: int  # index of the joint
     kind: Literal["sign", "quadrant", "turn"]  # the number has sign bits, or counts quarter or whole turns
@@ -346,24 +424,38 @@ class _Word:
         """
         if self.bit is not None:  # the bit is set if the angle is negative
             is_negative = np.nan_to_num(numbers).astype(np.int64) >> self.bit & 1
-            lower, upper = np.where(is_negative, -np.inf, 0.0), np.where(is_negative, 0.0, np.inf)
-        elif self.kind == "quadrant":  # of 90°
-            lower, upper = np.pi / 2 * numbers, np.pi / 2 * (numbers + 1)
-        else:  # count of full turns from −180° … 180°
-            lower, upper = 2 * np.pi * numbers - np.pi, 2 * np.pi * numbers + np.pi
+            least = np.where(is_negative, -np.inf, 0.0)
+            greatest = np.where(is_negative, 0.0, np.inf)
+        elif self.kind == "quadrant":  # quadrant 0 is from 0° to 90°
+            least = np.pi / 2 * numbers
+            greatest = np.pi / 2 * (numbers + 1)
+        else:  # turn 0 is from −180° to 180°
+            least = 2 * np.pi * numbers - np.pi
+            greatest = 2 * np.pi * numbers + np.pi
         is_unknown = np.isnan(numbers)
-        lower, upper = np.where(is_unknown, -np.inf, lower), np.where(is_unknown, np.inf, upper)
-        return np.stack([lower, upper], axis=1)
+        least[is_unknown], greatest[is_unknown] = -np.inf, np.inf
+        return np.stack([least, greatest], axis=1)
 
     def update_number(self, number: int, angle: float) -> int:
-        """Return the number that allows an angle [rad]; bits of `number` for other joints are kept."""
+        """Return the number of the configuration that allows an angle [rad].
+
+        The number is a quadrant (0 from 0° to 90°), a turn (0 from −180° to 180°), or has a bit that is 1 for
+        an angle below zero. In the last case, bits of `number` for other joints are kept.
+        """
         if self.bit is not None:
-            other_bits = number & ~(1 << self.bit)
-            is_negative = int(angle < 0.0)
-            return other_bits | is_negative << self.bit
+            mask = 1 << self.bit
+            return number | mask if angle < 0.0 else number & ~mask
         if self.kind == "quadrant":
             return int(np.floor(2 * angle / np.pi))
         return int(np.ceil(angle / (2 * np.pi) - 0.5))
+
+
+class _StatedWord(NamedTuple):
+    """A word of the configuration, and some targets that state it."""
+
+    word: _Word
+    column: int  # column of the word's number among the numbers of a target
+    positions: IndexArray  # (k,) positions of the targets in the list of indices that was given
 
 
 # KUKA's S and T, FANUC's turns, and ABB's cf1, cf4, cf6 and cfx, by the names that the notations use.
@@ -375,6 +467,8 @@ _WORDS: Final = {
     **{f"cf{joint + 1}": (_Word(joint, "quadrant"),) for joint in (0, 3, 5)},
     **{f"turn{joint + 1}": (_Word(joint, "turn"),) for joint in (0, 3, 5)},
 }
+_BINARY_NUMBER: Final = re.compile(r"(?P<beginning>'.\s*)(?P<digits>.*)'", re.DOTALL)
+"""Number in binary digits, as KUKA writes it: 'B010' or 'B 010'."""
 _FREE_RAPID: Final = re.compile(r"\bConfJ\s*+\\\s*+Off\b", re.IGNORECASE)
 
 
@@ -393,16 +487,20 @@ class StatedConfigurations:
     def ranges(self, indices: Sequence[int] | IndexArray) -> FloatArray:
         """Return the least and greatest angle (m, 6, 2) [rad] of each joint that configurations allow.
 
-        `indices` are those of m targets. Angles are the controller's; limits are ∓inf for a joint without
-        stated configuration.
+        Angles are the controller's; limits are ∓inf for a joint without stated configuration.
+
+        Args:
+            indices: m indices of targets. Each configuration has words, such as the sign or the turn of one
+                joint; where a joint has several words, their ranges intersect.
         """
         targets = np.asarray(indices, dtype=np.intp)
         least, greatest = np.full((len(targets), 6), -np.inf), np.full((len(targets), 6), np.inf)
-        # A joint may have several words, such as its sign and its turn: the ranges intersect.
-        for word, column, rows in self._iterate_words(targets):
-            lower, upper = word.ranges(self._word_numbers(targets[rows], column)).T
-            least[rows, word.joint] = np.maximum(least[rows, word.joint], lower)
-            greatest[rows, word.joint] = np.minimum(greatest[rows, word.joint], upper)
+        for word, column, positions in self._iterate_words(targets):
+            numbers = self._word_numbers(targets[positions], column)
+            least_of_word, greatest_of_word = word.ranges(numbers).T
+            cells = (positions, word.joint)
+            least[cells] = np.maximum(least[cells], least_of_word)
+            greatest[cells] = np.minimum(greatest[cells], greatest_of_word)
         return np.stack([least, greatest], axis=2)
 
     def list_word_edits(
@@ -418,24 +516,28 @@ class StatedConfigurations:
             corrected: (m, 6) controller's angles after the correction [rad].
         """
         new_numbers: dict[tuple[int, int], int] = {}  # by index of the target and column of the number
-        for word, column, rows in self._iterate_words(indices):
-            numbers = self._word_numbers(indices[rows], column)
-            lower, upper = word.ranges(numbers).T
-            before, after = programmed[rows, word.joint], corrected[rows, word.joint]
-            agreed_before = (lower - _NEAR <= before) & (before <= upper + _NEAR)
-            disagrees_after = (after < lower - _ROUNDING) | (after > upper + _ROUNDING)
-            for k in np.flatnonzero(agreed_before & disagrees_after & np.isfinite(numbers)):
-                key = int(indices[rows[k]]), column
+        for word, column, positions in self._iterate_words(indices):
+            targets = indices[positions]
+            numbers = self._word_numbers(targets, column)
+            least, greatest = word.ranges(numbers).T
+            before, after = programmed[positions, word.joint], corrected[positions, word.joint]
+            agreed_before = (least - _NEAR <= before) & (before <= greatest + _NEAR)
+            disagrees_after = (after < least - _ROUNDING) | (after > greatest + _ROUNDING)
+            is_wrong = agreed_before & disagrees_after & np.isfinite(numbers)
+            for k in np.flatnonzero(is_wrong):
+                key = (int(targets[k]), column)
                 # A number with sign bits has several joints: earlier changes of other bits are kept.
                 number = new_numbers.get(key, int(numbers[k]))
                 new_numbers[key] = word.update_number(number, float(after[k]))
         edits = list[tuple[int, Edit]]()
-        for (index, column), number in new_numbers.items():
-            edits.append((index, self._edit_number(index, column, number)))
+        for (target, column), number in new_numbers.items():
+            edits.append((target, self._edit_number(target, column, number)))
         return edits
 
     def _edit_number(self, index: int, column: int, number: int) -> Edit:
         """Return the edit (start, end, text) of the source for a new number of the configuration.
+
+        A number in binary digits, such as KUKA's 'B010', keeps its form.
 
         Args:
             index: index of the target.
@@ -445,36 +547,39 @@ class StatedConfigurations:
         targets = self._program.targets
         start, end = targets.spans[index, column].tolist()
         text = self._program.sources[targets.source[index]].text[start:end]
-        is_binary = text.startswith("'")  # KUKA's 'B010' or 'B 010'
-        if not is_binary:
+        binary = _BINARY_NUMBER.fullmatch(text)
+        if binary is None:
             return start, end, str(number)
-        digits = text[2:-1].lstrip()
-        beginning = text.removesuffix(f"{digits}'")
-        return start, end, f"{beginning}{number:0{len(digits)}b}'"
+        digits = f"{number:b}".zfill(len(binary["digits"]))
+        return start, end, f"{binary['beginning']}{digits}'"
 
-    def _iterate_words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
-        """Yield (word, column, positions) for each configuration word of some targets.
+    def _iterate_words(self, indices: IndexArray) -> Iterator[_StatedWord]:
+        """Yield each word of the configurations that some targets state, with the targets that have it.
 
-        A word is what one number of the configuration states about one joint. `column` is the number's column
-        among the numbers of a target; `positions` (k,) are the positions in `indices` of the targets that
-        have the word.
+        Args:
+            indices: (m,) indices of targets.
         """
         targets = self._program.targets
         # Targets with the same names of configuration numbers are handled together.
         names_of_literal = [tuple(name for name, _ in literal.words) for literal in targets.literals]
-        different_names = list(dict.fromkeys(names_of_literal))
-        group_of_literal = np.array([different_names.index(names) for names in names_of_literal], np.intp)
+        groups = list(dict.fromkeys(names_of_literal))
+        group_of_literal = np.array([groups.index(names) for names in names_of_literal], np.intp)
         group_of_target = group_of_literal[targets.literal[indices]]
-        for group, names in enumerate(different_names):
+        for group, names in enumerate(groups):
             positions = np.flatnonzero(group_of_target == group)
-            for column, name in enumerate(names, NUMBERS):
+            for column, name in enumerate(names, start=NUMBERS):
                 for word in _WORDS[name]:
-                    yield word, column, positions
+                    yield _StatedWord(word, column, positions)
 
     def _word_numbers(self, indices: IndexArray, column: int) -> FloatArray:
-        """Return the numbers (m,) of a word at m targets; NaN if the number is a fraction or too great."""
+        """Return the configuration numbers (m,) in a column of the numbers of m targets, given by index.
+
+        A number that cannot be one of the configuration, because it is a fraction or too great, is NaN.
+        """
         numbers = self._program.targets.values[indices, column]
-        return np.where((numbers == np.round(numbers)) & (np.abs(numbers) < _MOST), numbers, np.nan)
+        is_whole = numbers == np.round(numbers)
+        is_in_range = np.abs(numbers) < _MOST
+        return np.where(is_whole & is_in_range, numbers, np.nan)
 
 
 _EQUAL_POSTURES: Final = 1e-6
@@ -574,32 +679,38 @@ class Visits:
         loads = collect_loads(
             options, table, lines, numbers + 1, names, measure_lengths, program.common_names
         )
-        if not (loads.of_visit.any() or options.absolute):
-            raise RequestError(
-                "no move is under load",
-                where="segments" if options.load is None else "load",
-                remedy="give loads for lines that contain moves, or for points that moves visit",
-            )
+        _refuse_program_without_load(loads, options)
         load_of_target = loads.of_visit[first_visits]
         has_other_load = loads.of_visit != load_of_target[numbers]
-        reason, remedy = (
-            "moves visit this target under two different loads",
-            "use a separate target for each load",
-        )
-        _refuse_targets(program, visits[has_other_load], reason, remedy)
-        loaded_targets = np.flatnonzero((load_of_target > 0) | options.absolute)
+        reason = "moves visit this target under two different loads"
+        _refuse_targets(program, visits[has_other_load], reason, "use a separate target for each load")
         is_continuous = ~moves.is_visit_of_joint_move
         is_continuous[0] = False
         return cls(
-            visits,
-            targets,
-            numbers,
-            first_visits,
-            is_continuous,
-            moves.is_middle_of_arc,
-            loads,
-            loaded_targets,
+            targets=visits,
+            order=targets,
+            number=numbers,
+            first=first_visits,
+            continuous=is_continuous,
+            middles=moves.is_middle_of_arc,
+            loads=loads,
+            loaded=np.flatnonzero((load_of_target > 0) | options.absolute),
         )
+
+
+def _refuse_program_without_load(loads: Loads, options: ProgramOptions) -> None:
+    """Refuse a program without a load at any move; with `absolute`, the arm's own weight is a load.
+
+    Raises:
+        RequestError: no move is under load.
+    """
+    if loads.of_visit.any() or options.absolute:
+        return
+    raise RequestError(
+        "no move is under load",
+        where="segments" if options.load is None else "load",
+        remedy="give loads for lines that contain moves, or for points that moves visit",
+    )
 
 
 def measure_lengths(
@@ -609,20 +720,27 @@ def measure_lengths(
 
     An arc has the length of the chords between its targets.
 
+    Args:
+        program: the program.
+        options: options with the numbers of frames that the program does not give.
+        robot: robot whose forward kinematics give the tool's centre at targets in joint angles.
+        inverse: kinematics that know the arm's joints and the positions of all other joints of the robot.
+
     Raises:
         RequestError: a frame of the program has no numbers.
     """
     frames = ProgramFrames.from_program(program, options)
     visits, targets = program.moves.visits, program.targets
-    centres = frames.positions(program, visits)  # of the tool
+    tool_centres = frames.positions(program, visits)  # in R0; meaningless for targets in joint angles
     is_joint_target = targets.given_as_joints[visits]
     if is_joint_target.any():
         joint_targets = visits[is_joint_target]
-        angles = targets.values[joint_targets, :6] * targets.angle_unit[joint_targets, None]
-        model_angles = robot.joint_map.model_angles(inverse.insert_held_joints(angles))
-        tool_poses = flange_poses(robot, model_angles) @ frames.tool.select(joint_targets)
-        centres[is_joint_target] = tool_poses[:, :3, 3]
-    steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+        arm_angles = targets.values[joint_targets, :6] * targets.angle_unit[joint_targets, None]
+        all_joints = inverse.insert_held_joints(arm_angles)
+        flange_in_r0 = flange_poses(robot, robot.joint_map.model_angles(all_joints))
+        tool_in_r0 = flange_in_r0 @ frames.tool.select(joint_targets)
+        tool_centres[is_joint_target] = tool_in_r0[:, :3, 3]
+    steps = np.linalg.norm(np.diff(tool_centres, axis=0), axis=1)
     steps[program.moves.is_visit_of_joint_move[1:]] = 0.0
     return np.append(0.0, np.cumsum(steps))
 
@@ -639,12 +757,7 @@ def find_path(
     frames = ProgramFrames.from_program(program, options)
     configurations = StatedConfigurations(program)
     joints = find_wanted_postures(program, options, frames, configurations, robot, inverse, visits.targets)
-    # All visits of a target must have the posture of its first visit; angles may differ by whole turns.
-    difference = joints - joints[visits.first][visits.number]
-    angle_gaps = np.abs(difference - 2 * np.pi * np.round(difference / (2 * np.pi))).max(axis=1)
-    reason = "moves reach this target in two different configurations of the arm"
-    remedy = "use a separate target for each configuration"
-    _refuse_targets(program, visits.targets[angle_gaps > _EQUAL_POSTURES], reason, remedy)
+    _refuse_different_postures(program, visits, joints)
     loads = visits.loads.values[visits.loads.of_visit[visits.first]]
     with as_request_errors("program"):
         first_postures = joints[visits.first]
@@ -657,6 +770,28 @@ def find_path(
     return ProgramPath(program, frames, configurations, visits.order, cases)
 
 
+def _refuse_different_postures(program: Program, visits: Visits, joints: FloatArray) -> None:
+    """Refuse targets that moves reach in different postures; angles that differ by whole turns are the same.
+
+    Args:
+        program: the program.
+        visits: visits of the targets.
+        joints: (v, n) posture at each visit [rad or m].
+
+    Raises:
+        FaultsError: the posture at a visit differs from that at the first visit of the target.
+    """
+    turn = 2 * np.pi
+    postures_of_first_visit = joints[visits.first][visits.number]
+    difference = joints - postures_of_first_visit
+    whole_turns = turn * np.round(difference / turn)
+    greatest_difference = np.abs(difference - whole_turns).max(axis=1)
+    is_different = greatest_difference > _EQUAL_POSTURES
+    reason = "moves reach this target in two different configurations of the arm"
+    remedy = "use a separate target for each configuration"
+    _refuse_targets(program, visits.targets[is_different], reason, remedy)
+
+
 def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: str) -> None:
     """Raise a `FaultsError` with a fault for each target, given by index; do nothing without targets."""
     if len(targets):
@@ -666,12 +801,11 @@ def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: 
 def _make_fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
     """Return a fault at a target, with its file, line and name; `target` is the index of the target."""
     targets = program.targets
-    file, line, name = (
-        program.sources[targets.source[target]].name,
-        int(targets.line[target]),
-        targets.names[target],
-    )
-    return Fault(file, line, f"{quote_text(name)}: {reason}" if name else reason, remedy)
+    file = program.sources[targets.source[target]].name
+    line = int(targets.line[target])
+    name = targets.names[target]
+    named_reason = f"{quote_text(name)}: {reason}" if name else reason
+    return Fault(file, line, named_reason, remedy)
 
 
 def find_wanted_postures(
@@ -706,9 +840,10 @@ def find_wanted_postures(
     _refuse_changed_configuration_letters(program, visits, is_joint_target)
     poses = frames.flange_poses(program, visits)
     ranges = configurations.ranges(visits)
-    has_configuration = np.isfinite(ranges).any(axis=(1, 2))
+    states_configuration = np.isfinite(ranges).any(axis=(1, 2))
     # A linear move keeps the arm's configuration; a joint move takes the configuration that is stated.
-    takes_stated = program.moves.is_visit_of_joint_move & has_configuration & configurations.binds_joint_moves
+    is_joint_move = program.moves.is_visit_of_joint_move
+    takes_stated = is_joint_move & states_configuration & configurations.binds_joint_moves
     if start is None:
         start = convert_start_joints(options, robot)
     with as_request_errors("robot"):
@@ -757,15 +892,13 @@ def _refuse_changed_configuration_letters(
         return
     last_letters = ""  # of the last pose target with letters since the last joint target
     changed_targets = []
-    literal_of_visit = program.targets.literal[visits]
-    for target, literal, is_joints in zip(
-        visits.tolist(), literal_of_visit.tolist(), is_joint_target.tolist(), strict=True
-    ):
+    for target, is_joints in zip(visits.tolist(), is_joint_target.tolist(), strict=True):
         if is_joints:
             last_letters = ""
             continue
-        letters = literals[literal].letters
-        if letters and last_letters and letters != last_letters:
+        letters = literals[program.targets.literal[target]].letters
+        is_changed = letters and last_letters and letters != last_letters
+        if is_changed:
             changed_targets.append(target)
         last_letters = letters or last_letters
     remedy = "insert a move to joint angles before this target, or split the program before this target"
@@ -823,14 +956,8 @@ def find_load_axes(
     Raises:
         RequestError: `spindle` is the zero vector.
     """
-    if is_along_feed(options):  # of the tool's motion through all visits
-        rotations, origins = poses[:, :3, :3], poses[:, :3, 3]
-        spindle = find_spindles(options, frames, visits.targets)
-        centre_in_flange = frames.tool.select(visits.targets)[:, :3, 3]
-        centres = (rotations @ centre_in_flange[:, :, None])[:, :, 0] + origins
-        spindle_axes = (rotations @ spindle[:, :, None])[:, :, 0]
-        feed_frames = find_feed_frames(centres, spindle_axes, visits.continuous, visits.middles)
-        return feed_frames[visits.first]
+    if is_along_feed(options):
+        return _find_axes_along_feed(options, frames, visits, poses)
     count = len(visits.first)
     if options.axes == "robot":
         return np.tile(np.eye(3), (count, 1, 1))
@@ -841,8 +968,28 @@ def find_load_axes(
     return np.asarray(flange_in_r0 @ tool_in_flange)
 
 
+def _find_axes_along_feed(
+    options: ProgramOptions, frames: ProgramFrames, visits: Visits, poses: FloatArray
+) -> FloatArray:
+    """Return feed, normal and spindle axis at m targets as columns (m, 3, 3), axes of R0.
+
+    The feed is the direction in which the tool's centre moves through all visits. The arguments are those of
+    `find_load_axes`.
+
+    Raises:
+        RequestError: `spindle` is the zero vector.
+    """
+    rotations, origins = poses[:, :3, :3], poses[:, :3, 3]  # of the flange in R0
+    centre_in_flange = frames.tool.select(visits.targets)[:, :3, 3]
+    centre_in_r0 = _rotate(rotations, centre_in_flange) + origins
+    spindle_in_flange = find_spindles(options, frames, visits.targets)
+    spindle_in_r0 = _rotate(rotations, spindle_in_flange)
+    feed_frames = find_feed_frames(centre_in_r0, spindle_in_r0, visits.continuous, visits.middles)
+    return feed_frames[visits.first]
+
+
 def is_along_feed(options: ProgramOptions) -> bool:
-    """Return whether loads are along feed, normal and spindle axis."""
+    """Return whether loads are stated along feed, normal and spindle axis: those of a cut always are."""
     return options.cut is not None or options.axes == "feed"
 
 
@@ -850,6 +997,8 @@ def turn_loads_to_base(
     options: ProgramOptions, axes: FloatArray, loads: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return forces (m, 3) [N] and moments (m, 3) [N·m] of m targets along the axes of R0.
+
+    A vector with the components l along the axes A (columns, in R0) is A l in R0.
 
     Args:
         options: options with the loads.
@@ -863,13 +1012,13 @@ def turn_loads_to_base(
     if is_along_feed(options):
         field = "load" if options.cut is None else "cut"
         return apply_feed_frames(axes, forces, field), apply_feed_frames(axes, moments, field)
-    # b: target, i: axis of R0, j: axis of the load
-    return np.einsum("bij,bj->bi", axes, forces), np.einsum("bij,bj->bi", axes, moments)
+    multiply = "tij,tj->ti"  # t: target, i: axis of R0, j: axis of the load
+    return np.einsum(multiply, axes, forces), np.einsum(multiply, axes, moments)
 
 
 def read_feeds(program: Program) -> FloatArray:
     """Return the feed (v,) that the program states for each visit of a target [m/s]; NaN if none."""
-    return np.asarray(_M * program.moves.feed[program.moves.move_of_visit])
+    return np.asarray(_FEED_UNIT * program.moves.feed[program.moves.move_of_visit])
 
 
 def find_feeds(
@@ -877,8 +1026,14 @@ def find_feeds(
 ) -> FloatArray:
     """Return the feed (v,) with which the tool comes to each visit of a target [m/s]; NaN if unknown.
 
-    The table of loads comes first, then the wanted feed [m/s] of a request, the program and the cut. Moves
-    that the program states faster than the wanted feed keep the program's feed.
+    The table of loads comes first, then the wanted feed of a request, the program and the cut. Moves that the
+    program states faster than the wanted feed keep the program's feed. A joint move has no feed.
+
+    Args:
+        program: the program.
+        options: options, which may have a cut with its feed.
+        visits: visits of the targets, with the feeds of the table of loads.
+        wanted: feed that the request states for all moves [m/s]; None without.
     """
     feed_of_program = read_feeds(program)
     feed = feed_of_program.copy()

@@ -27,7 +27,9 @@ class FaultsError(FilesError):
     def __init__(
         self, faults: Sequence[Fault], count: int | None = None, left: Sequence[ReadMove] = ()
     ) -> None:
-        """Make the error of a request of the error of the readers, with the same faults.
+        """Build the error of a request with the faults that the readers of programs found.
+
+        Its text lists the faults in lines, as that of a `ProgramError` does; its fields have the first fault.
 
         Args:
             faults: faults of the program, each with place, reason and remedy.
@@ -106,16 +108,17 @@ def list_moves(
 
 
 def _refuse_marked(files: Sequence[tuple[str, bytes]]) -> None:
-    """Refuse a program with the mark of a compensated program.
+    """Refuse a program with the mark of a compensated program: it must not be corrected a second time.
 
     Raises:
         FaultsError: a file has the mark.
     """
     for name, content in files:
-        place = content.find(MARK.encode())
-        if place < 0:
+        offset = content.find(MARK.encode())
+        has_mark = offset >= 0
+        if not has_mark:
             continue
-        line = robotprograms.Source.from_bytes(name, content).find_line(place)
+        line = robotprograms.Source.from_bytes(name, content).find_line(offset)
         reason = (
             "the program states that it was corrected already; a second correction would be added to "
             "the first"
@@ -138,11 +141,11 @@ def insert_mark(
         moves: number of moves of the program, which the mark states if some are left.
         left: number of moves that are left.
     """
-    corrected = f"corrected {day.isoformat()}"
-    words = [corrected, f"verdict: {verdict.replace('_', ' ')}"]
-    if kind == "fanuc":  # a remark has 32 characters at most
+    words = [f"corrected {day.isoformat()}", f"verdict: {verdict.replace('_', ' ')}"]
+    if kind == "fanuc":  # each remark has 32 characters at most: short words, several remarks
         counts = [f"{moves - left} of {moves} corrected", f"{left} moves left"] if left else []
-        return robotprograms.insert_comment(kind, content, [f"{MARK}{run_id[:8]}", *words, *counts])
-    counts = [f"{moves - left} of {moves} moves corrected, {left} left"] if left else []
-    line = f"{MARK}{run_id} {', '.join([*words, *counts])}"
-    return robotprograms.insert_comment(kind, content, [line])
+        remarks = [f"{MARK}{run_id[:8]}", *words, *counts]
+    else:
+        counts = [f"{moves - left} of {moves} moves corrected, {left} left"] if left else []
+        remarks = [f"{MARK}{run_id} {', '.join([*words, *counts])}"]
+    return robotprograms.insert_comment(kind, content, remarks)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import io
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,7 @@ from jointstiff.service.kinds.program.path import (
     find_path,
     measure_lengths,
 )
+from jointstiff.service.kinds.program.rows import RowsWriting, find_rows
 from jointstiff.service.kinds.program.text import FaultsError, insert_mark, read_program
 from jointstiff.service.kinds.work import (
     Arrays,
@@ -94,6 +95,8 @@ MAX_QUICK_POINTS: Final = 10_000
 STEP_POINTS: Final = 2_000
 """Number of points in a step of a program with more points."""
 _MAX_REMARKS: Final = 50
+_SHOWN_LINES: Final = 5
+"""Greatest count of lines that a remark names."""
 _SINGULAR_TURN: Final = 0.05
 """Turn of a joint by a correction [rad] that indicates a singularity: usual turns are a few milliradians."""
 _POSTURE_COLUMNS: Final = (*(f"place {axis} [m]" for axis in "xyz"), *(f"J{j} [deg]" for j in range(1, 7)))
@@ -150,21 +153,26 @@ class WrittenPoints:
     def counted(self) -> BoolArray:
         """Mask (k,) of the points whose deflections count in summaries.
 
-        All points count if only points under load are written; else those under load, if any are.
+        Usually only points under load are written, and all of them count. If the targets are turned to better
+        postures (`path.programmed` is set), points without load are written, too, and do not count.
         """
         points = self.corrections.points
+        all_points = np.ones(len(points), dtype=np.bool_)
         if len(points) == 0 or self.path.programmed is None:
-            return np.ones(len(points), dtype=np.bool_)
+            return all_points
         cases = self.path.cases[points]
         is_loaded = np.asarray(cases.force.any(axis=1) | cases.moment.any(axis=1))
-        return is_loaded if is_loaded.any() else np.ones(len(points), dtype=np.bool_)
+        return is_loaded if is_loaded.any() else all_points
 
     def summarize_sizes(self, sizes: FloatArray) -> Spread | None:
-        """Return median, 95 % quantile and maximum of the sizes (k,) [m] that count; None without any."""
-        sizes = sizes[self.counted]
-        if not len(sizes):
+        """Return median, 95 % quantile and maximum of lengths (k,) [m], one for each point under load.
+
+        Only points that count in summaries are regarded; the result is None if there are none.
+        """
+        counted_sizes = sizes[self.counted]
+        if len(counted_sizes) == 0:
             return None
-        median, p95, greatest = np.quantile(sizes, [0.5, 0.95, 1.0]).tolist()
+        median, p95, greatest = np.quantile(counted_sizes, [0.5, 0.95, 1.0]).tolist()
         return Spread(median=median, p95=p95, greatest=greatest)
 
     @cached_property
@@ -189,16 +197,16 @@ class WrittenPoints:
 
         `uncertainty` (k,) is the standard uncertainty of each length from the readings [m].
         """
-        by_readings = self.quantile * uncertainty
-        with_model_error = self.corrections.model_error
-        half_widths = np.stack([by_readings, with_model_error])
-        half_widths = np.where(np.isfinite(half_widths), half_widths, np.nan)
-        # The interval with model error must not be narrower than the interval from readings only.
+        half_widths = np.stack([self.quantile * uncertainty, self.corrections.model_error])
+        half_widths[~np.isfinite(half_widths)] = np.nan
         by_readings, with_model_error = half_widths
+        # The interval with model error must not be narrower than the interval from readings only.
         wider = np.fmax(by_readings, with_model_error)
         half_widths[1] = np.where(np.isnan(with_model_error), np.nan, wider)
         length = _vector_lengths(motion[:, :3])
-        return np.stack([np.maximum(length - half_widths, 0.0), length + half_widths], axis=2)
+        low = np.maximum(length - half_widths, 0.0)
+        high = length + half_widths
+        return np.stack([low, high], axis=2)
 
     @cached_property
     def has_model_error(self) -> bool:
@@ -208,12 +216,14 @@ class WrittenPoints:
     def summarize_intervals(self, of: Literal["deflection", "residual"]) -> SpreadEnds | None:
         """Return the spreads of the lower and of the upper ends of intervals, over the points that count.
 
-        The intervals include the model error if its bound is known. Return None if no interval is known.
+        The intervals include the model error if its bound is known. Return None unless all of them are known.
         """
         intervals = self._intervals if of == "deflection" else self._remaining_intervals
         by_readings, with_model_error = intervals
-        low, high = (with_model_error if self.has_model_error else by_readings).T
-        if not np.isfinite(high[self.counted]).all():
+        chosen = with_model_error if self.has_model_error else by_readings
+        low, high = chosen.T
+        are_all_known = np.isfinite(high[self.counted]).all()
+        if not are_all_known:
             return None
         spread_of_low, spread_of_high = self.summarize_sizes(low), self.summarize_sizes(high)
         if spread_of_low is None or spread_of_high is None:
@@ -229,10 +239,7 @@ class WrittenPoints:
         target_indices = self.path.targets[points]
         interval, interval_with_error = self._intervals[:, worst]
         residual_interval, residual_interval_with_error = self._remaining_intervals[:, worst]
-        names = []
-        for index in target_indices.tolist():
-            characters = targets.names[index]
-            names.append("".join(each if each.isprintable() else "?" for each in characters))
+        names = [_replace_unprintable(targets.names[index]) for index in target_indices.tolist()]
         return messages.build_messages(
             ProgramPoint,
             number=points + 1,
@@ -256,9 +263,9 @@ class WrittenPoints:
         )
 
     def _loaded_columns(self, block: slice) -> FloatArray:
-        """Return the numbers (b, 22) of b points under load, in the columns `_LOADED_COLUMNS`.
+        """Return the numbers (b, 22) of b points under load, in the order of the names `_LOADED_COLUMNS`.
 
-        `block` is the range of the points among the corrections.
+        Lengths are in mm, rotations in mrad. `block` is the range of the points among the corrections.
         """
         corrections = self.corrections
         interval, interval_with_model_error = 1e3 * self._intervals[:, block]  # (b, 2) [mm]
@@ -280,30 +287,14 @@ class WrittenPoints:
 
         Points without load have NaN in the columns `_LOADED_COLUMNS`.
         """
-        corrections, path = self.corrections, self.path
-        point_count, first_loaded_column = len(path.targets), len(_POSTURE_COLUMNS)
-        column_count = first_loaded_column + len(_LOADED_COLUMNS)
-        numbers = np.full((column_count, point_count), np.nan, dtype=np.float32)
-        numbers[:3] = self.place.T
-        numbers[3:first_loaded_column] = np.degrees(self.arm).T
-        for start in range(0, len(corrections.points), BLOCK):
-            block = slice(start, start + BLOCK)
-            numbers[first_loaded_column:, corrections.points[block]] = self._loaded_columns(block).T
-        remark = np.full(point_count, _REMARKS.index("no load"), dtype=np.uint8)
-        remark[corrections.points[self.counted]] = _REMARKS.index("")
-        remark[corrections.points[corrections.capped]] = _REMARKS.index("capped")
-        remark[corrections.points[corrections.uncertain]] = _REMARKS.index(_UNCERTAIN)
+        path = self.path
         targets = path.program.targets
         names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
         content = io.BytesIO()
-        # Neighbouring points differ little: stored as differences of their bits, first bytes together, then
-        # second bytes and so on, a column is compressed to a third.
-        for column in numbers:
-            differences = np.diff(column.view(np.uint32), prepend=np.uint32(0))
-            bytes_of_each = differences.view(np.uint8).reshape(-1, 4)
-            np.save(content, np.ascontiguousarray(bytes_of_each.T), allow_pickle=False)
+        for column in self._fill_columns():
+            np.save(content, _split_differences(column), allow_pickle=False)
         for array in (
-            remark,
+            self._number_remarks(),
             targets.source[path.targets].astype(np.uint8),
             targets.line[path.targets].astype(np.int32),
             np.array([source.name for source in path.program.sources]),
@@ -313,26 +304,48 @@ class WrittenPoints:
             np.save(content, array, allow_pickle=False)
         return content.getvalue()
 
+    def _fill_columns(self) -> NDArray[np.float32]:
+        """Return the columns `_POSTURE_COLUMNS`, then `_LOADED_COLUMNS`, of the m points of the path (c, m).
+
+        Points without load have NaN in the latter.
+        """
+        first_loaded_column = len(_POSTURE_COLUMNS)
+        column_count = first_loaded_column + len(_LOADED_COLUMNS)
+        columns = np.full((column_count, len(self.path.targets)), np.nan, dtype=np.float32)
+        columns[:3] = self.place.T
+        columns[3:first_loaded_column] = np.degrees(self.arm).T
+        loaded_points = self.corrections.points
+        for start in range(0, len(loaded_points), BLOCK):
+            block = slice(start, start + BLOCK)
+            columns[first_loaded_column:, loaded_points[block]] = self._loaded_columns(block).T
+        return columns
+
+    def _number_remarks(self) -> NDArray[np.uint8]:
+        """Return the remark on each point of the path (m,), as an index in `_REMARKS`; later ones win."""
+        corrections = self.corrections
+        remarks = np.full(len(self.path.targets), _REMARKS.index("no load"), dtype=np.uint8)
+        remarks[corrections.points[self.counted]] = _REMARKS.index("")
+        remarks[corrections.points[corrections.capped]] = _REMARKS.index("capped")
+        remarks[corrections.points[corrections.uncertain]] = _REMARKS.index(_UNCERTAIN)
+        return remarks
+
     def _pack_remaining(self) -> NDArray[np.float32]:
         """Return the columns `_REMAINING_COLUMNS` (4, m) [mm] of the points of the path; NaN without load.
 
         They are the lower and upper ends of two intervals of the residual: by readings, and with model error.
         """
         columns = np.full((len(_REMAINING_COLUMNS), len(self.path.targets)), np.nan, dtype=np.float32)
-        intervals = 1e3 * self._remaining_intervals  # (interval, point, end) [mm]
-        columns[:, self.corrections.points] = np.moveaxis(intervals, 1, 2).reshape(len(columns), -1)
+        by_readings, with_model_error = 1e3 * self._remaining_intervals  # (k, 2) low and high ends [mm]
+        columns[:, self.corrections.points] = np.concatenate([by_readings.T, with_model_error.T])
         return columns
 
 
 def points_sheet(content: bytes) -> Sheet:
     """Return the table of points from bytes of `WrittenPoints.pack_table`; NaN for an empty cell."""
     stored = io.BytesIO(content)
-    numbers = dict[str, FloatArray]()
+    numbers = dict[str, NDArray[np.float32]]()
     for name in _POSTURE_COLUMNS + _LOADED_COLUMNS:
-        # (4, m) first bytes, second bytes and so on of the differences of neighbouring numbers
-        byte_planes = np.load(stored, allow_pickle=False)
-        differences = np.ascontiguousarray(byte_planes.T).view(np.uint32)
-        numbers[name] = np.cumsum(differences, dtype=np.uint32).view(np.float32)
+        numbers[name] = _add_up_differences(np.load(stored, allow_pickle=False))
     remark, source, line, files, names = (np.load(stored, allow_pickle=False) for _ in range(5))
     columns: dict[str, Any] = {
         "point": np.arange(1, len(line) + 1),
@@ -346,6 +359,28 @@ def points_sheet(content: bytes) -> Sheet:
         columns |= dict(zip(_REMAINING_COLUMNS, np.load(stored, allow_pickle=False), strict=True))
     columns["remark"] = np.array(_REMARKS, dtype=object)[remark]
     return Sheet(columns, texts=frozenset({"name", "file", "remark"}), digits=".7g")
+
+
+def _replace_unprintable(name: str) -> str:
+    """Return a name with a question mark in place of each character that cannot be printed."""
+    return "".join(character if character.isprintable() else "?" for character in name)
+
+
+def _split_differences(column: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return the bytes (4, m) of m numbers, arranged so that compression leaves a third of them.
+
+    Neighbouring points differ little. So the differences of their bits, read as integers, are stored: the
+    first bytes of all differences, then the second bytes, and so on.
+    """
+    differences = np.diff(column.view(np.uint32), prepend=np.uint32(0))
+    bytes_of_each = differences.view(np.uint8).reshape(-1, 4)
+    return np.ascontiguousarray(bytes_of_each.T)
+
+
+def _add_up_differences(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return the numbers (m,) whose bytes (4, m) `_split_differences` arranged."""
+    differences = np.ascontiguousarray(planes.T).view(np.uint32)
+    return np.cumsum(differences, dtype=np.uint32).view(np.float32)
 
 
 def _motions_in_mm(motion: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -368,20 +403,19 @@ def write_compensated_program(
     model: ForwardModel,
     inverse: InverseKinematics,
     quantile: float,
-) -> tuple[list[bytes], WrittenPoints]:
+    rewriting: Rewriting | RowsWriting,
+) -> WrittenPoints:
     """Write the compensated program, and check the written numbers with the model of the loaded robot.
 
-    The residuals are computed from the written text, so that rounded digits count.
-
-    Returns:
-        The contents of the program's files, and the points with their residuals.
+    The residuals are computed from the numbers as written, so that rounded digits count. `rewriting` then has
+    the program's files. Return the points with their residuals.
 
     Raises:
         FaultsError: a correction leads out of the joints' limits, or a corrected target is not reached.
     """
     robot, program = model.robot, path.program
     _refuse_out_of_limits(path, corrections)
-    targets, rewriting = path.targets[corrections.points], Rewriting(program)
+    targets = path.targets[corrections.points]  # under load
     residual = np.empty((len(targets), 6))
     is_changed = np.zeros(len(targets), dtype=np.bool_)
     unreached: list[int] = []
@@ -396,21 +430,18 @@ def write_compensated_program(
             path, cases, block_targets, written, corrected, model, inverse
         )
         unreached += corrections.points[rows[~reached]].tolist()
-    if unreached:
-        reason = "the robot does not reach the corrected target"
-        remedy = "move the part away from the singularity"
-        raise FaultsError([path.make_fault(point, reason, remedy) for point in sorted(unreached)])
-    points = WrittenPoints(
+    reason = "the robot does not reach the corrected target"
+    _refuse_points(path, sorted(unreached), reason, "move the part away from the singularity")
+    return WrittenPoints(
         path=path,
         corrections=corrections,
         residual=residual,
-        rounding=np.asarray(np.linalg.norm(residual[:, :3] - corrections.residual[:, :3], axis=1)),
+        rounding=_vector_lengths(residual[:, :3] - corrections.residual[:, :3]),
         changed=is_changed,
         place=_compute_programmed_positions(path, robot),
         arm=inverse.select_arm_joints(path.cases.joints),
         quantile=quantile,
     )
-    return rewriting.files(), points
 
 
 def _write_corrected_numbers(
@@ -419,9 +450,9 @@ def _write_corrected_numbers(
     rows: IndexArray,
     corrected: Postures,
     inverse: InverseKinematics,
-    rewriting: Rewriting,
+    rewriting: Rewriting | RowsWriting,
 ) -> FloatArray:
-    """Write the corrected numbers of b targets into the program's text; return the numbers (b, 7) as written.
+    """Write the corrected numbers of b targets into the program; return the numbers (b, 7) as written.
 
     Args:
         path: path of the program.
@@ -429,28 +460,29 @@ def _write_corrected_numbers(
         rows: (b,) indices in `corrections` of the points to write.
         corrected: corrected postures of these points.
         inverse: inverse kinematics, with the choice of the joints that belong to the arm.
-        rewriting: text of the program, in which the numbers are replaced.
+        rewriting: text or rows of the program, in which the numbers are replaced.
     """
-    targets, points = path.program.targets, corrections.points[rows]
+    targets = path.program.targets
+    points = corrections.points[rows]
     block_targets = path.targets[points]
     is_joint_target = targets.given_as_joints[block_targets]
-    angle_unit = targets.angle_unit[block_targets, None]
+    corrected_arm = inverse.select_arm_joints(corrections.commanded[rows])
     numbers = path.frames.convert_poses_to_numbers(path.program, block_targets, corrected.flange_pose)
+    arm_in_units_of_program = corrected_arm / targets.angle_unit[block_targets, None]
+    numbers[is_joint_target, :6] = arm_in_units_of_program[is_joint_target]
+    # A target without correction keeps its text, unless it is reached in another posture.
+    is_written = corrections.share[rows] > 0.0
+    if path.programmed is not None:
+        is_written |= ~is_joint_target
+    numbers[~is_written] = np.nan
+    # Only targets that are poses state a configuration of the arm, which a correction can make wrong.
     programmed = path.cases.joints if path.programmed is None else path.programmed
     programmed_arm = inverse.select_arm_joints(programmed[points])
-    corrected_arm = inverse.select_arm_joints(corrections.commanded[rows])
-    numbers[is_joint_target, :6] = (corrected_arm / angle_unit)[is_joint_target]
-    # A target without correction keeps its text, unless it is reached in another posture.
-    is_corrected = corrections.share[rows] > 0.0
-    if path.programmed is not None:
-        is_corrected |= ~is_joint_target
-    numbers[~is_corrected] = np.nan
-    # Only targets that are poses state a configuration of the arm, which a correction can make wrong.
-    corrected_poses = np.flatnonzero(~is_joint_target & is_corrected)
-    word_edits = path.stated.list_word_edits(
-        block_targets[corrected_poses], programmed_arm[corrected_poses], corrected_arm[corrected_poses]
+    written_poses = np.flatnonzero(~is_joint_target & is_written)
+    edits_of_configuration = path.stated.list_word_edits(
+        block_targets[written_poses], programmed_arm[written_poses], corrected_arm[written_poses]
     )
-    return rewriting.replace(block_targets, numbers, word_edits)
+    return rewriting.replace(block_targets, numbers, edits_of_configuration)
 
 
 def _compute_residuals(
@@ -480,56 +512,66 @@ def _compute_residuals(
     is_joint_target = program.targets.given_as_joints[targets]
     angle_unit = program.targets.angle_unit[targets, None]
     pose_rows = np.flatnonzero(~is_joint_target)
-    # Angles of the written numbers: read directly from joint targets, solved for pose targets.
+    # The numbers of a target in joint angles are the posture; for a pose, it is solved near the correction.
     written_angles = robot.joint_map.model_angles(inverse.insert_held_joints(written[:, :6] * angle_unit))
     written_poses = frames.flange_poses(program, targets[pose_rows], written[pose_rows])
-    corrected_arm = inverse.select_arm_joints(corrected.q)
     # If all targets are poses of a robot without linear axes, the kinematics are not computed again.
-    start = corrected if inverse.arm is robot and len(pose_rows) == len(targets) else None
-    arm_angles, pose_reached = inverse.refine_from(
-        written_poses, start or Postures(inverse.arm, corrected_arm[pose_rows])
-    )
+    can_start_from_corrected = inverse.arm is robot and len(pose_rows) == len(targets)
+    if can_start_from_corrected:
+        start = corrected
+    else:
+        start = Postures(inverse.arm, inverse.select_arm_joints(corrected.q)[pose_rows])
+    arm_angles, pose_reached = inverse.refine_from(written_poses, start)
     written_angles[pose_rows] = inverse.insert_held_joints(arm_angles, of_model=True)
     reached = np.ones(len(targets), dtype=np.bool_)
     reached[pose_rows] = pose_reached
     wanted_angles = robot.joint_map.model_angles(cases.joints)
-    wanted_poses = (
-        frames.find_flange_poses(program, targets, robot, cases.joints)
-        if path.programmed is None
-        else flange_poses(robot, wanted_angles)
-    )
+    if path.programmed is None:
+        wanted_poses = frames.find_flange_poses(program, targets, robot, cases.joints)
+    else:  # the program states other poses than the wanted ones
+        wanted_poses = flange_poses(robot, wanted_angles)
     # The loaded robot is near the wanted posture, moved by the rounding of the written numbers.
     start_angles = wanted_angles + written_angles - corrected.q
-    return compute_pose_residuals(model, cases, wanted_poses, written_angles, start_angles), reached
+    residuals = compute_pose_residuals(model, cases, wanted_poses, written_angles, start_angles)
+    return residuals, reached
 
 
 def _compute_programmed_positions(path: ProgramPath, robot: Robot) -> FloatArray:
-    """Return the programmed positions (m, 3) of the tool's centre point, in R0 [m]."""
+    """Return the programmed positions (m, 3) of the tool's centre point, in R0 [m].
+
+    The numbers of a pose are such a position; a target in joint angles needs the kinematics of the robot.
+    """
     positions = path.frames.positions(path.program, path.targets)
     joint_targets = np.flatnonzero(path.program.targets.given_as_joints[path.targets])
     if len(joint_targets):
         angles = robot.joint_map.model_angles(path.cases.joints[joint_targets])
-        tool_centres = path.cases.place[joint_targets, None]  # (j, 1, 3) in the flange frame
-        positions[joint_targets] = Postures(robot, angles).to_base(tool_centres)[:, 0]
+        centre_in_flange = path.cases.place[joint_targets, None]  # (j, 1, 3): one point for each posture
+        positions[joint_targets] = Postures(robot, angles).to_base(centre_in_flange)[:, 0]
     return positions
 
 
 def _refuse_out_of_limits(path: ProgramPath, corrections: Corrections) -> None:
     """Raise a `FaultsError` if a correction leads beyond the limits of a joint."""
-    outside = corrections.status == RowStatus.BEYOND_LIMITS
+    is_outside = corrections.status == RowStatus.BEYOND_LIMITS
     reason = "the corrected target is outside of the joints' limits"
-    remedy = "move the part, or omit its load"
-    faults = [
-        path.make_fault(int(corrections.points[row]), reason, remedy) for row in np.flatnonzero(outside)
-    ]
-    if faults:
-        raise FaultsError(faults)
+    _refuse_points(path, corrections.points[is_outside].tolist(), reason, "move the part, or omit its load")
+
+
+def _refuse_points(path: ProgramPath, points: Sequence[int], reason: str, remedy: str) -> None:
+    """Raise a `FaultsError` with a fault at each of these points of a path; do nothing without points."""
+    if points:
+        raise FaultsError([path.make_fault(point, reason, remedy) for point in points])
 
 
 def _read_program(
     files: Sequence[tuple[str, bytes]], request: ProgramRequest | ProcessRequest, external_axes: ExternalAxes
 ) -> ReadProgram:
-    """Read the program of a request.
+    """Read the program of a request; some of its moves may be left without a correction.
+
+    Args:
+        files: name and content of each file of the program.
+        request: request, which states what is known about routines, and whether moves may be left.
+        external_axes: whether external axes may carry the arm or the part.
 
     Raises:
         FaultsError: the program is not understood, or no move can be corrected.
@@ -545,15 +587,15 @@ def _read_program(
     )
     if request.leave_others or not program.faults:
         return program
-    faults = FaultsError(program.faults)
+    first_faults = FaultsError(program.faults)
     left_count, corrected_count = len(program.left_moves), len(program.moves)
     left_of_all = f"{left_count} of {left_count + corrected_count} moves"
     raise MovesLeftError(
-        f"{left_of_all} cannot be corrected; {faults.reason}",
-        where=faults.where,
+        f"{left_of_all} cannot be corrected; {first_faults.reason}",
+        where=first_faults.where,
         remedy=f"write {left_of_all} anew; or state `leave_others: true` to correct only "
         f"the other {corrected_count}",
-        items=faults.items,
+        items=first_faults.items,
     )
 
 
@@ -564,7 +606,49 @@ def _interpret_external_axes(request: ProgramOptions, robot: Robot) -> ExternalA
     """
     if request.external_axes is not None:
         return ExternalAxes(request.external_axes)
-    return ExternalAxes.OF_ROBOT if robot.prismatic.any() else ExternalAxes.MAY_CARRY
+    has_linear_axes = robot.prismatic.any()
+    return ExternalAxes.OF_ROBOT if has_linear_axes else ExternalAxes.MAY_CARRY
+
+
+def _refuse_compensating_controller(request: ProgramRequest | ProcessRequest) -> None:
+    """Refuse a program for a controller that compensates the deflection under load itself.
+
+    Raises:
+        RequestError: the request states this by `accuracy_option`.
+    """
+    if request.accuracy_option == "compensates_load":
+        raise RequestError(
+            "the controller already compensates the deflection under load; a second compensation "
+            "would be wrong",
+            where="accuracy_option",
+            remedy="switch the controller's accuracy option off, repeat the measurement, and set "
+            "`accuracy_option` to `off`",
+        )
+
+
+class _RequestFiles(NamedTuple):
+    """Files of a request, decompressed."""
+
+    of_program: dict[str, bytes]  # content of each file by its name
+    load_table: bytes | None  # content of the table of loads; None without
+
+
+def _separate_load_table(request: ProgramRequest | ProcessRequest) -> _RequestFiles:
+    """Return the files of the program, and the table of loads, which `loads` of the request names.
+
+    Raises:
+        RequestError: the table was not sent, or a file has no content.
+    """
+    contents = {file.name: decompress_file(file) for file in request.files}
+    table = None if request.loads is None else contents.pop(request.loads, None)
+    is_table_missing = request.loads is not None and table is None
+    if is_table_missing:
+        raise RequestError(
+            "the table of loads was not sent",
+            where="loads",
+            remedy="send the table together with the files of the program",
+        )
+    return _RequestFiles(contents, table)
 
 
 class ProgramWork(Work):
@@ -596,14 +680,7 @@ class ProgramWork(Work):
             RequestError: fields of the request contradict each other, the run has no model, or the program
                 is not understood.
         """
-        if request.accuracy_option == "compensates_load":
-            raise RequestError(
-                "the controller already compensates the deflection under load; a second compensation "
-                "would be wrong",
-                where="accuracy_option",
-                remedy="switch the controller's accuracy option off, repeat the measurement, and set "
-                "`accuracy_option` to `off`",
-            )
+        _refuse_compensating_controller(request)
         self.robot_id, self._request = robot_id, request
         options = request.model_dump_json(exclude={"run_id", "robot_id", "files"})
         contents = [each.content or "" for each in request.files]
@@ -623,25 +700,21 @@ class ProgramWork(Work):
                     masses=request.masses,
                     length=LENGTH[request.units.length],
                 )
-        files = [(each.name, decompress_file(each)) for each in request.files if each.name != request.loads]
-        if request.loads is not None and len(files) == len(request.files):
-            raise RequestError(
-                "the table of loads was not sent",
-                where="loads",
-                remedy="send the table together with the files of the program",
-            )
+        files = _separate_load_table(request)
         self._external_axes = _interpret_external_axes(request, robot)
-        self._program = _read_program(files, request, self._external_axes)
-        table = next((decompress_file(each) for each in request.files if each.name == request.loads), None)
-        model = self._run_model.model
-
-        def measure() -> FloatArray:
-            return measure_lengths(self._program, request, model.robot, self._inverse)
-
-        self._visits = Visits.collect(self._program, request, table, measure)
+        self._rows = find_rows(files.of_program, request.units, robot)
+        if self._rows is None:
+            self._program = _read_program([*files.of_program.items()], request, self._external_axes)
+        else:
+            self._program = self._rows.program
+        self._visits = Visits.collect(self._program, request, files.load_table, self._measure_lengths)
         feeds = find_feeds(self._program, request, self._visits)
         # (v, n) greatest motion of the model's joints for a length of the line to each visit [rad/m or m/m]
         self._joint_limits = Pace(feeds, robot.speeds, rate=np.inf).limits()
+
+    def _measure_lengths(self) -> FloatArray:
+        """Return the length (v,) of the path up to each visit of a target [m], for loads by length."""
+        return measure_lengths(self._program, self._request, self._run_model.model.robot, self._inverse)
 
     @cached_property
     def _inverse(self) -> InverseKinematics:
@@ -659,27 +732,35 @@ class ProgramWork(Work):
 
     @cached_property
     def _ramp(self) -> FloatArray:
-        """Share (m,) of the full correction at each point: it rises and falls along `ramp_length`."""
-        length = LENGTH[self._request.units.length] * self._request.ramp_length
-        return compute_ramp_shares(self._run_model.model.robot, self._path.cases, length)
+        """Share (m,) of the full correction at each point, from 0 to 1.
+
+        The correction rises from zero, where the load begins, and falls to zero, where it ends, along the
+        length `ramp_length` of the request.
+        """
+        ramp_length = LENGTH[self._request.units.length] * self._request.ramp_length  # [m]
+        return compute_ramp_shares(self._run_model.model.robot, self._path.cases, ramp_length)
 
     @cached_property
     def _blend(self) -> Blend | None:
-        """Loads of the points with which corrections change slowly enough for the joints' speeds.
+        """Loads for the computation of corrections, changed so that corrections change slowly along the path.
 
-        None if corrections can follow the loads.
+        Where a load begins at once, the correction would begin at once, too, and joints would have to move
+        faster than they can. The blended loads rise and fall over a length of the path instead. None if no
+        joint has a limit of speed, or if corrections can follow the loads as they are.
         """
-        visits = self._visits
-        if not self.corrects or np.isinf(self._joint_limits).all():
+        has_limits = not np.isinf(self._joint_limits).all()
+        if not self.corrects or not has_limits:
             return None
-        cases = self._path.cases[visits.number]
-        blend = blend_loads(self._run_model.model, cases, visits.continuous, self._joint_limits)
+        visits = self._visits
+        cases_of_visits = self._path.cases[visits.number]  # the cases of the points, once for each visit
+        blend = blend_loads(self._run_model.model, cases_of_visits, visits.continuous, self._joint_limits)
         return None if blend is None else blend.select(visits.first)
 
     def steps(self) -> Sequence[Span]:
         """Return the steps of the work as spans of the points under load; no steps for a short program."""
-        points = max(len(self._program.targets), len(self._program.moves.visits))
-        return () if points <= MAX_QUICK_POINTS else self._spans()
+        point_count = max(len(self._program.targets), len(self._program.moves.visits))
+        is_short = point_count <= MAX_QUICK_POINTS
+        return () if is_short else self._spans()
 
     def _spans(self) -> tuple[Span, ...]:
         """Return the points under load, cut into spans of `STEP_POINTS` points."""
@@ -707,19 +788,20 @@ class ProgramWork(Work):
                 path.
             FaultsError: the springs have no stable equilibrium under a load.
         """
-        path, points = self._path, self._points()[slice(*span)]
+        points = self._points()[slice(*span)]
         settings = CorrectionSettings(self._correction_limits(), self._request.confidence)
-        done, faults, _ = correct_cases(
+        blended_cases = None if self._blend is None else self._blend.cases[points]
+        corrections, faults, _ = correct_cases(
             self._run_model.model,
             self._run_model.error,
             self._inverse,
-            path.cases[points],
+            self._path.cases[points],
             settings,
             self._ramp[points],
-            None if self._blend is None else self._blend.cases[points],
+            blended_cases,
         )
         self._refuse_faults(faults, points)
-        return {**vars(done), "points": points}
+        return {**vars(corrections), "points": points}
 
     def _refuse_faults(self, faults: Mapping[int, CasesError], points: IndexArray) -> None:
         """Refuse a program with points that cannot be corrected; `faults` has their rows in `points`.
@@ -729,7 +811,7 @@ class ProgramWork(Work):
             FaultsError: a load has no stable equilibrium, or a corrected target is not reached.
         """
         for error in faults.values():
-            if error.cause == "unseen_joint":
+            if error.cause == "unseen_joint":  # more readings are needed, wherever the load acts
                 raise error
         if faults:
             row, first_error = next(iter(faults.items()))
@@ -743,13 +825,16 @@ class ProgramWork(Work):
             RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
             FaultsError: the robot does not reach a corrected target.
         """
-        corrections = Corrections(**concatenate_steps(parts or map(self._correct, self._spans())))
+        computed_parts = parts or map(self._correct, self._spans())  # a short program has no steps
+        corrections = Corrections(**concatenate_steps(computed_parts))
         del parts  # free the memory, as `corrections` is a copy
         quantile = self._run_model.model.quantile(self._request.confidence)
-        contents, points = write_compensated_program(
-            self._path, corrections, self._run_model.model, self._inverse, quantile
+        rewriting = Rewriting(self._program) if self._rows is None else RowsWriting(self._rows)
+        points = write_compensated_program(
+            self._path, corrections, self._run_model.model, self._inverse, quantile, rewriting
         )
-        self._check_written(contents, points)
+        contents = rewriting.files()
+        self._check_written(rewriting, points)
         program, unchanged_moves = self._program, len(self._program.left_moves)
         assessment = self._assess_corrections(corrections)
         if self.must_mark(assessment, unchanged_moves) and points.changed.any():
@@ -763,11 +848,12 @@ class ProgramWork(Work):
                 len(program.moves) + unchanged_moves,
                 unchanged_moves,
             )
-        files = [compress_file(source.name, contents.pop(0)) for source in program.sources]
+        names = [source.name for source in program.sources]
+        files = [compress_file(name, content) for name, content in zip(names, contents, strict=True)]
         return self._make_result(points, files, assessment)
 
-    def _check_written(self, contents: Sequence[bytes], points: WrittenPoints) -> None:
-        """Check the written files, without marks; a compensated program needs no further check."""
+    def _check_written(self, rewriting: Rewriting | RowsWriting, points: WrittenPoints) -> None:
+        """Check what was written; a compensated program needs no further check."""
 
     def must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
         """Return whether the written program gets a comment that marks it as compensated."""
@@ -783,52 +869,52 @@ class ProgramWork(Work):
         Raises:
             VerdictError: limits reduce corrections, and the request has no `accept_verdict`.
         """
-        unchanged_count, point_count = len(self._program.left_moves), len(corrections.points)
-        move_count = len(self._program.moves) + unchanged_count
-        capped_count = int(corrections.capped.sum())
-        lengths = np.linalg.norm(corrections.uncorrected[:, :3], axis=1)
-        turn = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
-            axis=1, initial=0.0
-        )
-        near_singularity_count = int((turn > _SINGULAR_TURN).sum())
         run = self._run_model.result
+        lengths = _vector_lengths(corrections.uncorrected[:, :3])
+        extrapolated_count = int((corrections.extrapolation > EXTRAPOLATED).sum())
         reasons = [
             *self._list_reasons(),
             *find_implausible_deflection(float(lengths.max(initial=0.0)), run),
             *find_far_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
-            *find_beyond_campaign(
-                int((corrections.extrapolation > EXTRAPOLATED).sum()), point_count, "points"
-            ),
+            *find_beyond_campaign(extrapolated_count, len(corrections.points), "points"),
+            *self._find_uncorrected(corrections),
+            *_find_capped(corrections),
+            *self._find_singular(corrections),
         ]
-        if self.corrects and not corrections.correction.any():
-            message = "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"
-            remedy = "state the load; measure more if the deflections matter"
-            reasons.append(make_reason("nothing_corrected", "use_with_care", message, remedy))
-        if unchanged_count:
-            message = (
-                f"{move_count - unchanged_count} of {move_count} moves were corrected, "
-                f"{unchanged_count} were left unchanged"
-            )
-            remedy = "check that the unchanged moves need no correction"
-            reasons.append(make_reason("moves_left", "use_with_care", message, remedy))
-        if capped_count:
-            verdict: Verdict = "do_not_use" if capped_count == point_count else "use_with_care"
-            message = f"the limits reduce the correction of {capped_count} of {point_count} points"
-            remedy = "check the load and its unit, then raise `max_displacement` or `max_rotation`"
-            reasons.append(make_reason("corrections_capped", verdict, message, remedy))
-        if near_singularity_count:
-            message = (
-                f"{near_singularity_count} of {point_count} points are near a singularity: joints turn by "
-                f"over {_SINGULAR_TURN:g} rad"
-            )
-            remedy = "move the part away from the singularity"
-            reasons.append(make_reason("near_singularity", "use_with_care", message, remedy))
-        if capped_count and self._request.accept_verdict is None:
+        if corrections.capped.any() and self._request.accept_verdict is None:
             items = [("the program", each.message, each.remedy) for each in reasons]
             raise VerdictError.for_result(
                 "a program whose corrections exceed the limits", "max_displacement", items
             )
         return assess_with_run(self.subject, reasons, self._run_model.assessment)
+
+    def _find_uncorrected(self, corrections: Corrections) -> Iterator[Finding]:
+        """Report that no point is corrected, and that moves of the program were left unchanged."""
+        if self.corrects and not corrections.correction.any():
+            message = "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"
+            remedy = "state the load; measure more if the deflections matter"
+            yield make_reason("nothing_corrected", "use_with_care", message, remedy)
+        corrected_count, unchanged_count = len(self._program.moves), len(self._program.left_moves)
+        if unchanged_count:
+            message = (
+                f"{corrected_count} of {corrected_count + unchanged_count} moves were corrected, "
+                f"{unchanged_count} were left unchanged"
+            )
+            remedy = "check that the unchanged moves need no correction"
+            yield make_reason("moves_left", "use_with_care", message, remedy)
+
+    def _find_singular(self, corrections: Corrections) -> Iterator[Finding]:
+        """Report how many points are near a singularity: corrections turn a joint there by a large angle."""
+        wanted = self._path.cases.joints[corrections.points]
+        greatest_turns = np.abs(corrections.commanded - wanted).max(axis=1, initial=0.0)
+        count = int((greatest_turns > _SINGULAR_TURN).sum())
+        if count:
+            message = (
+                f"{count} of {len(corrections.points)} points are near a singularity: joints turn by "
+                f"over {_SINGULAR_TURN:g} rad"
+            )
+            remedy = "move the part away from the singularity"
+            yield make_reason("near_singularity", "use_with_care", message, remedy)
 
     def _correction_limits(self) -> CorrectionLimits:
         """Return the limits of a correction in m and rad, from the request or the default limits."""
@@ -851,10 +937,6 @@ class ProgramWork(Work):
             "not_used": len(program.targets) - len(points.path.targets),
         }
         kind: ProgramFormat = program.format  # type: ignore[assignment]
-        deflection, correction, residual = (
-            points.summarize_sizes(np.linalg.norm(vectors[:, :3], axis=1))
-            for vectors in (corrections.uncorrected, corrections.correction, points.residual)
-        )
         return ProgramResult(
             joint_kinds=joint_kinds_by_name(self._run_model.model.robot),
             assessment=assessment,
@@ -865,9 +947,9 @@ class ProgramWork(Work):
             corrected=int(points.changed.sum()),
             capped=int(corrections.capped.sum()),
             left_alone={reason: count for reason, count in uncorrected_targets.items() if count},
-            deflection=deflection,
-            correction=correction,
-            residual=residual,
+            deflection=points.summarize_sizes(_vector_lengths(corrections.uncorrected[:, :3])),
+            correction=points.summarize_sizes(_vector_lengths(corrections.correction[:, :3])),
+            residual=points.summarize_sizes(_vector_lengths(points.residual[:, :3])),
             deflection_ends=points.summarize_intervals("deflection"),
             residual_ends=points.summarize_intervals("residual"),
             with_model_error=points.has_model_error,
@@ -888,8 +970,9 @@ class ProgramWork(Work):
         if blend is None:
             return []
         moves = self._program.moves
-        is_blended = blend.lengths > 0.0
-        first_visit = self._visits.first[int(np.argmax(is_blended))]
+        is_blended = blend.lengths > 0.0  # (m,)
+        first_blended_point = int(np.argmax(is_blended))
+        first_visit = self._visits.first[first_blended_point]
         first_line = int(moves.line[moves.move_of_visit[first_visit]])
         residuals = points.residual[is_blended[points.corrections.points], :3]
         greatest_residual = float(np.linalg.norm(residuals, axis=1).max(initial=0.0))
@@ -897,7 +980,10 @@ class ProgramWork(Work):
         return [f"{int(is_blended.sum())} points, the first in line {first_line}: {text}"]
 
     def list_remarks(self) -> list[str]:
-        """Return remarks on the run's model, then a remark for each reason why lines were not corrected."""
+        """Return remarks on the run's model, then a remark for each reason why lines were not corrected.
+
+        After `_MAX_REMARKS` reasons, one remark counts the others.
+        """
         lines_of = defaultdict[tuple[int, str], list[int]](list)  # by the index of the file, and the reason
         for remark in self._program.left_alone:
             lines_of[remark.source, remark.text].append(remark.line)
@@ -919,9 +1005,22 @@ class ProgramWork(Work):
 
 def _line_numbers(lines: Sequence[int]) -> str:
     """Return line numbers as text, such as "lines 3, 7": the first five, and the number of further lines."""
-    first = ", ".join(map(str, lines[:5]))
-    more = f" and {len(lines) - 5} more" if len(lines) > 5 else ""
-    return f"line {first}" if len(lines) == 1 else f"lines {first}{more}"
+    if len(lines) == 1:
+        return f"line {lines[0]}"
+    first = ", ".join(map(str, lines[:_SHOWN_LINES]))
+    further_count = len(lines) - _SHOWN_LINES
+    more = f" and {further_count} more" if further_count > 0 else ""
+    return f"lines {first}{more}"
+
+
+def _find_capped(corrections: Corrections) -> Iterator[Finding]:
+    """Report how many points the limits reduce the correction of; if all, the program is not to be used."""
+    capped_count, point_count = int(corrections.capped.sum()), len(corrections.points)
+    if capped_count:
+        verdict: Verdict = "do_not_use" if capped_count == point_count else "use_with_care"
+        message = f"the limits reduce the correction of {capped_count} of {point_count} points"
+        remedy = "check the load and its unit, then raise `max_displacement` or `max_rotation`"
+        yield make_reason("corrections_capped", verdict, message, remedy)
 
 
 def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
@@ -948,7 +1047,8 @@ def refuse_corrected_files(inputs: Inputs, request: ProgramRequest | ProcessRequ
     for kind in (Program, Process):
         for job in inputs.job_summaries(kind, robot_id):
             written_digests = job.get("outputs", ())
-            if sent_digests.intersection(written_digests):
+            was_written_by_job = sent_digests.intersection(written_digests)
+            if was_written_by_job:
                 raise RequestError(
                     f"a file is the output of the compensated program '{job['id']}'",
                     where="files",

@@ -9,10 +9,16 @@ from typing import Any
 import numpy as np
 
 from jointstiff.schemas.measurement import Units
+from jointstiff.service.conversion.poses import read_poses
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.runs.correction.columns import FORCES, MOMENTS, POSITION
-from jointstiff.service.runs.correction.orientation import ORIENTATIONS, choose_orientation, read_orientation
+from jointstiff.service.runs.correction.orientation import (
+    ORIENTATIONS,
+    ROTATION_VECTOR,
+    choose_orientation,
+    read_orientation,
+)
 from jointstiff.service.runs.verdicts import moment_factor
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
@@ -61,6 +67,16 @@ class PoseTable:
             moment = stack(MOMENTS) if "mx" in names else np.zeros((len(poses), 3))
             loads = np.concatenate([force, moment_factor(units, moment) * moment], axis=1)
         return cls(poses, orientation, joints, loads)
+
+
+def name_poses(value: Any, name: str, angle: str) -> dict[str, FloatArray]:  # noqa: ANN401 - as of `read_poses`
+    """Return the columns of poses (N, 4, 4) or (N, 6) by name; `name` is that of the argument, for messages.
+
+    Raises:
+        MeasurementError: the value has elements that are not numbers.
+        RequestError: the array has another shape, or a matrix is no pose.
+    """
+    return dict(zip((*POSITION, *ROTATION_VECTOR), read_poses(value, name, angle).T, strict=True))
 
 
 def _fold_names(columns: Mapping[str, Any]) -> dict[str, str]:

@@ -23,16 +23,7 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document
-
-
-def uncertainty_among(measured):
-    (joint,) = compare_campaigns(["joint_1"], measured)["joints"]
-    return joint.change.standard_uncertainty
-
-
-def uncertainty_of(instruments, **source):
-    return uncertainty_among(list(campaigns(instruments, **source)))
-
+from jointstiff.solver.comparison.campaigns import SharedErrors
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 
@@ -64,10 +55,10 @@ def budget(contributions, freedom):
     }
 
 
-def campaigns(instruments, source="force_scale", freedom=None):
-    """Campaigns whose uncertainty of 3 % is 2.9 % that of one source."""
-    values = 1e-6 * (1.0 + 0.005 * np.random.default_rng(4).standard_normal(len(instruments)))
-    for number, (c, instrument) in enumerate(zip(values, instruments, strict=True)):
+def campaigns(count, source="force_scale", freedom=None):
+    """Campaigns whose uncertainty of 3 % is 2.9 % that of one source; all name one instrument."""
+    values = 1e-6 * (1.0 + 0.005 * np.random.default_rng(4).standard_normal(count))
+    for number, c in enumerate(values):
         joint = JointResult(
             name="joint_1",
             status="identified",
@@ -88,7 +79,7 @@ def campaigns(instruments, source="force_scale", freedom=None):
         run = ReadRun.model_validate({"request": {"measurement_set_id": "s"}, "result": result})
         at = START + timedelta(days=number)
         entry = MeasurementSetEntry(
-            str(number), "r", "c", "motor", 9, 0, at, "", measured_at=at, instrument=instrument
+            str(number), "r", "c", "motor", 9, 0, at, "", measured_at=at, instrument="tracker 7"
         )
         yield Campaign(str(number), at, run, entry)
 
@@ -97,8 +88,8 @@ def campaigns(instruments, source="force_scale", freedom=None):
     ("freedom", "fewer"), [((12, 30), 12), ((30, 12), 12), ((None, 7), 7), (None, np.inf)]
 )
 def test_a_change_is_judged_with_the_fewer_degrees_of_freedom(freedom, fewer):
-    (joint,) = compare_campaigns(["joint_1"], list(campaigns([None, None], freedom=freedom)))["joints"]
-    first, last = (one.joints["joint_1"].compliance for one in campaigns([None, None]))
+    (joint,) = compare_campaigns(["joint_1"], list(campaigns(2, freedom=freedom)))["joints"]
+    first, last = (one.joints["joint_1"].compliance for one in campaigns(2))
     ratio = abs(np.log(first / last)) / (0.03 * np.sqrt(2.0))
     assert joint.p_value == pytest.approx(2.0 * stats.t.sf(ratio, fewer))
 
@@ -111,7 +102,7 @@ def test_a_run_states_the_degrees_of_freedom_that_a_trend_reads():
         measured = document["measurement_set"] | ({} if noise is None else {"noise": noise})
         run = js.identify(document | {"measurement_set": measured})
         parts = {"request": run.request.model_dump(mode="json"), "result": run.result.model_dump(mode="json")}
-        (one,) = campaigns(["cell 7"])
+        (one,) = campaigns(1)
         found = _find_fewest_degrees_of_freedom(replace(one, run=ReadRun.model_validate(parts)))
         assert found == (run.result.goodness.degrees_of_freedom if noise is None else np.inf)
 
@@ -237,31 +228,27 @@ def test_changes_of_each_serial_number_are_in_the_row(client):
 
 
 def test_one_campaign_is_compared_with_nothing():
-    trend = compare_campaigns(["joint_1"], list(campaigns(["cell 7"])))
+    trend = compare_campaigns(["joint_1"], list(campaigns(1)))
     assert trend["joints"][0].change is None
     assert not trend["joints"][0].changed
     assert "only one campaign: a second one is needed" in trend["note"]
 
 
-def test_what_is_assumed_of_the_force_is_that_of_one_load_cell():
-    """Nothing was stated, so no campaign says that it is another than in the others."""
-    assumed = uncertainty_of(["cell 7"] * 4 + ["cell 8"], source="assumed_force_scale")
-    assert assumed == pytest.approx(uncertainty_of(["cell 7"] * 5))
-    *others, last = campaigns(["cell 7"] * 5, source="assumed_force_scale")
-    *_, stated = campaigns(["cell 7"] * 4 + ["cell 8"], source="force_scale")
-    assert last.joints["joint_1"].compliance == stated.joints["joint_1"].compliance
-    two_cells = uncertainty_of(["cell 7"] * 4 + ["cell 8"])
-    assert uncertainty_among([*others, stated]) == pytest.approx(two_cells)  # each has an error of its own
-    assert two_cells > 2.0 * assumed
+@pytest.mark.parametrize("source", ["force_scale", "assumed_force_scale", "load_point", "assumed_load_point"])
+def test_each_campaign_has_errors_of_its_own_unless_they_are_said_to_be_the_same(source):
+    """By arithmetic: u(c)/c is 3 %, of which 2.9 % is one source; the set's instrument says nothing of it."""
+    (joint,) = compare_campaigns(["joint_1"], list(campaigns(5, source=source)))["joints"]
+    relative = joint.change.standard_uncertainty / (1.0 + joint.change.value)
+    assert relative == pytest.approx(0.03 * np.sqrt(2.0))
 
 
-@pytest.mark.parametrize("source", ["load_point", "assumed_load_point"])
-@pytest.mark.parametrize("last", ["cell 7", "cell 8"])
-def test_each_campaign_has_a_load_point_error_of_its_own(source, last):
-    """It is fitted with the joints of its campaign, whether it was stated and whatever read the force."""
-    own = uncertainty_of(["cell 7"] * 4 + [last], source=source)
-    assert own == pytest.approx(uncertainty_of(["cell 7"] * 4 + ["cell 8"]))  # as of two load cells
-    assert own > 2.0 * uncertainty_of(["cell 7"] * 5)
+@pytest.mark.parametrize("source", ["force_scale", "assumed_force_scale"])
+def test_the_scale_of_one_cell_cancels(source):
+    """By arithmetic: u(c)/c is 3 %, of which 2.9 % is the scale, stated or assumed."""
+    measured = list(campaigns(5, source=source))
+    (joint,) = compare_campaigns(["joint_1"], measured, shared=SharedErrors(cell=True))["joints"]
+    relative = joint.change.standard_uncertainty / (1.0 + joint.change.value)
+    assert relative == pytest.approx(np.sqrt(2.0 * (0.03**2 - 0.029**2)))
 
 
 def shown_trend(measured):
@@ -279,7 +266,7 @@ def vague(campaign):
 
 def test_a_trend_of_many_campaigns_shows_some_and_those_that_it_compares():
     """The test is that of all; the first and latest compared campaign of each joint are among those shown."""
-    measured = list(campaigns([None] * 500))
+    measured = list(campaigns(500))
     measured[0], measured[-1] = vague(measured[0]), vague(measured[-1])
     whole, some = (compare_campaigns(["joint_1"], measured, most=most) for most in (500, 20))
     assert (len(whole["campaigns"]), len(some["campaigns"])) == (500, 22)
@@ -310,16 +297,16 @@ def sharing(campaign, responses):
 
 def test_of_one_load_point_only_the_difference_of_its_effects_counts():
     """By arithmetic: u(c)/c is 3 %, of which 2.9 % is the load point, in two directions."""
-    first, last = campaigns([None, None], source="load_point")
+    first, last = campaigns(2, source="load_point")
     first, last = sharing(first, (0.029, 0.0, 0.0)), sharing(last, (0.02, 0.021, 0.0))
-    (joint,) = compare_campaigns(["joint_1"], [first, last], same_load_point=True)["joints"]
+    (joint,) = compare_campaigns(["joint_1"], [first, last], shared=SharedErrors(load=True))["joints"]
     expected = np.sqrt(2 * (0.03**2 - 0.029**2) + 0.009**2 + 0.021**2)
     assert joint.change.standard_uncertainty / (1 + joint.change.value) == pytest.approx(expected)
 
 
 def test_a_run_that_states_no_effect_of_its_load_point_keeps_its_own_error_and_is_named():
-    measured = list(campaigns([None, None], source="load_point"))
-    trend = compare_campaigns(["joint_1"], measured, same_load_point=True)
+    measured = list(campaigns(2, source="load_point"))
+    trend = compare_campaigns(["joint_1"], measured, shared=SharedErrors(load=True))
     assert trend["joints"] == compare_campaigns(["joint_1"], measured)["joints"]
     assert trend["note"].startswith(
         "the runs of 'c', 'c' do not state how an error of the load point changes"
@@ -336,16 +323,35 @@ def test_a_trend_of_one_load_point_is_narrower_and_refuses_sets_of_other_points(
         joints = client.get(path, params=query).json()["joints"]
         return np.array([joint["change"]["standard_uncertainty"] for joint in joints])
 
-    assert (uncertainties(same_load_point=True) < 1.001 * uncertainties()).all()
-    assert (uncertainties(same_load_point=True) / uncertainties()).min() < 0.97
+    assert (uncertainties(same_load=True) < 1.001 * uncertainties()).all()
+    assert (uncertainties(same_load=True) / uncertainties()).min() < 0.97
     identify(client, measure(client, robot, 3, load_point=[0.0, 0.0, 0.15]))
-    refused = client.get(path, params={"same_load_point": True})
+    refused = client.get(path, params={"same_load": True})
     assert refused.status_code == 422
     assert "state load points" in refused.json()["detail"]
 
 
+def test_a_trend_of_one_cell_is_narrower_and_refuses_sets_of_other_uncertainties(client):
+    robot = robot_of(client)
+    for month in (1, 2):
+        identify(client, measure(client, robot, month))
+    path = f"/v1/robots/{robot}/trend"
+
+    def uncertainties(**query):
+        joints = client.get(path, params=query).json()["joints"]
+        return np.array([joint["change"]["standard_uncertainty"] for joint in joints])
+
+    assert (uncertainties(same_cell=True) < uncertainties()).all()
+    assert (uncertainties(same_cell=True) / uncertainties()).min() < 0.9
+    stated = {"sigma": 2e-5, "force": {"scale": 0.002}}
+    identify(client, measure(client, robot, 3, noise=stated))
+    refused = client.get(path, params={"same_cell": True})
+    assert refused.status_code == 422
+    assert "uncertainties of the force's scale" in refused.json()["detail"]
+
+
 def test_a_trend_names_the_campaigns_that_it_compares_if_others_are_later():
-    measured = list(campaigns([None] * 4))
+    measured = list(campaigns(4))
     assert "compared" not in shown_trend(measured).summary() + str(shown_trend(measured))
     shown = str(shown_trend([*measured[:3], vague(measured[3])]))
     assert "joint_1: compared from 'c' (2026-01-01) to 'c' (2026-01-03)" in " ".join(shown.split())
@@ -355,7 +361,7 @@ def test_campaigns_of_one_day_are_labelled_by_their_times():
     at = [START, START + timedelta(hours=1), START + timedelta(hours=1)]
     measured = [
         replace(one, measured=replace(one.measured, measured_at=time))
-        for one, time in zip(campaigns([None] * 3), at, strict=True)
+        for one, time in zip(campaigns(3), at, strict=True)
     ]
     assert shown_trend(measured[:2])._campaign_dates() == ["2026-01-01 00:00", "2026-01-01 01:00"]
     assert shown_trend(measured)._campaign_dates()[2] == "2026-01-01 01:00 (3)"
@@ -479,7 +485,7 @@ def test_a_robot_has_a_limited_number_of_marks(client):
 @pytest.mark.parametrize("freedom", [(6, 9), None])
 def test_the_band_of_no_change_ends_where_a_change_is_reported(freedom):
     """A latest stiffness at an end of the band has the p-value of the level."""
-    first, last = list(campaigns([None, None], freedom=freedom))
+    first, last = list(campaigns(2, freedom=freedom))
     trend = compare_campaigns(["joint_1"], [first, last])
     (joint,) = trend["joints"]
     low, high = joint.unchanged

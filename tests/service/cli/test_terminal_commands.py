@@ -190,8 +190,10 @@ HELP = {
         "[SECOND] <file> File of a second campaign, compared with the first: with secondary encoders, "
         "after a change, or of a robot of the same model.",
         "--ordered / --no-ordered Also identify both sets together, with no joint softer in the second set.",
-        "--same-load-point / --no-same-load-point True if the load of both sets acted at the same point of "
-        "the flange, with one error.",
+        "--same-load / --no-same-load True if the load of both sets acted at the same point of the flange, "
+        "with one error.",
+        "--same-cell / --no-same-cell True if the same cell or weights gave the forces of both sets, with "
+        "one error of scale.",
         "--confidence NUMBER Confidence level of the ratios' intervals; default: the first run's.",
         "--csv Print CSV for spreadsheets.",
     ],

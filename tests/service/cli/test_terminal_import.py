@@ -156,7 +156,7 @@ def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
     bare = TABLE.decode().replace(" [rad]", "").replace(" [m]", "")
     lines = (line.replace(";", ";night;" if i else ";shift;", 1) for i, line in enumerate(bare.splitlines()))
     Path("cell.csv").write_text("\n".join(lines) + "\n")
-    answers = ["", "rad", "mm in", "m", "", "0,0", "0,0,120", "", "robot.json"]
+    answers = ["", "rad", "mm in", "m", "", "0,0", "0,0,120", "", "robot.json", "drawing"]
     said = typed("import cell.csv --output asked.json", input="\n".join(answers) + "\n")
     assert_said(
         said,
@@ -173,19 +173,21 @@ def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
         "Error: '0,0' must be three numbers, such as 0,0,120.5",
         "Encoders that close the position loop (motor, secondary) [motor]:",
         "Measured robot, for the integrity checks: file or arm [none]:",
+        "How the load point is known (tracker, drawing, hand, unknown) [unknown]:",
         "wrote asked.json, a campaign; now: jointstiff identify asked.json",
     )
     stored = json.loads(Path("asked.json").read_text())["measurement_set"]
     assert stored["units"] == {"length": "m", "angle": "rad", "force": "N"}
     assert stored["load_point"] == pytest.approx([0.0, 0.0, 0.12])
     assert stored["encoders"] == "motor"
+    assert stored["noise"]["grounds"] == {"load_point": "drawing"}
 
 
 @pytest.mark.usefixtures("asking")
 def test_words_of_states_and_a_far_load_point_are_asked_for():
     Path("pre.csv").write_text(CAMPAIGN.replace("unloaded", "pre").replace("loaded", "post"))
     said = typed(
-        "import pre.csv --output asked.json", input="\n".join(["", "0,0,6000", "", "y", "none"]) + "\n"
+        "import pre.csv --output asked.json", input="\n".join(["", "0,0,6000", "", "y", "none", ""]) + "\n"
     )
     assert_said(
         said,
@@ -196,4 +198,22 @@ def test_words_of_states_and_a_far_load_point_are_asked_for():
         "Is this value correct: the load point is 6 m from the flange (up to 5 m is plausible)? [y/N]:",
         "wrote asked.json, a measurement set; now: add a robot with --robot",
     )
-    assert json.loads(Path("asked.json").read_text())["load_point"] == [0.0, 0.0, 6000.0]
+    stored = json.loads(Path("asked.json").read_text())
+    assert stored["load_point"] == [0.0, 0.0, 6000.0]
+    assert "noise" not in stored  # who presses Enter states nothing
+
+
+@pytest.mark.usefixtures("asking")
+def test_a_ground_that_an_option_states_is_not_asked_for():
+    Path("pre.csv").write_text(CAMPAIGN)
+    options = "--load-point 0,0,120 --encoders motor --sigma 0.02 --ground load_point=tracker"
+    said = typed(f"import pre.csv {options} --output stated.json", input="none\n")
+    assert "How the load point is known" not in said
+    noise = json.loads(Path("stated.json").read_text())["noise"]
+    assert (noise["sigma"], noise["grounds"]) == (0.02, {"load_point": "tracker"})
+
+
+def test_an_unknown_ground_is_refused_with_the_known_ones():
+    Path("pre.csv").write_text(CAMPAIGN)
+    said = typed("import pre.csv --ground load_point=guess", status=2)
+    assert_said(said, "--ground.load_point", "'tracker', 'drawing' or 'hand'")

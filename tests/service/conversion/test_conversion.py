@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from support.campaigns import estimate, prepare
 from support.examples import examples
-from support.importing_samples import MM, sources_of
+from support.importing_samples import CAMPAIGN, MM, sources_of
 from support.readings import by_gauges, triads
 
 from jointstiff import identify, plan
 from jointstiff.schemas.finding import AdvisedAction
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
+from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
-from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.conversion.readings import ReadingArrays, to_common_uncertainty
 from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in, readings_sheet
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.resources.inputs import InMemoryInputs
@@ -498,3 +498,35 @@ def test_observations_keep_their_numbers_if_others_are_left_out():
     labels = inputs.measured(set_id, "set").measurements.labels
     shorter = inputs.measured(set_id, "set", labels[2:5]).measurements
     assert shorter.order.tolist() == [0.0, 1.0, 5.0, 6.0, 7.0]
+
+
+@pytest.mark.parametrize(
+    ("noise", "in_fit", "is_assumed", "doubtful"),
+    [
+        ({"sigma": 2e-2}, 0.01, True, None),  # nothing is stated: today's assumption
+        ({"load_point": 0.1}, 0.01, True, 1e-4),
+        ({"load_point": 25.0}, 0.025, False, None),
+        ({"grounds": {"load_point": "tracker"}}, 1e-3, False, None),
+        ({"load_point": 0.1, "grounds": {"load_point": "tracker"}}, 1e-3, False, None),
+        ({"load_point": 2.0, "grounds": {"load_point": "tracker"}}, 2e-3, False, None),
+        ({"load_point": 0.1, "grounds": {"load_point": "drawing"}}, 3e-3, False, None),
+        ({"load_point": 0.1, "grounds": {"load_point": "hand"}}, 0.01, False, 1e-4),
+    ],
+)
+def test_a_load_point_counts_with_at_least_the_uncertainty_of_its_ground(noise, in_fit, is_assumed, doubtful):
+    common = to_common_uncertainty(Noise.model_validate(noise), 1e-3)
+    assert common.load_point == pytest.approx(in_fit)
+    assert ("load_point" in common.assumed) == is_assumed
+    assert common.doubtful_load_point == (None if doubtful is None else pytest.approx(doubtful))
+
+
+def test_lengths_of_an_import_are_converted_and_its_grounds_are_kept():
+    stated = {
+        "encoders": "motor",
+        "load_point": (0.0, 0.0, 0.12),
+        "noise": {"sigma": 2e-5, "load_point": 2e-3, "grounds": {"load_point": "tracker"}},
+        "length_unit": "m",
+    }
+    answer = import_files(sources_of(("a.csv", CAMPAIGN)), ImportRequest.model_validate(stated))
+    found = answer.measurement_set.noise.model_dump(exclude_unset=True)
+    assert found == {"sigma": 0.02, "load_point": 2.0, "grounds": {"load_point": "tracker"}}

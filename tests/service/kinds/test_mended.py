@@ -91,9 +91,9 @@ FITTED = {
         "",  # the load point moves far enough within its 1 mm to leave hardly more than noise
     ),
     "weight_forgotten": (
-        "constant_force",
-        "a constant force of (-1.49, 0.0611, -300) N ± (6.16, 6.01, 4.88) N (axes of R0) added to every load",
-        "(F test, p = 8e-148); compliances change by up to 41 %",
+        "hook_weight",
+        "a weight of (299) N ± (4.12) N that hangs with every load",
+        "(F test, p = 4e-152); compliances change by up to 41 %",
         "11.9",
     ),
 }
@@ -108,15 +108,15 @@ def test_a_cause_is_named_with_its_size_and_fitted_it_stays_refuted(name):
     better, *exceeded = before.result.assessment.reasons
     assert better.code == "alternative_explains_better"
     assert [each.code for each in exceeded] == ["residuals_exceed_sigma"] * bool(ratio)
-    # The cause alone moves by 0.7 mN, or by 0.1 mm, more than together with the joints.
-    moved = fitted.partition(" ± ")[0].replace("0.0611", "0.0604").replace("-38.8", "-38.9")
+    # The cause alone moves by 0.1 mm more than together with the joints.
+    moved = fitted.partition(" ± ")[0].replace("-38.8", "-38.9")
     assert better.message.startswith(f"with {moved}")
     assert "the joints explain the readings significantly better" in better.message
     assert change in better.message
     assert better.remedy == (
         "measure the load point on the flange"
         if cause == "load_point"
-        else "check for a weight that hangs on the flange only while loaded, and the load cell's zero"
+        else "weigh hook and slings, and add them to the loads"
     )
     for each in exceeded:
         assert each.message.startswith(f"the residuals are {ratio} times as large as the stated noise allows")
@@ -130,7 +130,7 @@ def test_a_cause_is_named_with_its_size_and_fitted_it_stays_refuted(name):
     assert [part.source for part in after.result.budget.components] == [
         "readings",
         "assumed_force_scale",
-        *(["assumed_load_point"] if cause == "constant_force" else []),
+        *(["assumed_load_point"] if cause == "hook_weight" else []),
         "fitted_causes",
         "model_error",
     ]
@@ -138,7 +138,7 @@ def test_a_cause_is_named_with_its_size_and_fitted_it_stays_refuted(name):
         abs(joint.compliance - truth) / joint.standard_uncertainty
         for joint, truth in zip(after.result.joints, js.simulator.default_arm().compliances, strict=True)
     ]
-    assert max(errors) == pytest.approx(1.38 if cause == "constant_force" else 1.5, abs=0.01)
+    assert max(errors) == pytest.approx(1.59 if cause == "hook_weight" else 1.5, abs=0.01)
 
 
 def moved_since(first):
@@ -198,7 +198,10 @@ def test_a_plan_on_a_refuted_load_point_is_refused_and_fitted_it_is_planned_with
         assert joint.before >= 0.9 * other.before
 
 
-CAUSES_GIVEN = "give one of: constant_force, curved_springs, load_point, load_zero, play, shift, turn"
+CAUSES_GIVEN = (
+    "give one of: constant_force, curved_springs, growth, growth_over_time, hook_weight, load_point, "
+    "load_zero, play, rope_zero, shift, tool, turn"
+)
 
 
 @pytest.mark.parametrize(
@@ -286,16 +289,16 @@ def test_two_mistakes_are_mended_by_one_action(local):
     document = planted(clean_campaign(), weight_forgotten_and_target_bumped)
     before = js.identify(document)
     reason = before.result.assessment.reasons[0]
-    assert reason.message.startswith("without 'c07', and with a constant force of (")
+    assert reason.message.startswith("without 'c07', and with a weight of (")
     assert reason.action.observations == ["c07"]
     after = before.apply("fit_causes")
     assert len(after.campaign.measurement_set.observations) == 18
-    assert [each.name for each in after.request.causes] == ["constant_force"]
+    assert [each.name for each in after.request.causes] == ["hook_weight"]
     assert [each.code for each in after.result.assessment.reasons] == ["cause_fitted"]
     wrong = posted(local, document)
     mended = post(local, f"/v1/runs/{wrong['id']}/apply", reason.action.model_dump(mode="json"))
     assert mended["request"]["leave_out"] == ["c07"]
-    assert [each["name"] for each in mended["request"]["causes"]] == ["constant_force"]
+    assert [each["name"] for each in mended["request"]["causes"]] == ["hook_weight"]
     assert mended["request"]["measurement_set_id"] == wrong["request"]["measurement_set_id"]
     for one, other in zip(after.result.joints, mended["result"]["joints"], strict=True):
         assert one.compliance == pytest.approx(other["compliance"], rel=1e-6)

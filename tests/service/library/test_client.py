@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from anyio.from_thread import start_blocking_portal
 from support.guide_files import ROOT
+from support.programs import KUKA_TOOL, START, path, tool_poses
 
 import jointstiff
 import jointstiff as js
@@ -486,6 +487,16 @@ def by_day(verb, form):
 def test_a_verb_takes_a_file_a_document_a_campaign_or_a_run(backend, sources, expected, verb, form):
     call, view = VERBS[verb]
     assert view(call(backend, sources[form])) == expected[verb]
+
+
+def test_arrays_of_poses_and_forces_are_the_same_by_a_service(backend):
+    poses = tool_poses(path(6))
+    poses[:, :3, 3] *= 1e3
+    stated = {"tools": [{"values": KUKA_TOOL}], "start": np.degrees(START).tolist(), "turn": "keep"}
+    stated |= {"forces": np.outer(np.linspace(0.5, 1.0, 6), FORCE), "mark": False}
+    here, there = (each.process(DOCUMENT, poses, **stated) for each in (js, backend))
+    assert there.result.turned == here.result.turned
+    assert program(there) == program(here)
 
 
 def test_the_verbs_of_other_sources(backend, tmp_path):

@@ -23,7 +23,7 @@ DOUBT = (
 )
 AGAINST = (
     "the other observations predict a motion of 3 mm under 1471 N, but "
-    "the targets moved in the opposite direction; with the load reversed, only 66.8 µm remains unexplained"
+    "the targets moved in the opposite direction; with the load reversed, only 67.2 µm remains unexplained"
 )
 CHECKED = "the held-out reading is as near to its prediction as 90 % of good readings"
 AREA = {"work_area": [[0.8, -0.6, 0.4], [1.9, 0.6, 1.6]]}
@@ -104,9 +104,7 @@ def test_one_reading_gives_numbers_that_are_used_with_care(client):
         "the set has 1 distinct posture, so the stiffnesses were not tested in other postures"
     )
     assert reason["remedy"] == "measure at least 3 postures that differ by 5° or more"
-    *notes, unseen = assessment["notes"]
-    assert unseen.startswith("The readings cannot show ")
-    assert notes == [
+    assert assessment["notes"] == [
         "Forces up to 1471 N (150 kgf), deflections up to 4.62 mm. If N and kgf were confused, every "
         "stiffness would be wrong by a factor of 9.81, and no reading would show it.",
         "Each posture was read only once without load, so a deflection that remains after unloading is not "
@@ -136,9 +134,9 @@ def test_a_mistake_at_the_second_reading_is_named_at_once_and_better_with_the_th
     codes = [each["code"] for each in state["assessment"]["reasons"]]
     assert codes == ["residuals_exceed_sigma", "deflection_unexplained", "few_postures", "lack_of_fit"]
     first, second, *_ = state["assessment"]["reasons"]
-    assert first["message"].startswith("the residuals are 43.9 times as large as the stated noise allows")
+    assert first["message"].startswith("the residuals are 43.7 times as large as the stated noise allows")
     assert first["action"]["kind"] == "omit_noise"
-    assert second["message"].startswith("the joints explain only 45.5 % of the mean deflection")
+    assert second["message"].startswith("the joints explain only 45.8 % of the mean deflection")
     assert second["action"]["observations"] == ["m02"]
 
     state = measured(client, address, 1)
@@ -170,14 +168,14 @@ def mistaken(client):
 def test_no_further_readings_reach_the_goal_beside_a_mistake(client, mistaken):
     state = state_of(client, mistaken)
     assert (state["state"], state["still_needed"]) == ("measuring", None)
-    assert state["share"] == pytest.approx(0.40633, rel=1e-3)
+    assert state["share"] == pytest.approx(0.46231, rel=1e-3)
     assert state["message"] == f"m02 is doubtful: {DOUBT}"
     assert [each["state"] for each in state["readings"]] == ["counts", "doubtful", *["counts"] * 14]
     (reason,) = state["assessment"]["reasons"]
     assert reason["message"] == AGAINST
     assert reason["action"]["kind"] == "leave_out_readings"
     assert reason["action"]["observations"] == ["m02"]
-    assert state["joints"][2]["interval"] == pytest.approx([2.47707e6, 2.55634e6], rel=1e-3)
+    assert state["joints"][2]["interval"] == pytest.approx([2.45929e6, 2.53677e6], rel=1e-3)
     assert state["next"]["label"] == "m17"
 
 
@@ -283,26 +281,26 @@ def test_a_goal_beyond_reach_is_said_with_the_joint_that_misses_it(client):
         "the goal will not be met: joint_6 causes 0.0 % of the deflection, and will not be known "
         "accurately enough"
     )
-    assert state["share"] == pytest.approx(73.222, rel=1e-3)
+    assert state["share"] == pytest.approx(80.645, rel=1e-3)
 
 
 def test_a_goal_of_a_deflection_is_reached_by_its_uncertainty(client):
     address = declared(client, goal={"kind": "deflection", "uncertainty": 1.2e-5}, **AREA)
     state = measured(client, address, 2)
-    assert (state["state"], state["message"]) == ("measuring", "2 readings; about 6 more")
-    assert (state["still_needed"], state["share"]) == (6, pytest.approx(2.3806, rel=1e-3))
+    assert (state["state"], state["message"]) == ("measuring", "2 readings; about 7 more")
+    assert (state["still_needed"], state["share"]) == (7, pytest.approx(2.3906, rel=1e-3))
     state = measured(client, address, 20)
-    assert (state["state"], state["message"]) == ("reached", f"reached after 10 readings; {CHECKED}")
-    assert state["share"] == pytest.approx(0.9849, rel=2e-3)
-    assert state["deflection_uncertainty"] == pytest.approx(0.9849 * 1.2e-5, rel=2e-3)
+    assert (state["state"], state["message"]) == ("reached", f"reached after 11 readings; {CHECKED}")
+    assert state["share"] == pytest.approx(0.97239, rel=2e-3)
+    assert state["deflection_uncertainty"] == pytest.approx(0.97239 * 1.2e-5, rel=2e-3)
 
 
 def test_a_decision_is_reached_where_the_deflection_is_below_its_limit(client):
     state = measured(client, declared(client, goal={"kind": "decision", "limit": 0.004}, **AREA), 20)
-    answer = "the greatest deflection in the work area is 3.11 mm ± 15.1 µm (95 %), below 4 mm"
+    answer = "the greatest deflection in the work area is 3.11 mm ± 16.3 µm (95 %), below 4 mm"
     assert (state["state"], state["message"]) == ("reached", f"reached after 6 readings: {answer}; {CHECKED}")
     greatest, uncertainty = state["greatest_deflection"], state["deflection_uncertainty"]
-    assert (greatest, uncertainty) == pytest.approx((3.10801e-3, 1.5101e-5), rel=1e-3)
+    assert (greatest, uncertainty) == pytest.approx((3.10801e-3, 1.63398e-5), rel=1e-3)
     assert state["share"] == pytest.approx(uncertainty / (0.004 - greatest), rel=1e-3)
 
 
@@ -318,7 +316,7 @@ def test_the_reading_that_is_held_out_is_announced_and_counts_towards_the_goal(c
     assert announced == [*usual, (1, True, True)]
     assert (state["state"], state["still_needed"]) == ("reached", 0)
     assert state["message"] == f"reached after 6 readings; {CHECKED}"
-    assert state["share"] == pytest.approx(0.585, rel=1e-3)
+    assert state["share"] == pytest.approx(0.62595, rel=1e-3)
 
 
 @pytest.mark.parametrize(

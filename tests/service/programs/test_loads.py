@@ -148,8 +148,8 @@ REFUSED = {
     ),
     "lengths that decrease": (
         f"{BY_LENGTH}\n0,0,0,9\n50,0,0,9\n40,0,0,9\n",
-        "loads:4: the length 40 is less than that of the row before, or occurs three times; sort the rows by "
-        "length; two rows of one length are a step of the load",
+        "loads:4: the length 40 mm is less than that of the row before, or occurs three times; sort the rows "
+        "by length; two rows of one length are a step of the load",
     ),
     "a gap at the end of the path": (
         f"{BY_LENGTH}\n0,0,0,9\n50,0,0,9\n",

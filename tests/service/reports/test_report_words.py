@@ -79,7 +79,8 @@ def pulled(laboratory):
 @pytest.fixture(scope="module")
 def weighed(laboratory):
     """A run under a dead weight, with stated errors of load and load point."""
-    noise = {"load_point": 0.001, "force": {"scale": 0.002, "direction": 0.001}}
+    grounds = {"load_point": "tracker"}
+    noise = {"load_point": 0.001, "grounds": grounds, "force": {"scale": 0.002, "direction": 0.001}}
     return identified(laboratory, "dead_weight", 2, {"elasticity": "joints"}, noise=noise)
 
 

@@ -23,6 +23,7 @@ from jointstiff.solver.comparison.campaigns import (
     FreeEstimate,
     GaussianEstimate,
     RatioInterval,
+    SharedErrors,
     Side,
     compare_sides,
     compute_measured_shares,
@@ -64,7 +65,10 @@ class Campaign:
             free = identify(Rows(self.robot, self.measurements), without)
         values = [np.nan if joint.compliance is None else joint.compliance for joint in free.joints]
         common = np.zeros((len(values), 0)) if free.common is None else free.common.responses
-        assumed = common[:, :0] if free.common is None else free.common.responses_to("assumed_load_point")
+        scale, assumed = common[:, :0], common[:, :0]
+        if free.common is not None:
+            scale = free.common.responses_to("assumed_force_scale")
+            assumed = free.common.responses_to("assumed_load_point")
         return Side(
             self.robot,
             self.measurements,
@@ -75,7 +79,7 @@ class Campaign:
                 compliance=np.array(values),
                 covariance=free.covariance,
                 readings=None if free.covariance is None else free.covariance - common @ common.T,
-                assumed={"load_point": assumed @ assumed.T},
+                force_scale=scale @ scale.T,
                 load_point=assumed,
                 sigma=free.sigma,
                 degrees_of_freedom=inf if free.sigma_given else free.degrees_of_freedom,
@@ -198,7 +202,7 @@ def test_ratios_are_those_of_the_truth(method):
 
 
 def test_the_difference_of_compliances_is_that_of_the_gearboxes(simulated):
-    """Joints 1 to 3 have gearboxes inside the loop; an assumed scale widens a difference, and no ratio."""
+    """Joints 1 to 3 have gearboxes inside the loop; the scale of one cell widens a difference only."""
     exact = pair_of(*simulated)
     removed = MOTOR.compliances - SECONDARY.compliances
     for joint, c in list(zip(exact.differences, removed, strict=True))[:3]:
@@ -212,7 +216,7 @@ def test_the_difference_of_compliances_is_that_of_the_gearboxes(simulated):
         replace(each, measurements=replace(each.measurements, common_uncertainty=assumed))
         for each in simulated
     ]
-    with_scale = pair_of(*scaled)
+    with_scale = pair_of(*scaled, shared=SharedErrors(cell=True))
     for plain, wide in zip(exact.differences[:3], with_scale.differences[:3], strict=True):
         expected = hypot(plain.standard_uncertainty, 0.05 * plain.compliance)
         assert wide.standard_uncertainty == pytest.approx(expected, rel=1e-9)
@@ -430,7 +434,7 @@ def test_ratios_of_loads_at_one_point_cover_with_narrower_intervals():
         offset = 0.01 * np.random.default_rng([k, 7]).standard_normal(3)
         plan = plan_experiment(MOTOR, configurations=16, load="pull", force=1500.0, seed=k)
         sides = [hung_off(arm, plan, offset, [k, i]) for i, arm in enumerate((MOTOR, SECONDARY))]
-        shared = pair_of(*sides, confidence=level, ordered=True, same_load_point=True)
+        shared = pair_of(*sides, confidence=level, ordered=True, shared=SharedErrors(load=True))
         own = pair_of(*sides, confidence=level)
         covered += [holds(interval_of(j), ratio) for j, ratio in zip(shared.joints, expected, strict=True)]
         widths.append([[np.diff(j.ratio_interval)[0] for j in pair.joints] for pair in (shared, own)])
@@ -450,7 +454,10 @@ def test_an_error_of_the_load_point_that_both_campaigns_share_leaves_the_ratio_o
     common = first.estimate.common.responses_to("assumed_load_point")
     own = np.sqrt(np.diagonal(first.estimate.covariance - common @ common.T))
     for joint, c, s in zip(
-        pair_of(first, first, same_load_point=True).joints, first.estimate.compliance, own, strict=True
+        pair_of(first, first, shared=SharedErrors(load=True)).joints,
+        first.estimate.compliance,
+        own,
+        strict=True,
     ):
         # Near the ratio 1, the ends of Fieller's interval are those of the difference of logarithms.
         assert np.diff(np.log(joint.ratio_interval))[0] == pytest.approx(
@@ -471,8 +478,36 @@ def test_campaigns_that_state_other_load_points_do_not_share_one(simulated, what
     else:
         second = simulated[1]
     with pytest.raises(RequestError, match="no uncertainty" if what == "none" else "apart") as error:
-        pair_of(first, second, same_load_point=True)
-    assert error.value.where == "same_load_point"
+        pair_of(first, second, shared=SharedErrors(load=True))
+    assert error.value.where == "same_load"
+
+
+def with_scale(campaign, size=0.01):
+    """The campaign with forces whose scale is assumed to be known to a fraction."""
+    uncertainty = CommonUncertainty(scale=size, assumed=frozenset({"force_scale"}))
+    return with_readings(campaign, common_uncertainty=uncertainty)
+
+
+def test_an_assumed_scale_is_each_campaigns_own_unless_the_cell_is_said_to_be_the_same(simulated):
+    """By arithmetic: an error of 1 % of each force adds √2 % to the ratio."""
+
+    def uncertainties(one, other, **options):
+        joints = pair_of(one, other, **options).joints
+        return np.array([np.diff(np.log(joint.ratio_interval))[0] / (2.0 * T95) for joint in joints])
+
+    exact = uncertainties(*simulated)
+    first, second = map(with_scale, simulated)
+    same_cell = SharedErrors(cell=True)
+    np.testing.assert_allclose(uncertainties(first, second, shared=same_cell), exact, rtol=0.01)
+    expected = np.hypot(exact, 0.01 * np.sqrt(2.0))
+    np.testing.assert_allclose(uncertainties(first, second), expected, rtol=0.02)
+
+
+def test_campaigns_of_other_uncertainties_of_the_force_have_no_cell_in_common(simulated):
+    first, second = with_scale(simulated[0]), with_scale(simulated[1], 0.003)
+    with pytest.raises(RequestError, match=r"scale of 1 and 0\.3 %") as error:
+        pair_of(first, second, shared=SharedErrors(cell=True))
+    assert error.value.where == "same_cell"
 
 
 def test_targets_that_were_not_read_do_not_weigh_in_the_share_of_deflection():

@@ -11,6 +11,7 @@ from support.springs import SpringCampaign, robot_of
 from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.comparison.campaigns import SharedErrors
 from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
@@ -21,6 +22,7 @@ from jointstiff.solver.run import run
 ARM = default_arm()
 ROBOT = robot_of(ARM)
 PLAY = Errors(play=20e-6)
+SAME_LOAD = SharedErrors(load=True)
 
 
 def simulate(errors: Errors, seed: int) -> EncoderCampaign:
@@ -141,8 +143,8 @@ def test_two_runs_give_gearbox_and_structure_in_one_fit():
     """Errors are within 3.5 standard uncertainties; joint 2 has at most 0.6 of the difference's width."""
     ratios = []
     for seed in range(3):
-        pair = simulate_pair(SpringCampaign.of(ARM, seed=seed), STATED_LOADS, seed, same_load_point=True)
-        compared = compare_pair(pair, same_load_point=True)
+        pair = simulate_pair(SpringCampaign.of(ARM, seed=seed), STATED_LOADS, seed, SAME_LOAD)
+        compared = compare_pair(pair, SAME_LOAD)
         apart = compared.apart
         assert apart.joints.tolist() == list(READ)
         truth = np.stack([pair.gearboxes, pair.structure])
@@ -154,31 +156,31 @@ def test_two_runs_give_gearbox_and_structure_in_one_fit():
 
 
 def test_structure_is_sharper_by_two_runs_than_by_one():
-    pair = simulate_pair(SpringCampaign.of(ARM, seed=4), STATED_LOADS, 4, same_load_point=True)
-    by_two = compare_pair(pair, same_load_point=True).apart
+    pair = simulate_pair(SpringCampaign.of(ARM, seed=4), STATED_LOADS, 4, SAME_LOAD)
+    by_two = compare_pair(pair, SAME_LOAD).apart
     by_one = joints_of(pair.motor).apart
     assert (np.ptp(by_two.interval[1], axis=1) < 0.9 * np.ptp(by_one.interval[1], axis=1)).all()
 
 
 def test_an_encoder_that_is_not_the_one_in_the_loop_is_named():
     """The loop removes all of the gearbox, but the encoder read on joint 2 sees three quarters of it."""
-    pair = simulate_pair(SpringCampaign.of(ARM, seed=5), STATED_LOADS, 5, same_load_point=True)
+    pair = simulate_pair(SpringCampaign.of(ARM, seed=5), STATED_LOADS, 5, SAME_LOAD)
     factor = np.array([1.0, 0.75, 1.0, 1.0, 1.0, 1.0])
     encoders = replace(pair.motor.encoders, deflection=factor * pair.motor.encoders.deflection)
     wrong = replace(pair, motor=replace(pair.motor, encoders=encoders))
-    apart = compare_pair(wrong, same_load_point=True).apart
+    apart = compare_pair(wrong, SAME_LOAD).apart
     assert apart.differing.tolist() == [1]
     assert apart.excess[1] < 0.0
 
 
 def test_without_encoders_in_the_loop_of_one_run_nothing_is_taken_apart():
-    pair = simulate_pair(SpringCampaign.of(ARM, seed=4), STATED_LOADS, 4, same_load_point=True)
+    pair = simulate_pair(SpringCampaign.of(ARM, seed=4), STATED_LOADS, 4, SAME_LOAD)
     repeated = replace(pair, secondary=replace(pair.secondary, closed_on_links=False))
-    assert compare_pair(repeated, same_load_point=True).apart is None
+    assert compare_pair(repeated, SAME_LOAD).apart is None
 
 
 def test_the_order_of_the_two_runs_does_not_matter():
-    pair = simulate_pair(SpringCampaign.of(ARM, seed=4), STATED_LOADS, 4, same_load_point=True)
+    pair = simulate_pair(SpringCampaign.of(ARM, seed=4), STATED_LOADS, 4, SAME_LOAD)
     swapped = replace(pair, motor=pair.secondary, secondary=pair.motor)
-    first, second = (compare_pair(each, same_load_point=True).apart for each in (pair, swapped))
+    first, second = (compare_pair(each, SAME_LOAD).apart for each in (pair, swapped))
     np.testing.assert_allclose(first.interval, second.interval, rtol=1e-9)

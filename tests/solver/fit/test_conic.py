@@ -173,7 +173,7 @@ def test_a_wrong_answer_gets_no_certificate(monkeypatch, spoil):
     excess = objective(program, wrong) - objective(program, right)
     assert certify_cone(program, wrong).gap >= 0.99 * np.sqrt(excess)
     monkeypatch.setattr(SemidefiniteProgram, "find_interior_point", lambda *_: wrong)
-    monkeypatch.setattr(Face, "step", lambda *_: None)
+    monkeypatch.setattr(Face, "take_newton_step", lambda *_: None)
     with pytest.raises(SolverError, match=r"the gap to the optimum is \S+, above"):
         solve_cone(program, wanted_gap=GAP)
 
@@ -188,7 +188,7 @@ def test_of_answers_that_do_not_do_the_best_is_kept(monkeypatch):
         return program.cone.project(right + 1e-3 * len(asked))
 
     monkeypatch.setattr(SemidefiniteProgram, "find_interior_point", proposed)
-    monkeypatch.setattr(Face, "step", lambda *_: None)
+    monkeypatch.setattr(Face, "take_newton_step", lambda *_: None)
     found = solve_cone(program, wanted_gap=1e-12, accepted_gap=10.0)
     np.testing.assert_allclose(found.x, program.cone.project(right + 1e-3), rtol=1e-12)
     assert set(asked) == {1.0, 1e-9}

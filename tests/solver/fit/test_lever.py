@@ -118,7 +118,7 @@ def test_a_profile_is_the_optimum_that_clarabel_finds(monkeypatch, seed):
         rows = load.A[:, :5] / unit @ c + load.A[:, 5] * value + B @ e - load.d
         problem = cp.Problem(cp.Minimize(cp.sum_squares(rows / SIGMA) + cp.sum_squares(e)))
         problem.solve(solver=cp.CLARABEL)
-        found = profile.within_constraints(np.array([value]))[0]
+        found = profile.minimise_within_constraints(np.array([value]))[0]
         assert found / SIGMA**2 == pytest.approx(problem.value, abs=1e-4, rel=1e-6)
 
 

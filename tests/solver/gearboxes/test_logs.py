@@ -1,14 +1,17 @@
 """Logs of a motion: intervals hold the truth, and what logs cannot say is refused."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 from support.kr300 import read_kr300
 from support.motion_logs import JOINTS, read, simulate
 
 import jointstiff as js
-from jointstiff.solver.gearboxes.log_outcome import identify_from_logs
+from jointstiff.solver.gearboxes.log_fit import LogFit
+from jointstiff.solver.gearboxes.log_outcome import _Joint, identify_from_logs
 from jointstiff.solver.gearboxes.motion import GasSpring
 
 LENGTH = 2500
@@ -108,6 +111,60 @@ def test_logs_with_different_loads_contradict_each_other_and_are_refused():
     assert gearbox.stiffness is None
     assert gearbox.stiffness_interval is None
     assert "contradict" in gearbox.reason
+
+
+FIT = LogFit(
+    joint=1,
+    compliance=2.0e-7,
+    interval=(1.8e-7, 2.2e-7),
+    delay=0.003,
+    lost_motion=10e-6,
+    noise=1e-6,
+    independent=100.0,
+    least_torque=-2000.0,
+    greatest_torque=2000.0,
+    against_torque=0.0,
+)
+"""Fit of a log: its torque twists the gearbox by 800 µrad, 80 times its lost motion."""
+
+
+def shift(deviations, **changes):
+    """The fit of a log whose compliance is off by some standard uncertainties."""
+    off = deviations * FIT.uncertainty
+    return replace(
+        FIT, compliance=FIT.compliance + off, interval=tuple(end + off for end in FIT.interval), **changes
+    )
+
+
+def judge(*fits):
+    """A joint with these fits of its logs."""
+    return _Joint("joint_2", FIT, {f"log {number}": fit for number, fit in enumerate(fits, 1)})
+
+
+def test_a_log_that_turns_against_friction_alone_contradicts_no_other_log():
+    silent = {"least_torque": -37.0, "greatest_torque": 37.0}  # 1.48 times the lost motion
+    assert judge(FIT, shift(-9.0, **silent)).has_number
+    heard = {"least_torque": -38.0, "greatest_torque": 38.0}  # 1.52 times
+    refused = judge(FIT, shift(-9.0, **heard))
+    assert not refused.has_number
+    assert "contradict" in refused.describe().reason
+
+
+@pytest.mark.parametrize(("count", "least"), [(2, 0.005), (5, 0.002)])
+def test_logs_contradict_each_other_below_one_percent_over_their_number(count, least):
+    """One log differs from the others: χ² with one degree of freedom less than logs."""
+    for factor, has_number in ((1.02, False), (0.98, True)):
+        size = np.sqrt(factor * stats.chi2.isf(least, count - 1) / (1.0 - 1.0 / count))
+        joint = judge(*[FIT] * (count - 1), shift(size))
+        assert joint.has_number is has_number
+        assert bool(list(joint.report())) is not has_number
+
+
+def test_a_joint_whose_torque_is_below_the_lost_motion_has_no_number():
+    weak = replace(FIT, least_torque=-37.0, greatest_torque=37.0)
+    assert "too small against friction" in _Joint("joint_2", weak, {}).describe().reason
+    strong = replace(FIT, least_torque=-38.0, greatest_torque=38.0)
+    assert _Joint("joint_2", strong, {}).has_number
 
 
 def test_a_joint_without_torque_is_refused():

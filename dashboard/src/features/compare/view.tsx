@@ -89,12 +89,19 @@ async function comparable(run: Run): Promise<Run[]> {
 
 interface PairOptions {
   ordered: boolean;
-  same_load_point: boolean;
+  same_load: boolean;
+  same_cell: boolean;
 }
 
 const compared = (runs: Run[], options: Partial<PairOptions> = {}): Promise<Comparison> =>
   api.comparisons.add(
-    { run_ids: [...new Set(runs.map((run) => run.id))], ordered: false, same_load_point: false, ...options },
+    {
+      run_ids: [...new Set(runs.map((run) => run.id))],
+      ordered: false,
+      same_load: false,
+      same_cell: false,
+      ...options,
+    },
     freshKey("comparison"),
   );
 
@@ -439,9 +446,10 @@ function StartPair({ newest: sets }: { newest: MeasurementSetSummary[] }) {
   const isOrdered = unlike !== undefined && !query.has("first") && !query.has("second");
   const [ordered, setOrdered] = useTypedValue(`${form}/ordered`, isOrdered);
   const [methods, setMethods] = useTypedValue(`${form}/methods`, false);
-  const [sameLoadPoint, setSameLoadPoint] = useTypedValue(`${form}/same_load_point`, false);
+  const [sameLoad, setSameLoad] = useTypedValue(`${form}/same_load`, false);
+  const [sameCell, setSameCell] = useTypedValue(`${form}/same_cell`, false);
   const start = useAction(async () => {
-    const pair = await compareSides(sides, { ordered, same_load_point: sameLoadPoint }, methods);
+    const pair = await compareSides(sides, { ordered, same_load: sameLoad, same_cell: sameCell }, methods);
     return link(["compare", "methods", pair.id]);
   }, "pair");
   const possible = sides.every((side) => !side.endsWith(":")) && sides[0] !== sides[1];
@@ -463,7 +471,8 @@ function StartPair({ newest: sets }: { newest: MeasurementSetSummary[] }) {
         ))}
       </div>
       <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
-      <Toggle label={words.sameLoadPoint} checked={sameLoadPoint} change={setSameLoadPoint} />
+      <Toggle label={words.sameLoad} checked={sameLoad} change={setSameLoad} />
+      <Toggle label={words.sameCell} checked={sameCell} change={setSameCell} />
       <Toggle label={words.allMethods} checked={methods} change={setMethods} />
       {!possible && <p class="soft">{words.twoSets}</p>}
       <ActionButton look="primary" action={start} disabled={!possible} going={words.going}>

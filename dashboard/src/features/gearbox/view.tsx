@@ -2,13 +2,13 @@
 import { useState } from "preact/hooks";
 import { api } from "../../api/calls";
 import type { GearboxRequest, GearboxResult, RobotDocument } from "../../api/types";
-import { ActionButton, Facts, Name, Title } from "../../components/basics";
+import { ActionButton, Facts, Name, ProblemNote, Title } from "../../components/basics";
 import { RobotSelect } from "../../components/choosers";
 import { Estimate } from "../../components/estimate";
 import { JobLines, JobPage, JobTables, VerdictCard } from "../../components/job_page";
-import { DropZone } from "../../components/schema_form";
+import { DropZone, SchemaFields, type Terms } from "../../components/schema_form";
 
-import { contentKey, isFields, listOf, parsed } from "../../lib/json";
+import { contentKey, type Fields, isFields, listOf, parsed } from "../../lib/json";
 import { labelOf, shownWithInterval } from "../../lib/stiffness";
 import { link, useAction } from "../../state/action";
 import { FROM_FILE, sourceOf } from "../../state/choices";
@@ -72,7 +72,7 @@ interface Step {
   robotId: string;
   joints: string[];
   postures: number;
-  mass: string;
+  mass: string | null; // null if the file states no load
 }
 
 function stepOf(content: string): Step | null {
@@ -112,11 +112,32 @@ function logsOf(motion: Record<string, unknown>): Read | null {
 
 const massOf = (load: Record<string, unknown>) => `${String(load["mass"] ?? "?")} kg`;
 
+/** A weight step in a table, whose load is yet to be stated. */
+async function stepOfTable(file: File): Promise<Step | null> {
+  const { weight_step: read } = await api.importFiles([file]);
+  if (!read) return null;
+  const joints = read.observations.flatMap((posture) => posture.encoder_readings.map(({ joint }) => joint));
+  return {
+    joints: [...new Set(joints)],
+    postures: read.observations.length,
+    logs: 0,
+    mass: null,
+    request: { ...read },
+    robot: null,
+    robotId: "",
+  };
+}
+
+const isTable = (file: File) => !file.name.toLowerCase().endsWith(".json");
+
 type Opened = { name: string; step: Step | null };
 
 export function GearboxesView() {
   const [opened, setOpened] = useState<Opened | null>(null);
-  const take = async (file: File) => setOpened({ name: file.name, step: stepOf(await file.text()) });
+  const take = useAction(async (file: File) => {
+    const step = isTable(file) ? await stepOfTable(file) : stepOf(await file.text());
+    setOpened({ name: file.name, step });
+  });
   return (
     <>
       <Title plain={words.title}>{words.title}</Title>
@@ -128,11 +149,12 @@ export function GearboxesView() {
           <DropZone
             title={words.drop}
             hint={words.dropHint}
-            accept=".json,application/json"
+            accept=".json,application/json,.csv,.txt,.xlsx,.parquet"
             compact={opened !== null}
             button={opened ? text.files.another : text.files.choose}
-            take={(file) => void take(file)}
+            take={(file) => void take.run(file)}
           />
+          {take.problem && <ProblemNote problem={take.problem} />}
           {opened && !opened.step && <Refused file={opened.name} why={words.notReadings} />}
           {opened?.step && <Understood {...opened.step} />}
         </section>
@@ -148,17 +170,26 @@ const Understood = ({ joints, postures, logs, mass }: Step) => (
     facts={[
       { label: words.joints, value: <Name>{joints.join(", ")}</Name> },
       logs > 0 ? { label: words.logs, value: String(logs) } : { label: words.postures, value: String(postures) },
-      { label: logs > 0 ? words.payload : words.load, value: mass },
+      ...(mass === null ? [] : [{ label: logs > 0 ? words.payload : words.load, value: mass }]),
     ]}
   />
 );
 
-/** The robot, and the button. */
+/** Units of a load: lengths as in the table. */
+const unitsOfLoad = ({ units }: Record<string, unknown>): NonNullable<Terms["units"]> => {
+  const length = isFields(units) ? String(units["length"]) : text.units.mm;
+  return { mass: ["kg", 1], mass_uncertainty: ["kg", 1], point: [length, 1], point_uncertainty: [length, 1] };
+};
+
+/** The robot, the load of a table, and the button. */
 function Start({ step }: { step: Step }) {
   const [chosen, setChosen] = useState(step.robot ? FROM_FILE : step.robotId);
+  const [load, setLoad] = useState<Fields>({});
   const source = sourceOf(chosen, step.robot);
+  const asksLoad = step.mass === null;
+  const ready = source && (!asksLoad || (load["mass"] && load["point"]));
   const start = useAction(async () => {
-    const request = { ...step.request, ...source } as unknown as GearboxRequest;
+    const request = { ...step.request, ...(asksLoad ? { load } : {}), ...source } as unknown as GearboxRequest;
     const made = await api.gearboxes.add(request, contentKey("gearbox", request));
     return link(["gearboxes", made.id]);
   }, "gearbox");
@@ -173,7 +204,16 @@ function Start({ step }: { step: Step }) {
         none={words.pickRobot}
         ofFile={step.robot}
       />
-      <ActionButton look="primary big" action={start} disabled={!source} going={text.start.going}>
+      {asksLoad && (
+        <SchemaFields
+          of="HungLoad"
+          show={["mass", "mass_uncertainty", "point", "point_uncertainty"]}
+          value={load}
+          change={setLoad}
+          terms={{ labels: words.ofLoad, units: unitsOfLoad(step.request) }}
+        />
+      )}
+      <ActionButton look="primary big" action={start} disabled={!ready} going={text.start.going}>
         {words.identify}
       </ActionButton>
     </section>

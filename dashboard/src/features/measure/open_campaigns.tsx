@@ -64,7 +64,7 @@ export function TrySimulated() {
         encoders: "motor",
         instrument: live.SIMULATED,
         notes: words.simulatedNotes(truth.join(", ")),
-        noise: { sigma: live.SIGMA, load_point: 1e-4, force: { scale: 1e-3 } },
+        noise: { sigma: live.SIGMA, load_point: 1e-4, grounds: { load_point: "tracker" }, force: { scale: 1e-3 } },
         load_point: live.SIMULATED_LOAD_POINT,
         flange_targets: live.SIMULATED_TARGETS,
         open: { goal: { kind: "joints", relative: 0.1 }, load: { kind: "dead_weight", mass: live.SIMULATED_MASS } },

@@ -159,7 +159,13 @@ function Declaration({ only, robot: given, plan, after }: DeclarationProps) {
       {planned ? <SchemaFields {...equipment} show={["sigma"]} /> : <Equipment {...equipment} />}
       <fieldset>
         <legend class="soft">{words.noise}</legend>
-        <SchemaFields of="Noise" show={["force", "load_point"]} value={noise} change={setNoise} terms={NOISE} />
+        <SchemaFields
+          of="Noise"
+          show={["force", "load_point", "grounds"]}
+          value={noise}
+          change={setNoise}
+          terms={NOISE}
+        />
       </fieldset>
       {!ready && <p class="soft">{words.notReady}</p>}
       <ActionButton

@@ -118,6 +118,7 @@ export function Advanced({ form: { run, setRun, noise, setNoise, request }, join
                 "instrument",
                 "force",
                 "load_point",
+                "grounds",
                 "target_places",
                 "drift",
                 "encoder_sigma",

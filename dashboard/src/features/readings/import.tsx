@@ -23,7 +23,7 @@ import { Findings, Preview } from "../../components/findings";
 import { factsOf, notedIn, noiseOf, statesNoise } from "../../lib/campaign";
 import { significant } from "../../lib/format";
 import { useAction, link } from "../../state/action";
-import { FileDrop, GoBar, Step, Advanced, useRunForm } from "./flow";
+import { FileDrop, GoBar, Step, Advanced, NOISE, useRunForm } from "./flow";
 import { importWords } from "./words";
 import { formWords, metadataWords } from "../../components/words";
 import { robotWords } from "../robots/words";
@@ -353,6 +353,7 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
           <summary>{words.frameTitle}</summary>
           <FrameForm frame={frame} change={(next) => put({ frame: next })} robot={robot} length={length} />
         </details>
+        <SchemaFields of="Noise" show={["grounds"]} value={form.noise} change={form.setNoise} terms={NOISE} />
         <details>
           <summary>{metadataWords.title}</summary>
           <div class="import-form">
@@ -364,6 +365,11 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
 
       <Step at={3} title={words.understood}>
         {facts && <Preview facts={facts} />}
+        {answer?.weight_step && (
+          <p>
+            {words.weightStep} <LinkButton href="#/gearboxes">{words.toGearboxes}</LinkButton>
+          </p>
+        )}
         {bodies.length > 0 && <p>{words.bodies(bodies.length, significant(mass, 4))}</p>}
         {answer?.findings && <Findings warnings={answer.findings} />}
         <Arm source={robot ? { robot_id: robot } : null} start={facts?.firstJoints ?? null} sliders={false} />

@@ -64,6 +64,8 @@ export const importWords = {
   } as Record<string, string>,
   noGeometry: "None: by a transform",
   later: "Readings in a tracker's frame are checked when they are stored; the result shows the findings.",
+  weightStep: "These are angles of two encoders, without and with a load: drop the file on the page of gearboxes.",
+  toGearboxes: "Gearboxes",
   bodies: (count: number, mass: string) =>
     `${plural(count, "body", "bodies")}, ${mass} kg together: the robot is stored again with these masses.`,
   noRobot: (joints: number) => `No stored robot has ${plural(joints, "joint", "joints")}. Add it; the files stay here.`,
@@ -140,6 +142,8 @@ export const settingWords = {
     "force.scale": "Scale of the force",
     "force.direction": "Direction of the force",
     load_point: "Uncertainty of the load point",
+    grounds: "What the statements rest on",
+    "grounds.load_point": "How the load point is known",
     target_places: "Uncertainty of the targets’ positions",
     drift: "Drift from one observation to the next",
     encoder_sigma: "Secondary encoder",

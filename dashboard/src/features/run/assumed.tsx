@@ -24,7 +24,7 @@ export async function withNoise(set: MeasurementSet, noise: StatedNoise): Promis
 }
 
 /** Fields that a run names when it assumed them. */
-const ASSUMED = ["load_point", "force", "target_places", "encoder_sigma"];
+const ASSUMED = ["grounds", "load_point", "force", "target_places", "encoder_sigma"];
 
 export function Assumed({ context: { run, set } }: { context: RunContext }) {
   const [noise, setNoise] = useTypedValue<StatedNoise>(`assumed/${run.id}`, {});

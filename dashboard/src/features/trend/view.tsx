@@ -22,8 +22,12 @@ interface Asked {
 
 export function TrendView({ robot: id, serial }: { robot: string; serial: string | null }) {
   const [asked, setAsked] = useState<Asked>({});
-  const [sameLoadPoint, setSameLoadPoint] = useState(false);
-  const shared = sameLoadPoint ? { same_load_point: "true" } : {};
+  const [sameLoad, setSameLoad] = useState(false);
+  const [sameCell, setSameCell] = useState(false);
+  const shared = {
+    ...(sameLoad && { same_load: "true" }),
+    ...(sameCell && { same_cell: "true" }),
+  };
   const trend = useQuery(queries.trend(id, { ...asked, ...shared, serial_number: serial }));
   const { data: robot } = useQuery(queries.robot(id));
   const name = robot?.name ?? "…";
@@ -81,7 +85,8 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
           </>
         )}
       </Show>
-      <Toggle label={compareWords.sameLoadPoint} checked={sameLoadPoint} change={setSameLoadPoint} />
+      <Toggle label={compareWords.sameLoad} checked={sameLoad} change={setSameLoad} />
+      <Toggle label={compareWords.sameCell} checked={sameCell} change={setSameCell} />
     </>
   );
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Collection
+from itertools import chain
 from typing import Final, NoReturn
 
 from robotprograms import language as ir
@@ -19,14 +20,23 @@ _MAX_WORK: Final = 10_000_000
 
 
 class Work:
-    """Count of the steps of an interpretation."""
+    """Count of the steps of an interpretation, which ends before it takes too long."""
 
     def __init__(self, refuse: Callable[[None, str, str], NoReturn]) -> None:
+        """Begin without steps.
+
+        Args:
+            refuse: function that refuses the program: of a line (None for all of it), a reason and a remedy.
+        """
         self._steps, self._refuse = 0, refuse
 
-    def count(self, names: int) -> None:
-        """Count steps of the interpretation; refuse a program that takes too many."""
-        self._steps += names
+    def count(self, steps: int) -> None:
+        """Add steps of the interpretation; refuse a program that needs more than `_MAX_WORK`.
+
+        Raises:
+            ProgramError: the program needs too many steps.
+        """
+        self._steps += steps
         if self._steps > _MAX_WORK:
             self._refuse(None, "the program has too many branches and names", "split the program")
 
@@ -47,32 +57,26 @@ class Calls:
             trusted: whether the user states this for all routines of other files.
         """
         self._flow, self._changes, self._work, self._trusts_routines = flow, changes, work, trusted
-        allowed_names = set[str]()  # in capitals; letters beyond ASCII may be written in either encoding
-        for name in allowed:
-            for encoding in ("latin-1", "utf-8"):
-                allowed_names.add(capitalise(decode_text(name.encode(encoding, "replace"))))
-        self._allowed = frozenset(allowed_names)
+        self._allowed = frozenset(chain.from_iterable(map(_list_spellings, allowed)))  # in capitals
         self.unknown_routines: dict[str, None] = {}  # routines of other files that are not allowed
         self.first_unknown = At()  # first place at which one of them is called
         self.attached: dict[str, list[str]] = defaultdict(list)  # routines of each event, by its name
         self.attached_routines: set[str] = set()  # routines of the program that are attached to an event
 
     def explain_unknown(self, place: Place, op: ir.Call) -> Cause | None:
-        """Return the cause why values are unknown after a call; None if the called routine is allowed.
+        """Return the cause why values are unknown after a call of a routine that no file defines.
 
-        The name of an event means all routines that are attached to the event.
+        The routine is noted in `unknown_routines`. Return None if the user trusts routines of other files or
+        allows this one, or if the call is known to be harmless. The call of an event means all routines that
+        are attached to the event.
         """
-        name = place.qualify(op.name)
-        unknown = list[str]()  # routines that are neither of the program nor allowed
-        for routine in self.attached.get(name, [name]):
-            plain_name, _, _ = routine.partition(IN_MODULE)
-            if routine not in self._flow.begins and capitalise(plain_name) not in self._allowed:
-                unknown.append(plain_name)
         is_trusted = op.harmless or self._trusts_routines
-        if is_trusted or not unknown:
+        unknown = [] if is_trusted else self._list_unknown(place.qualify(op.name))
+        if not unknown:
             return None
         self.unknown_routines |= dict.fromkeys(unknown)
-        if not self.first_unknown.line or place.at < self.first_unknown:
+        is_first_call = not self.first_unknown.line or place.at < self.first_unknown
+        if is_first_call:
             self.first_unknown = place.at
         quoted = quote_text(unknown[0])
         reason = f"{quoted} is unknown: it may move the robot or change its frames"
@@ -82,23 +86,43 @@ class Calls:
         )
         return place.make_cause(reason, remedy)
 
+    def _list_unknown(self, name: str) -> list[str]:
+        """Return the routines that neither the program defines nor the user allows.
+
+        `name` is the full name of a routine, or of an event, which means all routines attached to the event.
+        """
+        unknown = list[str]()
+        for routine in self.attached.get(name, [name]):
+            plain_name, _, _ = routine.partition(IN_MODULE)
+            is_allowed = capitalise(plain_name) in self._allowed
+            if routine not in self._flow.begins and not is_allowed:
+                unknown.append(plain_name)
+        return unknown
+
     def list_called(self, op: ir.Call) -> list[str]:
-        """Return the routines of this program that a call may start directly, not at an event."""
+        """Return the routines of this program that run where the call is, not later at an event."""
         return [] if op.anytime else self.list_meant(op)
 
     def list_meant(self, op: ir.Call) -> list[str]:
-        """Return the routines of this program whose name a call may mean."""
+        """Return the routines of this program that a call may mean.
+
+        The name of a call may be computed while the program runs. Then only its beginning is known, and all
+        routines whose names begin so are returned.
+        """
         if op.name in self._flow.begins:
             return [str(op.name)]
-        if op.prefix is None:
+        is_computed = op.prefix is not None
+        if not is_computed:
             return []
         self._work.count(len(self._flow.begins))
-        return [each for each in self._flow.begins if each.startswith(op.prefix)]
+        return [routine for routine in self._flow.begins if routine.startswith(str(op.prefix))]
 
     def find_unknown_in_attached(self, place: Place, op: ir.Call) -> Cause | None:
-        """Return the cause why values are unknown after routines of the program are attached to an event.
+        """Return the cause why values are unknown once routines of the program are attached to an event.
 
-        The operation attaches a routine, or its name is that of an event that is switched on.
+        Such a routine may run at any time, and call an unknown routine. The operation attaches one routine to
+        an event, or it switches on an event, to which routines were attached before. Return None if none of
+        these routines calls an unknown one.
         """
         name = place.qualify(op.name)
         attached_here = [name] if op.event else []
@@ -107,3 +131,12 @@ class Calls:
             if cause and routine in self.attached_routines:
                 return cause
         return None
+
+
+def _list_spellings(routine: str) -> list[str]:
+    """Return the name of a routine in capitals, as a file in Latin-1 and a file in UTF-8 write the name.
+
+    The names differ if they have letters beyond ASCII.
+    """
+    encoded = [routine.encode(encoding, "replace") for encoding in ("latin-1", "utf-8")]
+    return [capitalise(decode_text(content)) for content in encoded]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 
 from robotprograms import language as ir
 from robotprograms.calls import Calls
-from robotprograms.columns import Cause
+from robotprograms.columns import Cause, get_variable
 from robotprograms.control_flow import ControlFlow
-from robotprograms.declarations import UNKNOWN, State, get_variable, list_read_names
+from robotprograms.declarations import UNKNOWN, State, list_read_names
 from robotprograms.effects import Effects
 from robotprograms.errors import quote_text
 from robotprograms.language import Name
@@ -19,7 +19,7 @@ from robotprograms.statements import Statements
 
 
 class ChangeCollector:
-    """Collector of the changes of a program."""
+    """Collects which statements and routines change which names, before states are followed."""
 
     def __init__(
         self,
@@ -49,14 +49,17 @@ class ChangeCollector:
         self.callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
 
     def collect(self) -> None:
-        """Collect, for each name, the statements anywhere in the program that may change its content."""
+        """Collect, for each name, the statements anywhere in the program that may change its content.
+
+        The order of the steps matters. Routines are attached to events first, because the call of an event
+        then means these routines. Calls come behind all other statements, because a call changes a variable
+        that it passes on only if a statement of the called routine does so.
+        """
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.Assign):
                 self._collect_assignment(place, op)
             elif isinstance(op, ir.Call) and op.event:
-                routines_of_event = self._calls.attached[place.qualify(op.event)]
-                if not op.harmless:
-                    routines_of_event.append(place.qualify(op.name))
+                self._attach_to_event(place, op)
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.MakeUnknown):
                 self._collect_unknown_values(place, op)
@@ -66,12 +69,22 @@ class ChangeCollector:
         self._find_new_meanings()
         self._note_names_of_several_routines()
 
+    def _attach_to_event(self, place: Place, op: ir.Call) -> None:
+        """Note an event of the program, and the routine that the call attaches to it.
+
+        A routine that is known to be harmless is left out.
+        """
+        routines_of_event = self._calls.attached[place.qualify(op.event)]  # added if the event is new
+        if not op.harmless:
+            routines_of_event.append(place.qualify(op.name))
+
     def _collect_assignment(self, place: Place, op: ir.Assign) -> None:
         """Note that a name gets a content at a statement."""
         name = place.qualify(op.name)
         cause = place.make_cause(f"the name gets numbers on line {place.line}")
         self._changes.of_name[name].append(cause)
-        if name.startswith(ir.MODE):
+        switches_mode = name.startswith(ir.MODE)  # force control and the like
+        if switches_mode:
             self._changes.lasting[name] = None
         if op.name == "pi":
             self._changes.routines_of_pi.add(place.scope.routine)
@@ -85,51 +98,68 @@ class ChangeCollector:
                 if not changes_nothing:
                     calls.append((place, op))
             elif isinstance(op, ir.Move):
-                for tool in op.tools:
-                    if isinstance(tool, ir.Product):
-                        self._tool_names.update(map(place.qualify, tool.names))
+                self._tool_names.update(self._list_multiplied_tools(place, op))
         passed = {place.qualify(name) for place, call in calls for name in call.passed}
         changed_elements = [name for name in self._changes.of_name if "[" in name]
         self._changes.arrays.update(map(get_variable, changed_elements))
         for place, call in calls:
             self._collect_call(place, call, passed)
 
+    @staticmethod
+    def _list_multiplied_tools(place: Place, op: ir.Move) -> set[str]:
+        """Return the full names of the frames whose product is the tool of a move."""
+        names = set[str]()
+        for tool in op.tools:
+            if isinstance(tool, ir.Product):
+                names.update(map(place.qualify, tool.names))
+        return names
+
     def _collect_anytime_routines(self) -> None:
-        """Let names change at any time that a routine changes which may run at any time."""
+        """Let each name change at any time that is changed by a routine which may run at any time.
+
+        Such a routine handles errors or interrupts, or is called by a timer. Two of its changes do not count:
+        the end of what lasts, such as force control, which spoils no move and is a cause without a reason;
+        and the call of an unknown routine, if the routine is attached to an event: this call counts as one at
+        the statement that attaches the routine.
+        """
         for routine in sorted(self._flow.anytime_routines):
             is_attached = routine in self._calls.attached_routines
             for name, cause in self._changes.of_routine[routine].items():
-                # An unknown routine that an attached one calls counts as called where this one is attached.
-                is_noted_at_attachment = is_attached and name == UNKNOWN
-                if cause.reason and not is_noted_at_attachment:
+                only_ends_what_lasts = not cause.reason
+                counts_at_attachment = is_attached and name == UNKNOWN
+                if not (only_ends_what_lasts or counts_at_attachment):
                     self._changes.anytime[name] = cause
 
     def _find_new_meanings(self) -> None:
-        """Let no move be certain if the program gives constants of the controller a new meaning."""
+        """Let no move be certain if the program gives constants of the controller a new meaning.
+
+        A program does so by a routine, a variable or an assignment with the name of such a constant.
+        """
         own_names = {*self._flow.begins, *self._declarations.names}
         for place in self._places:
             own_names |= place.scope.names
         for op in self._ops:
             if isinstance(op, ir.Assign):
                 own_names.add(str(op.name))
-            elif isinstance(op, ir.MakeUnknown) and len(op.names) == 1:  # of an assignment
-                own_names.update(map(str, op.names))
+                continue
+            is_unknown_assignment = isinstance(op, ir.MakeUnknown) and len(op.names) == 1
+            if is_unknown_assignment:
+                own_names.update(map(str, _list_changed_names(op)))
         for name in sorted(self._language.fixed_words & own_names):
             reason = f"the program gives {quote_text(name)} a meaning of its own"
             self._changes.anytime[ir.MODE] = Cause(0, reason, "choose another name")
 
     def _note_names_of_several_routines(self) -> None:
-        """Let names be unknown that several routines assign to, if each of them may have its own variable."""
+        """Let names be unknown that several routines assign to, if each of them may have its own variable.
+
+        In languages such as URScript, a name is then a variable of the routine unless it is global, which
+        cannot be seen for sure.
+        """
         if not self._language.scopes_by_routine:
             return
         routines_of_name = defaultdict[str, set[str]](set)
         for place, op, routine in zip(self._places, self._ops, self._flow.routine_of, strict=False):
-            changed_names: Iterable[Name] = ()
-            if isinstance(op, ir.Assign):
-                changed_names = [op.name]
-            elif isinstance(op, ir.MakeUnknown):
-                changed_names = op.names
-            for name in changed_names:
+            for name in _list_changed_names(op):
                 routines_of_name[place.qualify(name)].add(routine)
         for name, routines in routines_of_name.items():
             is_of_controller = name in self._language.active or name.startswith(ir.MODE)
@@ -139,70 +169,96 @@ class ChangeCollector:
                 self._changes.anytime[name] = Cause(line, reason, "use a name for each variable")
 
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
-        """Note why values become unknown at a statement, for each name that the statement changes."""
+        """Note why values become unknown at a statement, for each name that the statement changes.
+
+        Args:
+            place: place of the statement.
+            op: names that get unknown values (none for all that other routines may change), and the reason.
+        """
         cause = place.make_cause(op.reason, op.remedy)
         self._changes.causes.append(cause)
         names = [name for name in map(place.qualify, op.names) if name not in self._declarations.fixed]
         for name in names:
             self._changes.of_name[name].append(cause)
-            if name.startswith(ir.MODE):
+            switches_mode = name.startswith(ir.MODE)  # force control and the like
+            if switches_mode:
                 self._changes.lasting[name] = None
         if self._language.calls_by_name:  # names of a statement that is not understood may be called there
             self._flow.anytime_routines |= self._flow.begins.keys() & set(names)
         if op.anytime:
-            fields = [field for name in names for field in self._contents.list_name_and_fields(name)]
-            self._changes.anytime |= dict.fromkeys(fields or [UNKNOWN], cause)
+            changed = [each for name in names for each in self._contents.list_name_and_fields(name)]
+            # A statement without names may change all that other routines may change.
+            self._changes.anytime |= dict.fromkeys(changed or [UNKNOWN], cause)
 
     def _collect_call(self, place: Place, op: ir.Call, passed: Collection[str]) -> None:
         """Note what a call may change: the arguments of the routine, and for an unknown routine all names.
 
-        `passed` are the names that any call of the program passes as arguments.
+        Args:
+            place: place of the call.
+            op: the call.
+            passed: names that any call of the program passes as arguments.
         """
         own_routines = self._calls.list_meant(op)  # routines of the program that may be meant
         arguments = set(map(place.scope.qualify, op.passed))
         for routine in own_routines:
             for parameter in self._list_parameters(routine):
+                # The value of a parameter comes from the arguments of the calls.
                 self._uses.origins[parameter].update(dict.fromkeys(arguments, place.at))
-        if self._changes_arguments(op, own_routines, passed):
+        if self._may_change_arguments(op, own_routines, passed):
             self._forget_arguments(place, op, arguments - self._declarations.fixed, own_routines)
         if op.anytime:
             self._flow.anytime_routines.update(own_routines)
         self._note_called_routine(place, op)
 
     def _note_called_routine(self, place: Place, op: ir.Call) -> None:
-        """Note an attached routine of the program, or what is not known or assumed of another routine."""
-        unknown = self._calls.explain_unknown(place, op)  # why the routine is unknown, or None
-        if op.name in self._flow.begins:
+        """Note what a call shows about the called routine.
+
+        A routine of the program may be attached to an event here. A routine of another file is a cause why
+        values are unknown, or gets a remark if the user allows it. The name of an event means the routines
+        that are attached to it elsewhere.
+        """
+        cause = self._calls.explain_unknown(place, op)
+        is_of_program = op.name in self._flow.begins
+        is_event = place.qualify(op.name) in self._calls.attached
+        if is_of_program:
             if op.event:
                 self._calls.attached_routines.add(str(op.name))
-        elif unknown:
-            self._changes.causes.append(unknown)
-            if op.anytime and not op.event:
-                self._changes.anytime[UNKNOWN] = unknown
-        elif place.qualify(op.name) not in self._calls.attached:
+        elif cause is not None:
+            self._changes.causes.append(cause)
+            runs_at_any_time = op.anytime and not op.event
+            if runs_at_any_time:
+                self._changes.anytime[UNKNOWN] = cause
+        elif not is_event:
             permission = "the request states that this routine neither moves the robot nor changes frames"
-            name = self._statements.restore_spelling(place, str(op.name))
+            if isinstance(op.name, ir.NumberedName):
+                name = place.qualify(op.name)  # with its number
+            else:
+                name = self._statements.restore_spelling(place, op.name)
             self._statements.columns.add_remark(place.at, f"{name} is called; {permission}")
 
-    def _changes_arguments(self, op: ir.Call, own: list[str], passed: Collection[str]) -> bool:
-        """Return whether a call may change its arguments.
+    def _may_change_arguments(self, op: ir.Call, own: list[str], passed: Collection[str]) -> bool:
+        """Return whether a call may change the variables that it passes as arguments.
 
-        No statement of the user about a routine covers data that the routine gets by reference.
+        A routine of another file may do so if it gets references to variables; it does not matter whether the
+        user states that the routine does not move the robot. A routine of the program does so only if its
+        statements change its parameters.
 
         Args:
             op: the call.
             own: routines of the program that may be meant.
             passed: names that any call of the program passes as arguments.
         """
-        is_own = op.name in self._flow.begins
-        is_writer = re.fullmatch(self._language.writers, str(op.name)) is not None
+        is_of_program = op.name in self._flow.begins
+        writes_last_argument = re.fullmatch(self._language.writers, str(op.name)) is not None
         gets_references = not op.harmless and op.name not in self._statements.by_value
-        if not is_own and (gets_references or is_writer):
+        if not is_of_program and (gets_references or writes_last_argument):
             return True
-        return any(self._changes_parameters(routine, passed) for routine in own)
+        return any(self._may_change_parameters(routine, passed) for routine in own)
 
     def _forget_arguments(self, place: Place, op: ir.Call, given: set[str], own: list[str]) -> None:
-        """Note that a call may change its arguments at any time.
+        """Note that a call may change its arguments, from then on at any time.
+
+        Tools that a function of another file gets stay as they are, if such functions only read them.
 
         Args:
             place: place of the call.
@@ -234,47 +290,57 @@ class ChangeCollector:
             self._statements.columns.add_remark(place.at, text)
         return tools
 
-    def _changes_parameters(self, routine: str, passed: Collection[str]) -> bool:
+    def _may_change_parameters(self, routine: str, passed: Collection[str]) -> bool:
         """Return whether a routine of the program may change its parameters, or passes them to others.
 
-        `passed` are the names that any call of the program passes as arguments.
+        A call gives arguments by reference, so that such a change would be one of the caller's variables. A
+        routine without parameters gets its arguments in an unknown way, and may change them.
+
+        Args:
+            routine: name of the routine.
+            passed: names that any call of the program passes as arguments.
         """
         parameters = self._list_parameters(routine)
         if not parameters:
-            return True  # arguments without parameters
+            return True
         fields = {field for name in parameters for field in self._contents.list_name_and_fields(name)}
         count_of_changes = sum(len(self._changes.of_name.get(field, ())) for field in fields)
-        # The beginning of the routine itself makes each parameter unknown, once.
+        # Where a routine begins, each of its parameters is made unknown: that is one change of each.
         is_changed = count_of_changes > len(parameters)
-        is_passed = not parameters.isdisjoint(passed)
-        return is_changed or is_passed or not parameters.isdisjoint(self._changes.arrays)
+        is_passed_on = not parameters.isdisjoint(passed)
+        is_changed_array = not parameters.isdisjoint(self._changes.arrays)
+        return is_changed or is_passed_on or is_changed_array
 
     def _list_parameters(self, routine: str) -> set[str]:
-        """Return the names of the parameters of a routine of the program."""
+        """Return the full names of the parameters of a routine of the program.
+
+        Readers of languages add one operation behind the beginning of a routine with parameters: it makes the
+        parameters unknown, with the reason `ir.IS_PARAMETER`. Its names are the parameters.
+        """
         begin = self._flow.begins[routine]
-        op, place = self._ops[begin + 1], self._places[begin]
-        if not isinstance(op, ir.MakeUnknown) or op.reason != ir.IS_PARAMETER:
+        first_operation, place = self._ops[begin + 1], self._places[begin]
+        if not isinstance(first_operation, ir.MakeUnknown) or first_operation.reason != ir.IS_PARAMETER:
             return set()
-        return set(map(place.qualify, op.names))
+        return set(map(place.qualify, first_operation.names))
 
     def _find_unread_operations(self) -> None:
-        """Find the operations that change only names which no move, frame or copy reads.
+        """Note in `unread` the operations that change only names which no move, frame or copy reads.
 
-        States leave these names out: with them, the time grows with the square of the program's length.
+        The interpretation leaves these operations out: with them, its time grows with the square of the
+        program's length.
         """
         read = self._list_read_variables()
         for i, (place, op) in enumerate(zip(self._places, self._ops, strict=True)):
-            changed: Iterable[Name] = ()
-            if isinstance(op, ir.Assign):
-                changed = (op.name,)
-            elif isinstance(op, ir.MakeUnknown):
-                changed = op.names
-            variables = {get_variable(place.qualify(name)) for name in changed}
+            variables = {get_variable(place.qualify(name)) for name in _list_changed_names(op)}
             if variables and variables.isdisjoint(read):
                 self.unread.add(i)
 
     def _list_read_variables(self) -> set[str]:
-        """Return the names, without fields and indices, whose contents are looked up in states."""
+        """Return the variables, without fields and indices, whose contents are looked up in states.
+
+        Operations read them, or they are found through the contents of other variables: active frames, names
+        that declarations contain, and targets from which poses are at an offset.
+        """
         active, declarations = self._language.active, self._declarations
         names = {*self._changes.lasting, *active, *active.values(), *declarations.list_contained_names()}
         for place, offset in self._uses.offsets:
@@ -290,44 +356,64 @@ class ChangeCollector:
             if i not in self.unread:
                 self._summarise_operation(i, op)
         self._summarise_faults_and_attachments()
-        of_routine = (
-            self._changes.of_routine
-        )  # by the name of the routine, names with the cause of the change
-        to_visit = [*of_routine]  # routines whose callers may change more names than noted
+        self._pass_changes_to_callers()
+
+    def _pass_changes_to_callers(self) -> None:
+        """Add what each routine may change to the changes of its callers, until nothing is added any more."""
+        changes_of_routine = self._changes.of_routine  # names with the cause of the change
+        to_visit = [*changes_of_routine]  # routines whose callers may change more names than noted
         while to_visit:
             routine = to_visit.pop()
             for caller in self.callers.get(routine, ()):
-                names_of_caller = of_routine[caller]
-                count_before = len(names_of_caller)
-                for name, cause in of_routine[routine].items():
-                    names_of_caller.setdefault(name, cause)
-                if len(names_of_caller) > count_before:
+                changes_of_caller = changes_of_routine[caller]
+                count_before = len(changes_of_caller)
+                for name, cause in changes_of_routine[routine].items():
+                    changes_of_caller.setdefault(name, cause)
+                if len(changes_of_caller) > count_before:
                     to_visit.append(caller)
 
     def _summarise_operation(self, i: int, op: ir.Op) -> None:
-        """Note what operation i changes, and the routines that it calls."""
+        """Note what operation i changes as changes of its routine, and the routines that the operation calls.
+
+        The operation is applied to an empty state: the state then has the names that it changes.
+        """
         routine = self._flow.routine_of[i]
         called = self._calls.list_called(op) if isinstance(op, ir.Call) else []
         for called_routine in called:
             self.callers[called_routine].add(routine)
-        state: State = {}  # an operation on an empty state leaves the names that it changes
-        calls_own_routine = isinstance(op, ir.Call) and op.name in called
-        if not calls_own_routine:
-            self._effects.apply(state, i)
-        for name, (content, at) in state.items():
+        changed: State = {}
+        is_call_of_own_routine = isinstance(op, ir.Call) and op.name in called
+        if not is_call_of_own_routine:
+            self._effects.apply(changed, i)
+        for name, (content, at) in changed.items():
             if isinstance(content, Cause):
                 self._changes.of_routine[routine][name] = content
-            else:
-                is_lasting = name in self._changes.lasting
-                reason = "" if is_lasting else f"{name} changes while the program runs"
-                cause = Cause(at.line, reason, "give the value once, in numbers", at.source)
-                self._changes.of_routine[routine][name] = cause
+                continue
+            # What lasts, such as force control, is ended here: without a reason, the change spoils no move.
+            ends_what_lasts = name in self._changes.lasting
+            reason = "" if ends_what_lasts else f"{name} changes while the program runs"
+            cause = Cause(at.line, reason, "give the value once, in numbers", at.source)
+            self._changes.of_routine[routine][name] = cause
 
     def _summarise_faults_and_attachments(self) -> None:
-        """Add to the changes of routines what faults and routines that are attached to events change."""
-        routine_of = self._flow.routine_of
+        """Add to the changes of routines what faults, and routines attached to events, change.
+
+        A fault, such as a missing end, makes all moves behind it uncertain: `ir.MODE` is changed. An attached
+        routine that calls an unknown one makes all names unknown.
+        """
+        changes_of_routine, routine_of = self._changes.of_routine, self._flow.routine_of
         for i, fault in self._flow.uncertain.items():
-            self._changes.of_routine[routine_of[i]].setdefault(ir.MODE, self._faults[fault])
+            changes_of_routine[routine_of[i]].setdefault(ir.MODE, self._faults[fault])
         for i, (place, op) in enumerate(zip(self._places, self._ops, strict=True)):
-            if isinstance(op, ir.Call) and (cause := self._calls.find_unknown_in_attached(place, op)):
-                self._changes.of_routine[routine_of[i]].setdefault(UNKNOWN, cause)
+            cause = self._calls.find_unknown_in_attached(place, op) if isinstance(op, ir.Call) else None
+            if cause is not None:
+                changes_of_routine[routine_of[i]].setdefault(UNKNOWN, cause)
+
+
+def _list_changed_names(op: ir.Op) -> Collection[Name]:
+    """Return the names that an operation assigns to or makes unknown, as the program writes them."""
+    if isinstance(op, ir.Assign):
+        return (op.name,)
+    if isinstance(op, ir.MakeUnknown):
+        return op.names
+    return ()

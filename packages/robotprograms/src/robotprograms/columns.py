@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -38,7 +38,6 @@ from robotprograms.program import (
     Source,
     Targets,
 )
-from robotprograms.reaching import reach
 
 MAX_TARGETS: Final = 200_000
 MAX_VISITS: Final = 400_000
@@ -58,6 +57,9 @@ _NAME_OR_TEXT: Final = re.compile(r"'[^']*'|\b(?![a-z\d])(?:(?![a-z])\w)+\b")
 _ENDING: Final = re.compile(
     rf"(?:\.(?:BASE|TOOL|[UOT]FRAME|UF|UT))?{OF_ROUTINE}\w+|\.(?:BASE|TOOL|[UOT]FRAME|UF|UT)\b|{IN_MODULE}\d+"
 )
+_NO_ORIENTATION: Final = "a quaternion or an axis is not of unit length"
+_TOOL_CHANGES: Final = "the tool or the base changes within the table"
+_ONE_TABLE_EACH: Final = "send one table for each tool and base"
 _WRITE_ANEW: Final = "write all of its numbers anew, or split the program"
 _AXIS_ROUNDING: Final = 2e-3
 """Largest difference of an external axis [mm, °] that rounding explains."""
@@ -66,15 +68,20 @@ _NO_AXIS: Final = 8e9
 _MAX_AXES: Final = 24
 """Largest count of external axes of a target; a target with more axes is not corrected."""
 _AXIS_AWAY: Final = "an external axis or another group is away from zero, and may carry the arm or the part"
+_AXIS_MOVES: Final = "an external axis or another group moves"
 _CARRY_NOTHING: Final = (
     "if the axis or group carries neither the arm nor the part, state `external_axes: carry_nothing`; "
     "otherwise keep the axis at zero"
 )
 _MOTIONS: Final = {motion: i for i, motion in enumerate(Motion)}
-_ROW_WIDTH: Final = 7
-"""Numbers of a row in the array of targets: file, line, first number, line of use, literal, base, tool."""
-_USE_LINE, _BASE, _TOOL = 3, 5, 6
-"""Places in a row of the line on which the target is used first, its base and its tool."""
+_TARGET_WIDTH: Final = 7
+"""Count of the numbers of a `_TargetRow`, which an array stores one after the other."""
+_MOVE_WIDTH: Final = 3
+"""Count of the numbers of a move in an array: line, motion, count of visits up to the end of the move."""
+_UNKNOWN_FRAME: Final = -1
+"""Index in place of that of a base or tool that is not known."""
+_KEY_BITS: Final = 40
+"""Bits of the index of a target's first number in the key by which the target is found again."""
 _VALUES_END: Final = NUMBERS + WORDS
 """In a row of all numbers of a target, the place behind its position, orientation and configuration."""
 _AXES_END: Final = _VALUES_END + _MAX_AXES
@@ -85,22 +92,43 @@ _MAX_COMMON: Final = 8
 """Largest count of numbers that all targets have to share, such as the number of the tool."""
 
 
+class FullName(NamedTuple):
+    """Name of a variable in two parts, as in `P[1] of routine main`."""
+
+    variable: str  # name as the program writes it, with index and field
+    owner: str  # routine or file to which the variable belongs; empty for a variable of the whole program
+
+
+def split_full_name(name: str) -> FullName:
+    """Return the variable and the owner of a full name, which `Scope.qualify` puts together."""
+    variable, _, owner = name.partition(OF_ROUTINE)
+    return FullName(variable, owner)
+
+
 def get_array_name(name: str) -> str:
-    """Return the name of the array to which an element belongs: `P` for `P[1]`; else the name."""
+    """Return the full name of the array to which an element belongs: `P` for `P[1]`; else the name."""
     return _cut_name(name, "[")
 
 
 def get_structure_name(name: str) -> str:
-    """Return the name of the structure to which a field belongs: `FP1` for `FP1.TOOL`; else the name."""
+    """Return the full name of the structure to which a field belongs: `FP1` for `FP1.TOOL`; else the name."""
     return _cut_name(name, ".")
 
 
+def get_variable(name: str) -> str:
+    """Return the full name of the variable to which an element or a field belongs: `P` for `P[1].UF`."""
+    return get_array_name(get_structure_name(name))
+
+
 def _cut_name(name: str, sign: str) -> str:
-    """Return a name without what follows a sign in the name; the name of its routine stays."""
+    """Return a full name without the text from a sign on; the owner at the end of the name stays.
+
+    `P[1] of routine main`, cut at `[`, becomes `P of routine main`.
+    """
     if sign not in name:
         return name
-    variable, separator, routine = name.partition(OF_ROUTINE)
-    return variable.partition(sign)[0] + separator + routine
+    variable, separator, owner = name.partition(OF_ROUTINE)
+    return variable.partition(sign)[0] + separator + owner
 
 
 def is_without_axes(axes: FloatArray) -> bool:
@@ -127,9 +155,42 @@ class WrittenNumbers(NamedTuple):
     first: int  # index of the statement's first number among those of the file
     literal: Literal
 
+    def read(self, numerals: Sequence[Numerals]) -> FloatArray:
+        """Return the numbers (n,) themselves; `numerals` are all numbers of each file of the program."""
+        numbers_of_file = numerals[self.source].values
+        indices = self.first + np.array(self.literal.numbers)
+        return np.asarray(numbers_of_file[indices])
+
 
 Frames: TypeAlias = tuple[FrameName | Cause, FrameName | Cause]
 """Base and tool."""
+
+
+class _TargetRow(NamedTuple):
+    """A target as a row of the array of targets."""
+
+    source: int  # index of its file
+    line: int  # line on which its numbers begin
+    first: int  # index of the first number of its statement among those of the file
+    line_of_use: int  # line on which the target is used first
+    literal: int  # index of its literal: the meaning of its numbers
+    base: int  # index of its base, or _UNKNOWN_FRAME
+    tool: int  # index of its tool, or _UNKNOWN_FRAME
+
+
+class _FurtherNumbers(NamedTuple):
+    """Numbers of t targets besides position, orientation and configuration; NaN where there is none."""
+
+    axes: FloatArray  # (t, a) positions of external axes and other groups
+    common: FloatArray  # (t, c) numbers that all targets have to share, such as that of the tool
+
+
+class _LeftMoves(NamedTuple):
+    """Moves that are left because the numbers of a target have to stay, and what other moves get instead."""
+
+    is_left: BoolArray  # (k,) mask of the moves that are left
+    # numbers that a move, by its index, may get in place of the names of targets
+    own_numbers: dict[int, list[OwnNumbers]]
 
 
 class Columns:
@@ -160,7 +221,7 @@ class Columns:
         self._remarks: list[Remark] = []
         self._left: list[tuple[ReadMove, Cause]] = []  # moves that are not corrected, and why
         # Columns of targets and moves; arrays of numbers, because long programs have many
-        self._targets = array("q")  # rows of source, line, first number, line of use, literal, base, tool
+        self._targets = array("q")  # a `_TargetRow` for each target, one after the other
         self._names: list[str] = []  # names of the targets
         self._labels: list[str] = []  # the same in the intermediate language, once the targets are settled
         self._moves = array("q")  # rows of line, motion, count of visits up to the end
@@ -183,22 +244,36 @@ class Columns:
         Names in the text may be in capitals, because the language ignores the case of letters.
         """
 
-        def find_spelling(match: re.Match[str]) -> str:
-            """Return the spelling of one name in the text after the line; store it for other lines."""
-            name = match[0]
-            is_quotation = name.startswith("'")
-            if self._language.ignores_case and not is_quotation and name not in self.spelled:
-                start = self._sources[source].starts[max(line - 1, 0)]
-                following_text = self._sources[source].text[start : start + _SEARCHED_LENGTH]
-                spelling = re.search(rf"(?<!\w){name}(?!\w)", following_text, re.IGNORECASE)
-                self.spelled[name] = spelling[0] if spelling else name
-            return self.spelled.get(name, name)
+        def spell(match: re.Match[str]) -> str:
+            name_or_quotation = match[0]
+            is_quotation = name_or_quotation.startswith("'")
+            if self._language.ignores_case and not is_quotation:
+                self._find_spelling(name_or_quotation, source, line)
+            return self.spelled.get(name_or_quotation, name_or_quotation)
 
         without_routines = _ENDING.sub("", text)
-        return show_text(_NAME_OR_TEXT.sub(find_spelling, without_routines))
+        return show_text(_NAME_OR_TEXT.sub(spell, without_routines))
+
+    def _find_spelling(self, name: str, source: int, line: int) -> None:
+        """Store the spelling of a name in the text from a line on in `spelled`; the first spelling stays."""
+        if name in self.spelled:
+            return
+        start = self._sources[source].starts[max(line - 1, 0)]
+        following_text = self._sources[source].text[start : start + _SEARCHED_LENGTH]
+        spelling = re.search(rf"(?<!\w){name}(?!\w)", following_text, re.IGNORECASE)
+        self.spelled[name] = spelling[0] if spelling else name
 
     def add_remark(self, at: At, text: str, target: str = "") -> None:
-        """Note a remark about a statement that is not corrected, and about which the user need not decide."""
+        """Note a remark about a statement that is not corrected, and about which the user need not decide.
+
+        Args:
+            at: place of the statement.
+            text: why the statement is not corrected.
+            target: position stored in the controller, if the statement is a move to one.
+
+        Raises:
+            ProgramError: the program has more than `MAX_REMARKS` remarks.
+        """
         if len(self._remarks) >= MAX_REMARKS:
             reason = f"the program has more than {MAX_REMARKS} lines that cannot be corrected"
             self._refuse(at.line, reason, "split the program")
@@ -231,16 +306,26 @@ class Columns:
             cause: why the move cannot be corrected; None if it can be.
             feed: speed of the tool's centre [mm/s]; NaN if it is not known.
         """
-        if len(self._visits) + len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
-            reason = f"the moves of the program have more than {MAX_VISITS} targets"
-            self._refuse(line, reason, "split the program")
+        has_too_many_visits = len(self._visits) + len(op.targets) > MAX_VISITS
+        if has_too_many_visits or len(self._left) > MAX_VISITS:
+            self._refuse_visits(line)
         if cause is not None:
             self._leave_move(line, targets, frames, cause)
             return
         for target, frames_of_target in zip(targets, frames, strict=True):
             self._visits.append(self._index_target(target, frames_of_target, line))
-        self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
+        end_of_visits = len(self._visits)
+        self._moves.extend((line, _MOTIONS[op.motion], end_of_visits))
         self._feeds.append(feed)
+
+    def _refuse_visits(self, line: int) -> None:
+        """Refuse a program whose moves have too many targets; `line` is that of the first move too many.
+
+        Raises:
+            ProgramError: always.
+        """
+        reason = f"the moves of the program have more than {MAX_VISITS} targets"
+        self._refuse(line, reason, "split the program")
 
     def _leave_move(
         self, line: int, targets: Sequence[WrittenNumbers], frames: Sequence[Frames], cause: Cause
@@ -264,8 +349,7 @@ class Columns:
         for target in targets:
             is_declared = bool(target.label)
             if is_declared:  # another move may have the target, too
-                index = self._index_target(target, None, line)
-                self._target_causes.setdefault(index, cause)
+                self.keep_numbers(target, cause, line)
 
     def add_offset(self, target: WrittenNumbers, frames: Frames, line: int) -> None:
         """Add a remark to a move that ends at an offset from a target: correcting the target shifts the end.
@@ -278,13 +362,13 @@ class Columns:
             frames: base and tool of the move; a `Cause` in place of a frame says why the frame is unknown.
             line: line of the move.
         """
-        unknown = next((frame for frame in frames if isinstance(frame, Cause)), None)
-        if unknown is not None:
-            index = self._index_target(target, None, line)
-            self._target_causes.setdefault(index, unknown)
-            return
+        for frame in frames:
+            if isinstance(frame, Cause):
+                self.keep_numbers(target, frame, line)
+                return
         self._index_target(target, frames, line)  # this notes whether the frames differ from its own
-        if target.label in self._own_labels:  # its declaration stays as it is
+        has_own_numbers = target.label in self._own_labels
+        if has_own_numbers:  # numbers at the moves are corrected, and the declaration stays as it is
             return
         name = quote_text(_get_plain_name(target.label))
         place = f"the move ends at an offset from {name}"
@@ -300,7 +384,9 @@ class Columns:
         frames: Frames,
         feeds: FloatArray,
     ) -> None:
-        """Add k moves that differ only in the numbers of their single target.
+        """Add k moves that differ only in the numbers of their single target, and k targets without names.
+
+        Long programs are mostly such moves: they are added as whole columns, without a loop.
 
         Args:
             op: the move.
@@ -312,24 +398,30 @@ class Columns:
         """
         target_indices = len(self._names) + np.arange(len(lines))
         if target_indices[-1] >= MAX_TARGETS:
-            self._refuse(int(lines[0]), f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
-        ends = len(self._visits) + 1 + np.arange(len(lines))  # each move has one visit
-        if ends[-1] > MAX_VISITS:
-            reason = f"the moves of the program have more than {MAX_VISITS} targets"
-            self._refuse(int(lines[0]), reason, "split the program")
+            self._refuse_targets(int(lines[0]))
+        ends_of_visits = len(self._visits) + 1 + np.arange(len(lines))  # each move has one visit
+        if ends_of_visits[-1] > MAX_VISITS:
+            self._refuse_visits(int(lines[0]))
         (literal,) = (target for target in op.targets if isinstance(target, Literal))
         literal_index = self._literals.setdefault(literal, len(self._literals))
         base_frame, tool_frame = frames
         base, tool = self._index_frame("base", base_frame), self._index_frame("tool", tool_frame)
-        # Rows of source, line, first number, line of use, literal, base and tool
+        # The columns have the order of `_TargetRow`; single numbers are repeated for all targets.
         target_columns = np.broadcast_arrays(source, lines, first, lines, literal_index, base, tool)
         self._targets.frombytes(np.stack(target_columns, axis=1).tobytes())
-        # Rows of line, motion and count of visits up to the end
-        move_columns = np.broadcast_arrays(lines, _MOTIONS[op.motion], ends)
+        move_columns = np.broadcast_arrays(lines, _MOTIONS[op.motion], ends_of_visits)
         self._moves.frombytes(np.stack(move_columns, axis=1).tobytes())
         self._visits.frombytes(target_indices.tobytes())
         self._feeds.frombytes(feeds.tobytes())
         self._names += [""] * len(lines)
+
+    def _refuse_targets(self, line: int) -> None:
+        """Refuse a program with too many targets; `line` is that of the first target too many.
+
+        Raises:
+            ProgramError: always.
+        """
+        self._refuse(line, f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
 
     def _index_target(self, target: WrittenNumbers, frames: Frames | None, used: int) -> int:
         """Return the index of a target; add the target if its numbers are new.
@@ -344,40 +436,75 @@ class Columns:
         base_frame, tool_frame = frames or (None, None)
         base, tool = self._index_frame("base", base_frame), self._index_frame("tool", tool_frame)
         literal = self._literals.setdefault(target.literal, len(self._literals))
-        # Source, first number and literal as one integer: long programs have many targets.
-        key = (literal * len(self._sources) + target.source) << 40 | target.first
-        index = self._target_indices.setdefault(key, len(self._names))
-        is_new = index == len(self._names)
+        next_index = len(self._names)
+        index = self._target_indices.setdefault(self._make_key(target, literal), next_index)
+        is_new = index == next_index
         if is_new:
             if index >= MAX_TARGETS:
-                self._refuse(used, f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
-            self._targets.extend((target.source, target.line, target.first, used, literal, base, tool))
+                self._refuse_targets(used)
+            row = _TargetRow(target.source, target.line, target.first, used, literal, base, tool)
+            self._targets.extend(row)
             self._names.append(target.label)
-            return index
-        row = _ROW_WIDTH * index
-        known_base, known_tool = self._targets[row + _BASE], self._targets[row + _TOOL]
-        if known_base < 0:  # the frames were not known at the first use
-            self._targets[row + _BASE], self._targets[row + _TOOL] = base, tool
-        elif frames is not None and (base, tool) != (known_base, known_tool):
-            first_use = self._targets[row + _USE_LINE]
+        elif frames is not None:
+            self._compare_frames(target, index, base, tool, used)
+        return index
+
+    def _make_key(self, target: WrittenNumbers, literal: int) -> int:
+        """Return a number that is the same for the same numbers in the text, read in the same way.
+
+        File, index of the first number in the file, and `literal`, the index of the way to read the numbers,
+        are put together, because one integer takes less memory than a tuple.
+        """
+        file_and_literal = literal * len(self._sources) + target.source
+        return file_and_literal << _KEY_BITS | target.first
+
+    def _get_row(self, index: int) -> _TargetRow:
+        """Return what is stored of the target with an index."""
+        begin = _TARGET_WIDTH * index
+        return _TargetRow(*self._targets[begin : begin + _TARGET_WIDTH])
+
+    def _compare_frames(self, target: WrittenNumbers, index: int, base: int, tool: int, used: int) -> None:
+        """Note a further use of a target: with two bases or two tools, the target cannot be corrected.
+
+        The frames become those of the target if they were not known at its first use.
+
+        Args:
+            target: the target.
+            index: its index.
+            base: index of the base of this use.
+            tool: index of the tool of this use.
+            used: line of this use.
+        """
+        row = self._get_row(index)
+        if row.base == _UNKNOWN_FRAME:
+            begin = _TARGET_WIDTH * index
+            self._targets[begin : begin + _TARGET_WIDTH] = array("q", row._replace(base=base, tool=tool))
+        elif (base, tool) != (row.base, row.tool):
             name = quote_text(target.label)
-            reason = f"target {name} is used with another base or tool on line {first_use}"
+            reason = f"target {name} is used with another base or tool on line {row.line_of_use}"
             remedy = "use a separate target for each base and tool: one correction cannot suit both"
             self._target_causes.setdefault(index, Cause(used, reason, remedy))
             self._other_frames[index, used] = base, tool
-        return index
 
     def _index_frame(self, role: str, frame: FrameName | Cause | None) -> int:
-        """Return the index of a frame with the role `base` or `tool`, added if new; -1 if it is not known."""
+        """Return the index of a frame, added if new; `_UNKNOWN_FRAME` if the frame is not known.
+
+        `role` is `base` or `tool`. Frames with a pose are the same if their poses are equal, other frames if
+        their names are.
+        """
         if not isinstance(frame, FrameName):
-            return -1
+            return _UNKNOWN_FRAME
         identity = frame.name if frame.pose is None else frame.pose.tobytes()
         index, _ = self._frames.setdefault((role, identity), (len(self._frames), frame))
         return index
 
     def keep_numbers(self, target: WrittenNumbers, cause: Cause, line: int) -> None:
-        """Note why the numbers of a target, which is used on a line, have to stay as they are."""
-        self._target_causes.setdefault(self._index_target(target, None, line), cause)
+        """Note why the numbers of a target, which is used on a line, have to stay as they are.
+
+        The first cause of each target counts.
+        """
+        index = self._index_target(target, None, line)
+        self._target_causes.setdefault(index, cause)
 
     def settle_targets(self, used: Mapping[str, At], external_axes: ExternalAxes) -> None:
         """Note which targets have to stay, fill the columns of targets and sort the moves.
@@ -390,15 +517,17 @@ class Columns:
         self._keep_used_targets(used)
         self._labels = self._names
         self._names = [_get_plain_name(label) if label else "" for label in self._labels]
-        self._filled = self._fill_targets(_reshape_rows(self._targets, _ROW_WIDTH), external_axes)
+        self._filled = self._fill_targets(_reshape_rows(self._targets, _TARGET_WIDTH), external_axes)
         feeds = np.asarray(memoryview(self._feeds), dtype=np.float64)
-        line, motion, ends = _reshape_rows(self._moves, 3)
+        line, motion, ends = _reshape_rows(self._moves, _MOVE_WIDTH)
         (visits,) = _reshape_rows(self._visits, 1)
         self._sorted = _sort_moves(Moves(line, motion, ends, visits, feeds))
         self._name_own_numbers()
 
     def _keep_used_targets(self, used: Mapping[str, At]) -> None:
-        """Note the targets that have to stay, because their names or numbers are used otherwise.
+        """Note the targets whose numbers have to stay because something else than a move uses them.
+
+        A target also has to stay if its moves have own numbers: copies of its numbers, in place of its name.
 
         `used` has the place of such a use for each name.
         """
@@ -406,121 +535,130 @@ class Columns:
         for index, label in enumerate(self._names):
             if not label:
                 continue
+            own = own_of_label.get(label)
             at = used.get(label) or used.get(get_array_name(label))
-            if own := own_of_label.get(label):
+            if own is not None:
                 cause = Cause(own.line, own.reason, own.remedy)
-                self._target_causes.setdefault(index, cause)
-            elif at:
-                self._target_causes.setdefault(index, self._explain_use(label, at))
+            elif at is not None:
+                cause = self._explain_use(label, at)
+            else:
+                continue
+            self._target_causes.setdefault(index, cause)
 
     def _explain_use(self, name: str, at: At) -> Cause:
-        """Return the cause why a target has to stay whose numbers are used at another place."""
-        file = f" of {quote_text(self._sources[at.source].name)}" if at.source else ""
+        """Return the cause why a target cannot be corrected: its numbers are used for something else, too.
+
+        The cause has no line: the line of the move to the target takes its place.
+
+        Args:
+            name: name of the target.
+            at: place of the other use.
+        """
+        is_in_first_file = at.source == 0
+        file = "" if is_in_first_file else f" of {quote_text(self._sources[at.source].name)}"
         use = f"the numbers of {quote_text(name)} are also used on line {at.line}{file}"
         reason = f"{use}, where their meaning is not certain"
-        return Cause(0, reason, "use a separate target on that line")
+        no_line = 0
+        return Cause(no_line, reason, "use a separate target on that line")
 
     def list_own_numbers(self) -> tuple[OwnNumbers, ...]:
-        """Return the own numbers that moves need because the declaration of their target has to stay."""
+        """Return the own numbers that moves need because the declaration of their target has to stay.
+
+        Own numbers are a copy of the target's numbers, in place of its name. There are none if the program
+        has them already, if the language cannot state numbers at a move, or if the program gets too long.
+        """
         can_state_numbers = bool(self._language.opening)
         if self._own or not can_state_numbers:
             return ()
-        return self._find_own_numbers(self._labels)
+        left = self._find_left_moves(can_replace_names=True)
+        found = list[OwnNumbers]()
+        for move, own_numbers in left.own_numbers.items():
+            if not left.is_left[move]:
+                found += own_numbers
+        has_too_many_targets = len(self._filled) + len(found) > MAX_TARGETS
+        has_too_many_remarks = len(self._remarks) + len(found) > MAX_REMARKS
+        return () if has_too_many_targets or has_too_many_remarks else tuple(found)
 
     def _name_own_numbers(self) -> None:
-        """Give targets that are own numbers of a move the names that they replace; add a remark to each."""
+        """Give each target that is a move's own numbers the name that these replaced; add a remark to each.
+
+        Own numbers are a copy of the numbers of a declared target, in place of its name at the move.
+        """
         if not self._own:
             return
         own_at = {own.start: own for own in self._own}  # by the first character in the first file
         text = self._sources[0].text
         for index in np.flatnonzero(self._filled.source == 0).tolist():
-            first = int(self._filled.spans[index, 0, 0])
-            opening = re.search(rf"{self._language.opening}\Z", text[max(first - 100, 0) : first])
-            own = own_at.get(first - len(opening[0])) if opening else None
+            first_number = int(self._filled.spans[index, 0, 0])
+            text_before = text[max(first_number - 100, 0) : first_number]
+            opening = re.search(rf"{self._language.opening}\Z", text_before)  # such as `{X `
+            own = own_at.get(first_number - len(opening[0])) if opening else None
             if own is None:
                 continue
             self._names[index] = own.name
-            reason = own.reason
-            if own.other_line and reason.endswith(f" on line {own.line}"):  # the line of this use itself
-                reason = f"{reason.removesuffix(str(own.line))}{own.other_line}"
+            reason = _name_other_line(own)
             name = quote_text(own.name)
             self.add_remark(At(own.line), f"where the move is corrected, numbers replace {name}: {reason}")
 
-    def _find_own_numbers(self, labels: Sequence[str]) -> tuple[OwnNumbers, ...]:
-        """Return the own numbers of all moves whose targets have to stay.
+    def _find_left_moves(self, *, can_replace_names: bool) -> _LeftMoves:
+        """Find the moves that cannot be corrected because the numbers of a target have to stay.
 
-        A move gets own numbers in place of the name of a target, if the declared target has to stay as it is.
-        There are none if the program would then have too many targets or remarks. `labels` are the names of
-        the targets.
-        """
-        own_of_move = defaultdict[int, list[OwnNumbers]](list)
-
-        def gets_own_numbers(move: int, target: int) -> bool:
-            """Return whether a move gets own numbers in place of a target, and note these numbers."""
-            own = self._make_own_numbers(target, move, labels[target])
-            if own is None:
-                return False
-            own_of_move[move].append(own)
-            return True
-
-        is_left = self._find_left_moves(gets_own_numbers)
-        found = [own for move, numbers in own_of_move.items() if not is_left[move] for own in numbers]
-        has_too_many_targets = len(self._filled) + len(found) > MAX_TARGETS
-        has_too_many_remarks = len(self._remarks) + len(found) > MAX_REMARKS
-        return () if has_too_many_targets or has_too_many_remarks else tuple(found)
-
-    def _find_left_moves(self, gets_own_numbers: Callable[[int, int], bool]) -> BoolArray:
-        """Return a mask (k,) of the moves that are left because the numbers of a target have to stay.
-
-        The other targets of such a move have to stay, too, until nothing changes.
+        The other targets of such a move have to stay, too, and so their moves are left, and so on.
 
         Args:
-            gets_own_numbers: whether a move, by index, does not need that a target, by index, is corrected.
+            can_replace_names: whether a move may get own numbers in place of the name of a target that has to
+                stay. Such a move need not be left.
         """
         moves = self._sorted
-        is_left = np.zeros(len(moves), dtype=np.bool_)
+        left = _LeftMoves(np.zeros(len(moves), dtype=np.bool_), defaultdict(list))
         begins = np.append(0, moves.ends[:-1])
         # Visits sorted by their targets: those of target t are order[bounds[t]:bounds[t + 1]].
         order = np.argsort(moves.visits, kind="stable")
         bounds = np.searchsorted(moves.visits[order], np.arange(len(self._filled) + 1))
-
-        def leave_moves(target: int) -> Iterator[int]:
-            """Leave the moves to a target that has to stay, and yield their other targets."""
+        kept = set(self._target_causes)  # targets that have to stay
+        to_visit = [*kept]
+        while to_visit:
+            target = to_visit.pop()
             visits = order[bounds[target] : bounds[target + 1]]
             moves_to_target = dict.fromkeys(moves.move_of_visit[visits].tolist())
             for move in moves_to_target:
-                if not gets_own_numbers(move, target):
-                    is_left[move] = True
-                    yield from moves.visits[begins[move] : moves.ends[move]].tolist()
+                own = self._make_own_numbers(target, move) if can_replace_names else None
+                if own is not None:
+                    left.own_numbers[move].append(own)
+                    continue
+                left.is_left[move] = True
+                for other in moves.visits[begins[move] : moves.ends[move]].tolist():
+                    if other not in kept:
+                        kept.add(other)
+                        to_visit.append(other)
+        return left
 
-        kept = set(self._target_causes)
-        for _pair in reach([*kept], leave_moves, kept):
-            pass  # `leave_moves` notes the moves
-        return is_left
-
-    def _make_own_numbers(self, target: int, move: int, label: str) -> OwnNumbers | None:
+    def _make_own_numbers(self, target: int, move: int) -> OwnNumbers | None:
         """Return the numbers that a move gets in place of the name of a target, which itself has to stay.
 
-        Return None if the numbers or the place of the name are not certain, or the line becomes too long.
+        Return None if the move itself states the numbers, if the numbers or the place of the name are not
+        certain, or if the line becomes too long for the controller.
 
         Args:
             target: index of the target.
             move: index of the move.
-            label: name of the target; empty if the move itself states the numbers.
         """
+        label = self._labels[target]
         if not label or target in self._unfit:
             return None
         line = int(self._sorted.line[move])
         first_file = self._sources[0]
         declaring_file = self._sources[self._filled.source[target]]
-        numbers = copy_numbers(self._language, declaring_file, int(self._filled.spans[target, 0, 0]))
+        first_number = int(self._filled.spans[target, 0, 0])
+        numbers = copy_numbers(self._language, declaring_file, first_number)
         place = find_name(self._language, first_file, line, _strip_name(label))
         if numbers is None or place is None:
             return None
         begin_of_visits = self._sorted.ends[move - 1] if move > 0 else 0
         count_of_targets = int(self._sorted.ends[move] - begin_of_visits)
         line_length = int(first_file.ends[line - 1] - first_file.starts[line - 1])
-        if line_length + count_of_targets * (len(numbers) + _GROWTH) > self._language.longest_line:
+        greatest_length = line_length + count_of_targets * (len(numbers) + _GROWTH)
+        if greatest_length > self._language.longest_line:
             return None
         shared = Cause(line, "a move that is not corrected uses the same target", "use a separate target")
         cause = self._target_causes.get(target, shared)
@@ -542,15 +680,11 @@ class Columns:
         is_corrected = self._find_corrected_moves(targets, moves)
         left = sorted(self._left, key=lambda move_and_cause: move_and_cause[0].line)
         left_moves = tuple(move for move, _ in left)
-        faults = [self._build_fault(cause) for _, cause in left]
         has_no_moves = not (left or is_corrected.any())
-        if has_no_moves:
-            faults = [self._build_fault(cause) for cause in causes]
+        faults = self._list_faults(causes if has_no_moves else [cause for _, cause in left])
         if has_no_moves and not faults:
             remedy = "send a program with moves to targets given by numbers"
             faults = [Fault(self._sources[0].name, None, "the program has no target", remedy)]
-        each_fault_once = dict.fromkeys(faults)
-        faults = sorted(each_fault_once, key=lambda fault: fault.line or 0)
         if not is_corrected.any():
             raise ProgramError(faults, left=left_moves)
         if left:
@@ -559,6 +693,11 @@ class Columns:
         return Program(
             self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults), self._own
         )
+
+    def _list_faults(self, causes: Sequence[Cause]) -> list[Fault]:
+        """Return causes as faults for the user, each fault once, in order of their lines."""
+        each_fault_once = dict.fromkeys(map(self._build_fault, causes))
+        return sorted(each_fault_once, key=lambda fault: fault.line or 0)
 
     def _build_fault(self, cause: Cause) -> Fault:
         """Return a cause as a fault for the user, with names as the program spells them."""
@@ -570,93 +709,127 @@ class Columns:
 
         A move cannot be corrected if one of its targets has a cause against a correction.
         """
-        is_left = self._find_left_moves(lambda _move, _target: False)
+        is_left = self._find_left_moves(can_replace_names=False).is_left
         begins = np.append(0, moves.ends[:-1])
         for move in np.flatnonzero(is_left).tolist():
             line = int(moves.line[move])
             visited = moves.visits[begins[move] : moves.ends[move]].tolist()
-            known = next((self._target_causes[i] for i in visited if i in self._target_causes), None)
-            reason, remedy = "a move that is not corrected uses the same target", "use a separate target"
-            if known is not None:
-                reason, remedy = self.restore_spelling(known.reason, 0, line), known.remedy
+            causes = [self._target_causes[target] for target in visited if target in self._target_causes]
+            cause = Cause(line, "a move that is not corrected uses the same target", "use a separate target")
+            reason = cause.reason
+            if causes:
+                reason = self.restore_spelling(causes[0].reason, 0, line)
+                # A cause without a line is reported at the line of the move.
+                cause = causes[0] if causes[0].line else Cause(line, reason, causes[0].remedy)
             end = visited[-1]  # the target at the end of the move
             frames_of_target = (targets.base[end], targets.tool[end])
             base, tool = self._other_frames.get((end, line), frames_of_target)
-            read_move = ReadMove(
-                line, targets.names[end], targets.frames[base].name, targets.frames[tool].name, reason, remedy
-            )
-            cause = known if known and known.line else Cause(line, reason, remedy)
+            base_name, tool_name = targets.frames[base].name, targets.frames[tool].name
+            read_move = ReadMove(line, targets.names[end], base_name, tool_name, reason, cause.remedy)
             self._left.append((read_move, cause))
         return ~is_left
 
-    def _fill_targets(self, rows: IndexArray, external_axes: ExternalAxes) -> Targets:
-        """Return the targets with their numbers; note targets with invalid numbers or moved external axes.
+    def _fill_targets(self, columns: IndexArray, external_axes: ExternalAxes) -> Targets:
+        """Return the targets with their numbers; note those that cannot be corrected because of them.
 
         Args:
-            rows: (7, t) source, line, first number, line of use, literal, base and tool of the targets.
+            columns: (7, t) what is stored of all targets, in the order of `_TargetRow`.
             external_axes: what the user states on external axes and other groups.
         """
-        source, line, first, _, literal, base, tool = rows
-        literals, count = list(self._literals), len(line)
+        source, line, first, _line_of_use, literal, base, tool = columns
+        count = len(line)
         targets = Targets(
-            self._names, source, line, literal, literals, base, tool,
-            [frame for _, frame in self._frames.values()],
-            np.full((count, _VALUES_END), np.nan), np.full((count, _VALUES_END, 2), -1, dtype=np.int32),
-        )  # fmt: skip
-        is_out_of_range, is_no_orientation = np.zeros((2, count), dtype=np.bool_)
-        # Only as many columns as some target needs: with all of them, large programs take twice the memory.
-        width = max((min(len(each.external), _MAX_AXES) for each in literals), default=0)
-        common_width = max((min(len(each.common), _MAX_COMMON) for each in literals), default=0)
-        axes, common = np.full((count, width), np.nan), np.full((count, common_width), np.nan)
-        ordinals = _arrange_ordinals(literals)
-        for file, block in _divide_by_file(source):
-            numbers = self._look_up_numbers(file, block, first, ordinals, targets)
-            is_too_large = np.abs(numbers[:, :NUMBERS]) > MAX_VALUE
-            is_out_of_range[block] = is_too_large.any(axis=1)
-            for notation, positions in targets.group_by_notation(block):
-                is_no_orientation[block[positions]] = ~notation.is_valid_orientation(numbers[positions])
-            block_axes = numbers[:, _VALUES_END : _VALUES_END + width]
-            axes[block] = np.where(block_axes > _NO_AXIS, np.nan, block_axes)
-            common[block] = numbers[:, _AXES_END : _AXES_END + common_width]
-        is_away, is_moved = _find_external_axes(axes, external_axes)
-        has_many_axes = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
-        is_changed = _find_changed_numbers(common)
-        no_orientation = "a quaternion or an axis is not of unit length"
-        changed, one_frame = (
-            "the tool or the base changes within the table",
-            "send one table for each tool and base",
+            names=self._names,
+            source=source,
+            line=line,
+            literal=literal,
+            literals=list(self._literals),
+            base=base,
+            tool=tool,
+            frames=[frame for _, frame in self._frames.values()],
+            values=np.full((count, _VALUES_END), np.nan),
+            spans=np.full((count, _VALUES_END, 2), -1, dtype=np.int32),
         )
-        self._keep_unfit_targets(is_out_of_range, line, _OUT_OF_RANGE, _WRITE_ANEW)
-        self._keep_unfit_targets(is_no_orientation, line, no_orientation, _WRITE_ANEW)
-        self._keep_unfit_targets(is_changed, line, changed, one_frame)
-        self._keep_unfit_targets(is_away, line, _AXIS_AWAY, _CARRY_NOTHING)
-        is_moved = is_moved | has_many_axes[literal]
-        self._keep_unfit_targets(is_moved, line, "an external axis or another group moves", _CARRY_NOTHING)
+        further = self._read_numbers(targets, first)
+        self._keep_invalid_targets(targets)
+        is_changed = _find_changed_numbers(further.common)
+        self._keep_unfit_targets(is_changed, line, _TOOL_CHANGES, _ONE_TABLE_EACH)
+        self._keep_displaced_targets(targets, further.axes, external_axes)
         return targets
+
+    def _read_numbers(self, targets: Targets, first: IndexArray) -> _FurtherNumbers:
+        """Fill `values` and `spans` of all targets from the text, and return their further numbers.
+
+        Args:
+            targets: t targets, without numbers.
+            first: (t,) index of the first number of each target's statement among those of its file.
+        """
+        literals, count = targets.literals, len(targets)
+        # Only as many columns as some target needs: with all of them, large programs take twice the memory.
+        axis_count = max((min(len(each.external), _MAX_AXES) for each in literals), default=0)
+        common_count = max((min(len(each.common), _MAX_COMMON) for each in literals), default=0)
+        axes, common = np.full((count, axis_count), np.nan), np.full((count, common_count), np.nan)
+        ordinals = _arrange_ordinals(literals)
+        for file, block in _divide_by_file(targets.source):
+            numbers = self._look_up_numbers(file, block, first, ordinals, targets)
+            axes_of_block = numbers[:, _VALUES_END : _VALUES_END + axis_count]
+            axes[block] = np.where(axes_of_block > _NO_AXIS, np.nan, axes_of_block)
+            common[block] = numbers[:, _AXES_END : _AXES_END + common_count]
+        return _FurtherNumbers(axes, common)
+
+    def _keep_invalid_targets(self, targets: Targets) -> None:
+        """Note the targets with a number out of range, or an orientation that is not of unit length."""
+        is_too_large = np.abs(targets.values[:, :NUMBERS]) > MAX_VALUE
+        is_out_of_range = np.asarray(is_too_large.any(axis=1))
+        self._keep_unfit_targets(is_out_of_range, targets.line, _OUT_OF_RANGE, _WRITE_ANEW)
+        is_no_orientation = np.zeros(len(targets), dtype=np.bool_)
+        for notation, indices in targets.group_by_notation(np.arange(len(targets))):
+            is_no_orientation[indices] = ~notation.is_valid_orientation(targets.values[indices])
+        self._keep_unfit_targets(is_no_orientation, targets.line, _NO_ORIENTATION, _WRITE_ANEW)
+
+    def _keep_displaced_targets(
+        self, targets: Targets, axes: FloatArray, external_axes: ExternalAxes
+    ) -> None:
+        """Note the targets that external axes or other groups of the controller may displace.
+
+        Args:
+            targets: t targets.
+            axes: (t, a) positions of the external axes; NaN where a target states none.
+            external_axes: what the user states on them.
+        """
+        is_away, is_moved = _find_external_axes(axes, external_axes)
+        self._keep_unfit_targets(is_away, targets.line, _AXIS_AWAY, _CARRY_NOTHING)
+        has_many_axes = np.array([len(each.external) > _MAX_AXES for each in targets.literals], np.bool_)
+        is_moved = is_moved | has_many_axes[targets.literal]  # further axes are not read
+        self._keep_unfit_targets(is_moved, targets.line, _AXIS_MOVES, _CARRY_NOTHING)
 
     def _look_up_numbers(
         self, file: int, block: IndexArray, first: IndexArray, ordinals: IndexArray, targets: Targets
     ) -> FloatArray:
-        """Return all numbers (b, n) of targets of a file; NaN where a target has no such number.
-
-        The columns are those of `_arrange_ordinals`. Values and spans of position, orientation and
-        configuration are written into `targets`.
+        """Look up the numbers of a block of targets in the text, and fill `targets.values` and `.spans`.
 
         Args:
-            file: index of the file.
+            file: index of the file in which the numbers are.
             block: (b,) indices of the targets.
             first: (t,) index of the first number of each target's statement among those of the file.
-            ordinals: (literals, n) ordinals of the numbers of each literal; -1 for those it does not have.
-            targets: all targets.
+            ordinals: (literals, n) rows of `_arrange_ordinals`: for each literal, the index of each number
+                among those of the statement; -1 for a number that the literal does not have.
+            targets: all targets; the rows of the block are filled with position, orientation and
+                configuration.
+
+        Returns:
+            (b, n) all numbers of the block, with external axes; NaN for those that a target does not have.
         """
         numerals = self._numerals[file]
-        ordinals = ordinals[targets.literal[block]]
-        is_written = ordinals >= 0
-        indices = np.where(is_written, ordinals + first[block, None], 0)
+        ordinals_of_block = ordinals[targets.literal[block]]
+        is_written = ordinals_of_block >= 0
+        indices = np.where(is_written, ordinals_of_block + first[block, None], 0)  # in the file
         numbers = np.where(is_written, numerals.values[indices], np.nan)
+        starts = np.where(is_written, numerals.starts[indices], -1)
+        ends = np.where(is_written, numerals.ends[indices], -1)
         targets.values[block] = numbers[:, :_VALUES_END]
-        targets.spans[block, :, 0] = np.where(is_written, numerals.starts[indices], -1)[:, :_VALUES_END]
-        targets.spans[block, :, 1] = np.where(is_written, numerals.ends[indices], -1)[:, :_VALUES_END]
+        targets.spans[block, :, 0] = starts[:, :_VALUES_END]
+        targets.spans[block, :, 1] = ends[:, :_VALUES_END]
         return numbers
 
     def _keep_unfit_targets(self, is_unfit: BoolArray, line: IndexArray, reason: str, remedy: str) -> None:
@@ -667,9 +840,13 @@ class Columns:
 
 
 def _divide_by_file(source: IndexArray) -> Iterator[tuple[int, IndexArray]]:
-    """Yield blocks of targets of one file: the index of the file, and the indices of the targets (b,).
+    """Divide targets into blocks of at most `BLOCK`, each of one file.
 
-    `source` (t,) is the index of each target's file.
+    Args:
+        source: (t,) index of each target's file.
+
+    Yields:
+        Index of the file; indices (b,) of the targets in the block.
     """
     for start in range(0, len(source), BLOCK):
         source_of_block = source[start : start + BLOCK]
@@ -680,8 +857,8 @@ def _divide_by_file(source: IndexArray) -> Iterator[tuple[int, IndexArray]]:
 def _arrange_ordinals(literals: Sequence[Literal]) -> IndexArray:
     """Return the ordinals of the numbers of each literal as a row; -1 where a literal has no such number.
 
-    An ordinal is the index of a number among those of its statement. A row has the numbers of position and
-    orientation, of the configuration, of external axes, and those that all targets share.
+    An ordinal is the index of a number among those of its statement. A row has four parts: position and
+    orientation, the arm's configuration, external axes, and numbers that all targets have to share.
     """
     ordinals = np.full((len(literals), _AXES_END + _MAX_COMMON), -1)
     for row, literal in zip(ordinals, literals, strict=True):
@@ -708,23 +885,28 @@ def _find_external_axes(axes: FloatArray, external_axes: ExternalAxes) -> tuple[
         Mask (t,) of the targets with an axis away from zero; mask (t,) of the targets whose axes have other
         positions than at the first target.
     """
-    nowhere = np.zeros(len(axes), dtype=np.bool_)
+    no_target = np.zeros(len(axes), dtype=np.bool_)
     if external_axes is ExternalAxes.CARRY_NOTHING:
-        return nowhere, nowhere
+        return no_target, no_target
     positions = np.nan_to_num(axes)
     is_moved = _find_changed_numbers(positions)
     if external_axes is ExternalAxes.OF_ROBOT:
-        return nowhere, is_moved
-    is_axis_away = np.abs(positions) > _AXIS_ROUNDING
-    is_any_away = is_axis_away.any(axis=0)  # (a,)
-    is_away = is_axis_away | (np.isnan(axes) & is_any_away)
-    return np.asarray(is_away.any(axis=1)), is_moved
+        return no_target, is_moved
+    is_stated_away = np.abs(positions) > _AXIS_ROUNDING  # (t, a)
+    is_away_anywhere = is_stated_away.any(axis=0)  # (a,)
+    may_be_away = np.isnan(axes) & is_away_anywhere  # the target does not state the axis
+    is_away = (is_stated_away | may_be_away).any(axis=1)
+    return np.asarray(is_away), is_moved
 
 
 def _find_changed_numbers(numbers: FloatArray) -> BoolArray:
-    """Return a mask (t,) of the targets whose numbers (t, k) differ from those of the first target."""
+    """Return a mask (t,) of the targets whose numbers (t, k) differ from those of the first target.
+
+    NaN counts as zero, and differences that rounding explains do not count.
+    """
     numbers = np.nan_to_num(numbers)
-    return np.asarray((~(np.abs(numbers - numbers[:1]) <= _AXIS_ROUNDING)).any(axis=1), dtype=np.bool_)
+    is_equal = np.abs(numbers - numbers[:1]) <= _AXIS_ROUNDING
+    return np.asarray((~is_equal).any(axis=1), dtype=np.bool_)
 
 
 def _sort_moves(moves: Moves) -> Moves:
@@ -732,11 +914,11 @@ def _sort_moves(moves: Moves) -> Moves:
 
     Routines were interpreted one after the other, so that moves of nested routines were out of order.
     """
-    order = np.argsort(moves.line, kind="stable")
-    new_index = np.empty_like(order)  # of each move
+    order = np.argsort(moves.line, kind="stable")  # old index of each move, in the new order
+    new_index = np.empty_like(order)  # new index of each move, in the old order
     new_index[order] = np.arange(len(order))
     order_of_visits = np.argsort(new_index[moves.move_of_visit], kind="stable")
-    visit_counts = np.diff(moves.ends, prepend=0)
+    visit_counts = np.diff(moves.ends, prepend=0)  # (k,)
     return Moves(
         line=moves.line[order],
         motion=moves.motion[order],
@@ -747,10 +929,20 @@ def _sort_moves(moves: Moves) -> Moves:
 
 
 def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[Moves, Targets]:
-    """Return the moves in the mask `selected` (k,), and the targets of these moves, with new indices."""
-    visits = moves.visits[selected[moves.move_of_visit]]
+    """Select moves, and the targets that they visit.
+
+    Args:
+        moves: k moves.
+        targets: targets of all moves.
+        selected: (k,) mask of the moves to select.
+
+    Returns:
+        The selected moves, whose visits have the new indices of the targets; the targets.
+    """
+    is_selected_visit = selected[moves.move_of_visit]
+    visits = moves.visits[is_selected_visit]
     used_targets, new_visits = np.unique(visits, return_inverse=True)
-    visit_counts = np.diff(moves.ends, prepend=0)
+    visit_counts = np.diff(moves.ends, prepend=0)  # (k,)
     kept = Moves(
         line=moves.line[selected],
         motion=moves.motion[selected],
@@ -761,6 +953,18 @@ def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[
     return kept, targets.select(used_targets)
 
 
+def _name_other_line(own: OwnNumbers) -> str:
+    """Return why a declared target has to stay, for the remark on a move that has its own numbers instead.
+
+    If the reason names the line of this move, the line of the other use of the target takes its place.
+    """
+    names_own_line = own.reason.endswith(f" on line {own.line}")
+    if not own.other_line or not names_own_line:
+        return own.reason
+    beginning = own.reason.removesuffix(str(own.line))
+    return f"{beginning}{own.other_line}"
+
+
 def _get_plain_name(label: str) -> str:
     """Return a name without its routine and its module, as users read it."""
     return show_text(_strip_name(label))
@@ -768,7 +972,8 @@ def _get_plain_name(label: str) -> str:
 
 def _strip_name(label: str) -> str:
     """Return a name without its routine and its module."""
-    return label.partition(OF_ROUTINE)[0].partition(IN_MODULE)[0]
+    name_in_module = split_full_name(label).variable
+    return name_in_module.partition(IN_MODULE)[0]
 
 
 def _get_frame_name(frame: FrameName | Cause) -> str:

@@ -9,17 +9,28 @@ import numpy as np
 
 from robotprograms import language as ir
 from robotprograms.arrays import FloatArray
-from robotprograms.columns import OF_ROUTINE, Cause, WrittenNumbers, get_array_name, get_structure_name
-from robotprograms.declarations import NEVER, UNKNOWN, Changes, Content, Declarations, State
+from robotprograms.columns import (
+    OF_ROUTINE,
+    Cause,
+    WrittenNumbers,
+    get_array_name,
+    get_structure_name,
+    split_full_name,
+)
+from robotprograms.declarations import NOT_SET, UNKNOWN, UNREACHED, Changes, Content, Declarations, State
 from robotprograms.errors import quote_text
 from robotprograms.language import Language, Value
 from robotprograms.notation import Numerals, calculate
-from robotprograms.places import OTHER_FILES, Place, find_place
+from robotprograms.places import OTHER_FILES, Place, find_place, has_whole_index
 from robotprograms.program import At, FrameName, Literal
 
 
 class Contents:
-    """Contents of the names of a program."""
+    """Contents of the variables of a program.
+
+    A content is numbers in the text of the program, the name of another value, or the cause why the content
+    is unknown.
+    """
 
     def __init__(
         self, language: Language, numerals: Sequence[Numerals], declarations: Declarations, changes: Changes
@@ -38,138 +49,185 @@ class Contents:
         self._protected: dict[str, bool] = {}  # whether unknown routines leave the content of a name
 
     def forget_judgements(self) -> None:
-        """Judge names anew, because all changes are known now."""
+        """Judge anew which names unknown routines may change, because all changes are known only now."""
         self._protected.clear()
 
-    def keeps(self, name: str) -> bool:
+    def is_protected(self, name: str) -> bool:
         """Return whether unknown routines leave the content of a name; each name is judged once."""
         if name not in self._protected:
-            self._protected[name] = self._is_protected(name)
+            self._protected[name] = self._judge_protection(name)
         return self._protected[name]
 
-    def _is_protected(self, name: str) -> bool:
+    def _judge_protection(self, name: str) -> bool:
         """Return whether the content of a name is safe from changes by unknown routines.
 
-        Routines of other files change names of their own, and the active frames. A table of the controller,
-        or data that other programs share, are safe if no file of the program writes them.
+        A routine of another file can change neither constants nor variables that only this program knows. It
+        can change all else, with one exception: the stored frames of the controller, and data that several
+        programs share, are safe if no file of the program writes them.
         """
-        _, is_owned, owner = name.partition(OF_ROUTINE)
-        if name in self._declarations.constants or name in self._changes.lasting or name == NEVER:
+        language, declarations = self._language, self._declarations
+        is_constant = name in declarations.constants or name == UNREACHED
+        if is_constant or name in self._changes.lasting:
             return True
-        if is_owned and owner != OTHER_FILES:
+        owner = split_full_name(name).owner
+        is_of_routine = owner not in {"", OTHER_FILES}
+        is_field_of_position = language.is_own(name) and "." in name
+        if is_of_routine or is_field_of_position:
             return True
-        if self._language.is_own(name) and "." in name:  # frames that a position states
-            return True
-        if self._language.is_own(name) or get_structure_name(name) in self._declarations.private:
+        is_of_program = language.is_own(name) or get_structure_name(name) in declarations.private
+        if is_of_program:
             return not self._changes.find(name)
-        is_reached = self._language.is_reached
-        if is_reached is None or is_reached(name):
+        if language.is_reached is None or language.is_reached(name):
             return False
-        is_table = self._language.is_frame(name) or name in self._declarations.shared
-        return not (is_table and self._changes.find(name))
+        is_stored = language.is_frame(name) or name in declarations.shared
+        is_written = bool(self._changes.find(name))
+        return not (is_stored and is_written)
 
     def evaluate(self, place: Place, name: str, value: Value, state: State) -> Content:
-        """Return the content that an assignment of `value`, at a place and in a state, gives to a name."""
-        if isinstance(value, Literal):
-            return WrittenNumbers(name, place.source, place.line, place.first, value)
-        if isinstance(value, ir.Unknown):
-            return place.make_cause(value.reason, value.remedy)
-        if isinstance(value, ir.Stated):
-            return self._evaluate_stated(place, value, state)
-        if isinstance(value, ir.Element):
-            return self._evaluate_element(place, value, state)
-        content: Content = place.qualify(value.name)
-        if "\0" in content:
+        """Return the content that a variable gets if a statement assigns a value to it.
+
+        Args:
+            place: place of the statement.
+            name: full name of the variable; empty for a value that no variable gets.
+            value: right side of the assignment.
+            state: content of each variable before the statement.
+        """
+        match value:
+            case Literal():
+                return WrittenNumbers(name, place.source, place.line, place.first, value)
+            case ir.Unknown(reason=reason, remedy=remedy):
+                return place.make_cause(reason, remedy)
+            case ir.Stated():
+                return self._evaluate_stated(place, value, state)
+            case ir.Element():
+                return self._evaluate_element(place, value, state)
+        # A copy of another variable, or a value that is known by its name only
+        named_value = place.qualify(value.name)
+        if not has_whole_index(named_value):
             return place.make_cause("the number of a frame is not a whole number")
-        return self._follow_copy(value, content, state) if isinstance(value, ir.Copy) else content
+        if isinstance(value, ir.Copy):
+            return self._follow_copy(value, named_value, state)
+        return named_value
 
     def _evaluate_stated(self, place: Place, value: ir.Stated, state: State) -> Content:
-        """Return the name of a frame that is calculated of numbers and pi; note its pose, if it has one.
+        """Calculate a frame whose numbers are expressions of numbers and pi; return a name for the frame.
 
-        A program may give pi itself: then its number in the state, the contents of all names, counts.
+        The pose goes to `named` under this name, unless an expression has no value. Return the cause if the
+        program gives the name `pi` another meaning that is not certain.
+
+        Args:
+            place: place of the statement.
+            value: expressions of the frame's numbers, with a sign in place of each written number.
+            state: content of each variable before the statement.
         """
-        numbers = (repr(float(place.values[place.first + ordinal])) for ordinal in value.ordinals)
-        expressions = [re.sub("\0", lambda _: next(numbers), text) for text in value.expressions]
+        pi = self._find_pi(place, state)
+        if isinstance(pi, Cause):
+            return pi
+        written_numbers = (repr(place.read_number(ordinal)) for ordinal in value.ordinals)
+        calculated = list[float]()
+        for expression in value.expressions:
+            with_numbers = re.sub(ir.A_NUMBER, lambda _: next(written_numbers), expression)
+            number = calculate(re.sub(r"\bpi\b", pi, with_numbers))
+            if number is not None:
+                calculated.append(number)
+        name = f"{value.name} of line {place.line}"
+        if len(calculated) == len(value.expressions):
+            self.named[name] = FrameName(name, value.notation.to_pose(calculated))
+        return name
+
+    def _find_pi(self, place: Place, state: State) -> str | Cause:
+        """Return what `pi` means in an expression: `pi` itself, or a number that the program gives it.
+
+        Return the cause if the program may change that number.
+        """
         pi = place.qualify("pi")
         is_assigned = bool(self._changes.of_name.get(pi))
         other_routines = self._changes.routines_of_pi - {place.scope.routine}
         if is_assigned and other_routines:  # there, the name may mean another variable
             return place.make_cause("the program gives 'pi' in another routine")
         is_local = pi != "pi"
-        if is_assigned or is_local or pi in self._declarations.initial:
-            content, _ = self.look_up(state, pi)
-            if not isinstance(content, WrittenNumbers):
-                return place.make_cause("the program changes 'pi' while it runs")
-            number = repr(self._read_number(content))
-            expressions = [re.sub(r"\bpi\b", number, text) for text in expressions]
-        name = f"{value.name} of line {place.line}"
-        values = [calculate(text) for text in expressions]
-        known_values = [number for number in values if number is not None]
-        if len(known_values) == len(values):
-            self.named[name] = FrameName(name, value.notation.to_pose(known_values))
-        return name
+        is_own_variable = is_assigned or is_local or pi in self._declarations.initial
+        if not is_own_variable:
+            return "pi"
+        content, _ = self.look_up(state, pi)
+        if not isinstance(content, WrittenNumbers):
+            return place.make_cause("the program changes 'pi' while it runs")
+        return repr(self.read_number(content))
 
-    def _read_number(self, content: WrittenNumbers) -> float:
+    def read_number(self, content: WrittenNumbers) -> float:
         """Return the first of the numbers of a content."""
-        return float(self._read_numbers(content)[0])
+        return float(self.read_numbers(content)[0])
 
-    def _read_numbers(self, content: WrittenNumbers) -> FloatArray:
+    def read_numbers(self, content: WrittenNumbers) -> FloatArray:
         """Return the numbers (n,) of a content, from its file."""
-        numbers_of_file = self._numerals[content.source].values
-        return np.asarray(numbers_of_file[content.first + np.array(content.literal.numbers)])
+        return content.read(self._numerals)
 
-    def _follow_copy(self, value: ir.Copy, content: Content, state: State) -> Content:
-        """Return the content of a copied name in a state, the contents of all names.
+    def _follow_copy(self, copy: ir.Copy, name: str, state: State) -> Content:
+        """Return the content of a variable that is copied.
 
-        `content` is the name. With `through`, that name only holds a further name, whose content is returned.
+        Args:
+            copy: the copy. If `copy.indirect` is true, the variable contains the name of a second variable,
+                and the content of this second variable is copied.
+            name: full name of the variable that is copied.
+            state: content of each variable before the copy.
         """
-        for _ in range(2 if value.through else 1):
-            if isinstance(content, str):
-                content, _at = self.look_up(state, content)
-        # The number that is active may be that of a frame whose numbers change.
-        if value.through and isinstance(content, str) and self._language.is_frame(content):
-            content, _at = self.look_up(state, content)
+        content, _ = self.look_up(state, name)
+        if not copy.indirect:
+            return content
+        if isinstance(content, str):  # the name of the second variable
+            content, _ = self.look_up(state, content)
+        # The second variable may contain the name of a frame whose numbers are stored and may have changed.
+        if isinstance(content, str) and self._language.is_frame(content):
+            content, _ = self.look_up(state, content)
         return content
 
     def look_up(self, state: State, name: str) -> tuple[Content, At]:
-        """Return the content of a name in a state, and where the statement is that set this content."""
+        """Return the content of a name in a state, and where the statement is that set this content.
+
+        The first of these contents counts: that of a constant; one that the name may get at any time; that
+        of the state; the cause why a call may have changed all names; the content before the program runs.
+        """
         if name == UNKNOWN:  # without an unknown call, there is no cause
-            return state.get(name, ("", At()))
+            return state.get(name, NOT_SET)
         if name in self._changes.lasting:  # nothing lasts that may move targets, unless a statement says so
-            lasting = self._changes.anytime.get(name)
-            return (lasting, find_place(lasting)) if lasting else state.get(name, ("", At()))
-        fixed = self._find_fixed_content(name)
-        if fixed is not None:
-            return fixed, find_place(fixed) if isinstance(fixed, Cause) else At()
-        protected = self.keeps(name)
-        # A change that may happen at any time comes first, then the state, then the value before the program.
-        content: Content | None = self._changes.anytime.get(name)
-        if content is None and not protected:
+            cause = self._changes.anytime.get(name)
+            return (cause, find_place(cause)) if cause else state.get(name, NOT_SET)
+        content = self._find_fixed_content(name)
+        if content is not None:
+            return content, _find_place_of_content(content)
+        may_unknown_routines_change = not self.is_protected(name)
+        content = self._changes.anytime.get(name)
+        if content is None and may_unknown_routines_change:
             content = self._changes.anytime.get(UNKNOWN)
         if content is None and name in state:
             return state[name]
-        if content is None and UNKNOWN in state and not protected:
-            content = state[UNKNOWN][0]
-        content = content or self._initial_value(name)
+        if content is None and may_unknown_routines_change and UNKNOWN in state:
+            content, _ = state[UNKNOWN]
+        content = content or self._find_initial_content(name)
         if isinstance(content, Cause) and self._language.is_frame(name):
             content = content._replace(shows=name)
-        return content, find_place(content) if isinstance(content, Cause) else At()
+        return content, _find_place_of_content(content)
 
     def _evaluate_element(self, place: Place, value: ir.Element, state: State) -> Content:
-        """Return the content of an element of a table, whose number is the value of a variable in a state.
+        """Return the content of an element of a table whose number is the value of a variable.
 
-        Only a variable of the routine, or a constant, is certain: other programs may set any other one.
+        Return the cause why the element is unknown unless the number is whole and certain. Only a variable of
+        the routine, or a constant, is certain: other programs may set any other variable.
+
+        Args:
+            place: place of the statement.
+            value: name of the table with `%s` for the number, and name of the variable.
+            state: content of each variable before the statement.
         """
         variable = place.qualify(value.number)
         content, _ = self.look_up(state, variable)
         if isinstance(content, Cause) and content.line:
             return content
-        is_of_routine = OF_ROUTINE in variable
+        is_of_routine = bool(split_full_name(variable).owner)
         is_certain = is_of_routine or variable in self._declarations.fixed
-        is_number = isinstance(content, WrittenNumbers) and len(content.literal.numbers) == 1
-        if not (is_certain and is_number and isinstance(content, WrittenNumbers)):
+        if not is_certain or not isinstance(content, WrittenNumbers) or len(content.literal.numbers) != 1:
             return place.make_cause(f"the number {quote_text(value.number)} of a frame is not certain")
-        number = self._read_number(content)
+        number = self.read_number(content)
         if not number.is_integer():
             return place.make_cause("the number of a frame is not a whole number")
         element = value.table % f"{number:g}"
@@ -177,9 +235,11 @@ class Contents:
         return content_of_element
 
     def _find_fixed_content(self, name: str) -> Content | None:
-        """Return the content that a name has in all states: of a constant, or of an element; else None.
+        """Return the content that a name has in all states, or None if its content depends on the state.
 
-        Where a statement changes an array, whichever element that is, no element is known.
+        A constant of the controller has its own name as its content. An element of an array that some
+        statement changes has its content before the program runs, or the cause that the array changes: which
+        element a statement changes is not known.
         """
         is_constant = get_structure_name(name) in self._language.constants
         if is_constant:
@@ -187,26 +247,19 @@ class Contents:
         array = get_array_name(name)
         is_element = array != name
         if is_element and array in self._changes.of_name:
-            return self._initial_value(name)
+            return self._find_initial_content(name)
         return None
 
-    def _initial_value(self, name: str) -> Content:
-        """Return the content of a name when the program begins: data have the values in their file.
+    def _find_initial_content(self, name: str) -> Content:
+        """Return the content of a name when the program begins.
 
         If a statement changes the name, the content is unknown: the program may run a second time.
         """
         changes = self._changes.find(name)
+        declared = None if changes else self._find_declared_content(name)
+        if declared is not None:
+            return declared
         active_frame = self._language.active.get(name)
-        if not changes:
-            if name in self._declarations.initial:
-                return self._declarations.initial[name]
-            structure, _, ending = name.partition(".")
-            fields = self._declarations.fields.get(structure, ())
-            contents = [content for ending_of_field, content in fields if ending_of_field == ending]
-            if len(contents) == 1:
-                return contents[0]
-            if contents:
-                return Cause(0, f"{name} is declared twice")
         if active_frame is not None:
             return active_frame
         if changes:
@@ -216,18 +269,42 @@ class Contents:
             return name
         return Cause(0, f"{quote_text(name)} is not given by constant numbers", self._language.undeclared)
 
+    def _find_declared_content(self, name: str) -> Content | None:
+        """Return the content that a declaration gives to a name, or to a field of a position; else None."""
+        declarations = self._declarations
+        if name in declarations.initial:
+            return declarations.initial[name]
+        structure, _, ending = name.partition(".")  # `P[1]` and `UF` of `P[1].UF`
+        fields = declarations.fields.get(structure, ())
+        contents = [content for ending_of_field, content in fields if ending_of_field == ending]
+        if len(contents) > 1:
+            return Cause(0, f"{name} is declared twice")
+        return contents[0] if contents else None
+
     def list_name_and_fields(self, name: str) -> list[str]:
-        """Return a name, and the names of all fields that a structure may have: `P`, `P.UF`, `P.UT`."""
-        structure, separator, routine = name.partition(OF_ROUTINE)
-        fields = [f"{structure}{ending}{separator}{routine}" for ending in self._language.field_endings]
+        """Return a name, and the names of all fields that a structure may have: `P`, `P.UF`, `P.UT`.
+
+        The owner of a full name stays at the end: `P of routine main`, `P.UF of routine main`.
+        """
+        structure, separator, owner = name.partition(OF_ROUTINE)
+        fields = [f"{structure}{ending}{separator}{owner}" for ending in self._language.field_endings]
         return [name, *fields]
 
     def have_equal_frames(self, name: str, first: Content, second: Content) -> bool:
-        """Return whether two contents of an active frame are equal numbers, written at different places."""
-        if name not in self._language.active:
+        """Return whether two contents are the same numbers, though written at different places of the text.
+
+        Numbers are compared for the active base and tool only; for any other name, the result is False.
+        """
+        is_active_frame = name in self._language.active
+        if not is_active_frame:
             return False
         if not (isinstance(first, WrittenNumbers) and isinstance(second, WrittenNumbers)):
             return False
         if first.literal.notation != second.literal.notation:
             return False
-        return bool(np.array_equal(self._read_numbers(first), self._read_numbers(second)))
+        return bool(np.array_equal(first.read(self._numerals), second.read(self._numerals)))
+
+
+def _find_place_of_content(content: Content) -> At:
+    """Return the place of the statement that a content names as its cause; no place for other contents."""
+    return find_place(content) if isinstance(content, Cause) else At()

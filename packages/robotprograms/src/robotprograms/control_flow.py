@@ -85,14 +85,17 @@ class ControlFlow:
             self._add_error_exits()
 
     def _can_continue_after_error(self) -> bool:
-        """Return whether a handler of errors, or one that resumes, may end a routine anywhere.
+        """Return whether an error or an interrupt may end a routine at any of its operations.
 
-        A handler without a name handles errors; a handler that resumes ends the routines it interrupted.
+        This may happen in a program with a handler that has no name, which handles errors, and in a program
+        with a `resume`, which ends the routines that a handler interrupted.
         """
-        for name in self.anytime_routines:
-            begin = self.begins[name]
+        for routine in self.anytime_routines:
+            begin = self.begins[routine]
             op = self._ops[begin]
-            if isinstance(op, ir.Flow) and op.kind == "handler" and not self._names[begin]:
+            is_handler = isinstance(op, ir.Flow) and op.kind == "handler"
+            has_name = bool(self._names[begin])
+            if is_handler and not has_name:
                 return True
         return any(isinstance(op, ir.Flow) and op.kind == "resume" for op in self._ops)
 
@@ -100,41 +103,56 @@ class ControlFlow:
         """Append the ends of routines and blocks that are open at the end of the text, which may be cut."""
         while self._open_blocks:
             block = self._open_blocks[-1]
-            if block.kind == "routine":
-                kind = "end"
-            else:
-                kind = "close"
+            is_routine = block.kind == "routine"
+            if not is_routine:
                 self._note_missing_end(block)
-                # What was cut off may jump to any label of the routine: behind labels, no move is certain.
-                labels_by_name = self._labels[self._open_routines[-1]]
-                for label in chain(*labels_by_name.values()):
-                    self.uncertain.setdefault(label, block.begin)
+                self._distrust_labels(self._open_routines[-1], block.begin)
+            kind = "end" if is_routine else "close"
             self._ops.append(ir.Flow(kind))
             end = len(self._ops) - 1
             self._end_block(end, kind)
             self.routine_of.append(self.ends.get(end, self._open_routines[-1]))
 
+    def _distrust_labels(self, routine: str, fault: int) -> None:
+        """Note that no move behind any label of a routine is certain: text that was cut off may jump there.
+
+        `fault` is the index of the operation whose end is missing.
+        """
+        places_by_name = self._labels[routine]
+        for label in chain(*places_by_name.values()):
+            self.uncertain.setdefault(label, fault)
+
     def _link_jumps(self) -> None:
-        """Add the label of each jump to its successors; for a computed jump, all labels of its routine."""
-        for i in self._jumps:
-            routine, name = self.routine_of[i], self._names[i]
-            labels = self._labels[routine]
-            places = labels[name] if name in labels else [*chain(*labels.values())]
+        """Let the program continue at its label behind each jump.
+
+        A jump whose label is computed while the program runs, and a jump to a name that is no label of its
+        routine, may lead to each label of the routine. A jump in a routine without labels is a fault.
+        """
+        for jump in self._jumps:
+            routine, name = self.routine_of[jump], self._names[jump]
+            places_by_name = self._labels[routine]
+            places = places_by_name.get(name)
+            if places is None:
+                places = list(chain(*places_by_name.values()))
             if not places:
-                self._note_fault(i, routine, "the label of a jump does not exist", "write the label")
-            self.successors[i] += places
+                self._note_fault(jump, routine, "the label of a jump does not exist", "write the label")
+            self.successors[jump] += places
 
     def _add_error_exits(self) -> None:
-        """Add the end of the routine to the successors of each operation of the routine.
+        """Let the program continue at the end of a routine behind each of the routine's operations.
 
         An error or an interrupt may occur anywhere; the caller may then continue behind the call.
         """
-        for end, name in self.ends.items():
-            for i in self.bodies[name][:-1]:
-                self.successors[i].append(end)
+        for end, routine in self.ends.items():
+            *operations_before_end, _ = self.bodies[routine]
+            for index in operations_before_end:
+                self.successors[index].append(end)
 
     def _add_operation(self, i: int, op: ir.Flow) -> None:
-        """Add the operation with index i to the control flow.
+        """Add operation `op`, which has index i, to the control flow.
+
+        `op.kind` says what it does: begin a block (a branch or a loop), a routine or a further branch, end
+        one of them, jump, or mark the label of a jump.
 
         Raises:
             UnmatchedEnd: the operation is nested too deep.
@@ -159,16 +177,29 @@ class ControlFlow:
             self._end_block(i, op.kind)
 
     def _leave_block(self, i: int, kind: str) -> None:
-        """Note that the operation with index i leaves the innermost loop or routine, or begins a round."""
-        kinds = ir.LOOPS | {"routine"} if kind in {"leave", "again"} else {"routine"}
+        """Note that the operation with index i leaves the innermost loop or routine, or begins a round.
+
+        `leave` and `again` concern the innermost loop. Without a loop around them, the operation leaves the
+        routine, and so do all other kinds, such as a return.
+        """
+        concerns_loop = kind in {"leave", "again"}
+        kinds_of_block = ir.LOOPS | {"routine"} if concerns_loop else {"routine"}
         for block in reversed(self._open_blocks):
-            if block.kind in kinds:
-                begins_next_round = kind == "again" and block.kind != "routine"
-                (block.repetitions if begins_next_round else block.exits).append(i)
-                return
+            if block.kind not in kinds_of_block:
+                continue
+            begins_next_round = kind == "again" and block.kind != "routine"
+            if begins_next_round:
+                block.repetitions.append(i)
+            else:
+                block.exits.append(i)
+            return
 
     def _begin_routine(self, i: int, op: ir.Flow) -> _OpenBlock:
-        """Begin a routine at index i; name a handler that has no name; return the open block."""
+        """Note that a routine begins at index i, and return it as a block whose end is not reached yet.
+
+        A handler without a name gets one. A second routine of the same name gets another name, and no move of
+        the two routines is certain.
+        """
         name = self._names[i] or f"handler {i}"
         if name in self.begins:
             reason, remedy = "a routine is defined twice", "define each routine once; send one program"
@@ -186,42 +217,47 @@ class ControlFlow:
     def _end_block(self, i: int, kind: str) -> None:
         """End a branch, a loop or a routine at index i, or begin another branch there.
 
-        The end of a routine ends its branches and loops, too. An end without a beginning does nothing.
+        The end of a routine ends its branches and loops, too, whose own ends are missing. An end that does
+        not fit to a beginning ends nothing: it is a fault.
         """
         ends_routine = kind == "end"
         is_in_routine = any(block.kind == "routine" for block in self._open_blocks)
-        while ends_routine and is_in_routine and self._open_blocks[-1].kind != "routine":
-            self._note_missing_end(self._open_blocks[-1])
-            self._end_block(i, "close")
-        if not self._open_blocks:
-            self._note_missing_begin(i, kind)
-            return
-        block = self._open_blocks[-1]
-        fits = kind == "close_or_end" or ends_routine == (block.kind == "routine")
-        if fits:
-            self._end_open_block(i, kind, block)
+        if ends_routine and is_in_routine:
+            while self._open_blocks[-1].kind != "routine":
+                self._note_missing_end(self._open_blocks[-1])
+                self._end_block(i, "close")
+        innermost = self._open_blocks[-1] if self._open_blocks else None
+        is_innermost_routine = innermost is not None and innermost.kind == "routine"
+        fits_to_any = kind == "close_or_end"
+        if innermost is not None and (fits_to_any or ends_routine == is_innermost_routine):
+            self._end_open_block(i, kind, innermost)
         else:
             self._note_missing_begin(i, kind)
 
     def _note_missing_begin(self, i: int, kind: str) -> None:
         """Note that the end with index i has no beginning, so that no move of the routine is certain.
 
-        An end behind all statements changes nothing, if no routine begins: the text lacks its first line.
-        That line may have begun a loop; so nothing may change behind the first move.
+        There is an exception: the last statement of a text in which no routine begins may be the end of a
+        routine whose first line is missing. Its moves are certain unless something changes behind the first
+        move: the missing line may also have begun a loop.
         """
         reason = "this line ends a branch, a loop or a routine that does not begin before it"
         remedy = "write both ends of branches, loops and routines"
-        is_end_of_text = kind == "close_or_end" and not self.begins and i == self._last
-        if is_end_of_text and not self._has_changes_behind_first_move(i):
-            self.faults[i] = reason, remedy
+        may_end_routine = kind == "close_or_end"
+        is_only_first_line_missing = may_end_routine and not self.begins and i == self._last
+        if is_only_first_line_missing and not self._has_changes_behind_first_move(i):
+            self.faults[i] = (reason, remedy)
             return
         self._note_fault(i, self._open_routines[-1], reason, remedy)
-        if kind == "close_or_end":  # an end before it may have ended a routine too early
+        if may_end_routine:  # an end before it may have ended a routine too early
             for routine in self.begins:
                 self.faulty_routines.setdefault(routine, i)
 
     def _has_changes_behind_first_move(self, end: int) -> bool:
-        """Return whether an operation between the first move and an index may change a value."""
+        """Return whether an operation between the first move and the index `end` may change a value.
+
+        Assignments, statements with unknown values, and calls that are not known to be harmless may do so.
+        """
         first_move = next((k for k, op in enumerate(self._ops) if isinstance(op, ir.Move)), 0)
         for op in self._ops[first_move:end]:
             if isinstance(op, ir.Assign | ir.MakeUnknown):
@@ -231,20 +267,24 @@ class ControlFlow:
         return False
 
     def _end_open_block(self, i: int, kind: str, block: _OpenBlock) -> None:
-        """End the innermost block at index i, or begin its next branch there.
+        """End the innermost block, a branch, loop or routine, at index i, or begin its next branch there.
 
-        The successors of an operation, by index, are the operations where the program may continue.
+        Add to `successors` where the program may continue: behind the beginning of the block at each branch
+        or, if the block may be skipped, at its end; behind each branch, and behind jumps out of it, at its
+        end.
         """
-        if kind in {"branch", "default"}:
+        begins_next_branch = kind in {"branch", "default"}
+        if begins_next_branch:
             block.other_branches.append(i)
             block.has_default |= kind == "default"
             return
         self._open_blocks.pop()
         if block.kind == "routine":
             self.ends[i] = self._open_routines.pop()
-        # Where a further branch begins, the branch before it ends, and continues at the end of the block.
-        for place in (*block.other_branches, *block.exits):
-            self.successors[place].append(i)
+        # The text of a branch ends where the next one begins: from there, the program continues at the end.
+        ends_of_branches = block.other_branches
+        for index in (*ends_of_branches, *block.exits):
+            self.successors[index].append(i)
         self.successors[block.begin] += block.other_branches
         may_be_skipped = block.kind in {"if", "switch", "loop"} and not block.has_default
         if may_be_skipped:
@@ -255,13 +295,16 @@ class ControlFlow:
     def _link_rounds(self, end: int, loop: _OpenBlock) -> None:
         """Let each round of a loop continue with the next one, from the loop's end and from jumps to it.
 
-        `end` is the index of the loop's last operation; `loop.repetitions` are those of the jumps.
+        Args:
+            end: index of the loop's last operation.
+            loop: the loop; `loop.repetitions` are the indices of jumps to the next round.
         """
-        for place in (end, *loop.repetitions):
-            self.successors[place].append(loop.begin)
-        if loop.kind == "repeat":  # its condition is at the end, so that a jump may also leave the loop
-            for place in loop.repetitions:
-                self.successors[place].append(end)
+        for index in (end, *loop.repetitions):
+            self.successors[index].append(loop.begin)
+        has_condition_at_end = loop.kind == "repeat"
+        if has_condition_at_end:  # so that a jump to the next round may also leave the loop
+            for index in loop.repetitions:
+                self.successors[index].append(end)
         if loop.kind == "forever":
             self.endless.add(end)
 

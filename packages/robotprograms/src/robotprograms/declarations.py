@@ -8,20 +8,29 @@ from sys import intern
 from typing import Final, TypeAlias
 
 from robotprograms import language as ir
-from robotprograms.columns import OF_ROUTINE, Cause, WrittenNumbers, get_array_name, get_structure_name
+from robotprograms.columns import (
+    Cause,
+    WrittenNumbers,
+    get_array_name,
+    get_structure_name,
+    get_variable,
+    split_full_name,
+)
 from robotprograms.language import Name, Value
 from robotprograms.places import Place
 from robotprograms.program import At, Literal
 
 UNKNOWN: Final = "\0everything"
 """Name in a state behind an unknown call: its value is the cause why values of other names are unknown."""
-NEVER: Final = "\0never"
+UNREACHED: Final = "\0never"
 """Name in a state behind a jump, which no path reaches: any other state takes its place where both meet."""
 
 Content: TypeAlias = WrittenNumbers | Cause | str
 """Content of a variable: numbers, the cause why the numbers are unknown, or the name of another value."""
 State: TypeAlias = "dict[str, tuple[Content, At]]"
 """Content of each name, and where the statement is that set this content."""
+NOT_SET: Final = ("", At())
+"""Entry of a state for a name that no statement has set."""
 Fields: TypeAlias = tuple[tuple[str, Content], ...]
 """Endings of the names of a position's fields, each with its content."""
 
@@ -42,15 +51,25 @@ class Declarations:
     private: set[str] = field(default_factory=set)  # names that no other program knows
 
     def add_field(self, structure: str, field: tuple[str, Content]) -> None:
-        """Note the ending and the content of a field of a position, by the name of the position."""
-        fields = self.fields.get(structure, ())
-        if field not in fields:
-            fields = (*fields, field)
-            # The name of the position itself is stored once, and so are equal fields.
-            self.fields[intern(structure)] = self.shared_fields.setdefault(fields, fields)
+        """Add a field to the declaration of a position, such as the frame `.UF` of the position `P[1]`.
+
+        Args:
+            structure: full name of the position.
+            field: ending of the field's name, and content of the field. A field that is declared twice with
+                different contents is added twice, so that a reader can see the contradiction.
+        """
+        known_fields = self.fields.get(structure, ())
+        if field in known_fields:
+            return
+        fields = (*known_fields, field)
+        # Many positions have the same fields: one copy of equal fields and of each name saves memory.
+        self.fields[intern(structure)] = self.shared_fields.setdefault(fields, fields)
 
     def list_contained_names(self) -> set[str]:
-        """Return the names that other names contain before the program runs."""
+        """Return the names of other values that are contents of variables before the program runs.
+
+        A content that is text is such a name, for example that of the frame which a variable means.
+        """
         contents = [*self.initial.values()]
         for fields in self.shared_fields:
             contents += [content for _, content in fields]
@@ -82,25 +101,29 @@ class Changes:
     causes: list[Cause] = field(default_factory=list)  # causes of all statements that are not understood
 
     def find(self, name: str) -> list[Cause]:
-        """Return the changes of a name; if there are none, those of its structure, else of its array."""
-        for each in (name, get_structure_name(name), get_array_name(name)):
-            if changes := self.of_name.get(each):
+        """Return the changes that may concern a name, each as a cause with the line of its statement.
+
+        A change of `P[1].UF` may be that of the name itself, of its structure `P[1]`, or of its array `P`:
+        the first of these names that any statement changes counts.
+        """
+        for changed_name in (name, get_structure_name(name), get_array_name(name)):
+            changes = self.of_name.get(changed_name)
+            if changes:
                 return changes
         return []
 
 
-def get_variable(name: str) -> str:
-    """Return the name of the variable that a name belongs to: `P` for `P[1].UF`."""
-    return get_array_name(get_structure_name(name))
-
-
 def get_base(name: str) -> str:
     """Return the name of the variable that a name belongs to, without its routine."""
-    return get_variable(name).partition(OF_ROUTINE)[0]
+    return split_full_name(get_variable(name)).variable
 
 
 def list_names(value: Value | ir.Product | Name) -> list[Name]:
-    """Return the names that are looked up for a value, or for a target that a move states."""
+    """Return the names of the variables that have to be looked up to evaluate a value.
+
+    `value` is the right side of an assignment, a frame of a move, or the name of a target. Only a value that
+    is written in numbers, or is not known at all, needs no variable.
+    """
     match value:
         case ir.Product(names=names):
             return list(names)
@@ -108,25 +131,30 @@ def list_names(value: Value | ir.Product | Name) -> list[Name]:
             return [table, number]
         case ir.Copy(name=name) | ir.Named(name=name):
             return [name]
-        case ir.Stated():
+        case ir.Stated():  # its expressions may contain pi, which a program may define anew
             return ["pi"]
         case Literal(axes_name=axes_name):
             return [axes_name] if axes_name else []
         case ir.Unknown():
             return []
-    return [value]
+    return [value]  # the name of a target
 
 
 def list_read_names(op: ir.Op) -> list[Name]:
-    """Return the names, as the program writes them, whose contents an operation looks up."""
+    """Return the names of the variables whose contents an operation reads, as the program writes them.
+
+    Only assignments and moves read contents: a move reads its targets, bases, tools and its feed.
+    """
     if isinstance(op, ir.Assign):
         return list_names(op.value)
     if not isinstance(op, ir.Move):
         return []
+    # A move to an offset from a target is replaced by `near_target`, which has frames of its own.
     near = op.near_target or op
     names = [*op.matched_frames, *op.offset_from, *near.offset_from]
     if op.feed is not None:
-        names += [*list_names(op.feed.value), *filter(None, (op.feed.percentage, op.feed.greatest))]
+        names += list_names(op.feed.value)
+        names += [name for name in (op.feed.percentage, op.feed.greatest) if name]
     for value in (*op.targets, *op.bases, *op.tools, *near.bases, *near.tools):
         names += list_names(value)
     return names

@@ -21,60 +21,92 @@ class Effects:
         self._declarations = statements.declarations
 
     def list_written(self, i: int) -> set[str]:
-        """Return the full names to which operation i gives a new content, fields of positions included."""
+        """Return the full names of the variables to which operation i gives a new content.
+
+        Two kinds of operations do so. `ir.Assign` gives a known value to one name; the fields of a position
+        are assigned one by one. `ir.MakeUnknown` is a statement whose values are not known: it makes
+        variables unknown with all of their fields, unless the program declares them as constants.
+        """
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             return {place.qualify(op.name)}
-        written = set[str]()
         if isinstance(op, ir.MakeUnknown):
-            for name in set(map(place.qualify, op.names)) - self._declarations.fixed:
-                written.update(self._contents.list_name_and_fields(name))
-        return written
+            return self._list_made_unknown(op, place)
+        return set()
+
+    def _list_made_unknown(self, op: ir.MakeUnknown, place: Place) -> set[str]:
+        """Return the full names, fields included, of the variables that a statement makes unknown."""
+        variables = set(map(place.qualify, op.names)) - self._declarations.fixed
+        names = set[str]()
+        for variable in variables:
+            names.update(self._contents.list_name_and_fields(variable))
+        return names
 
     def apply(self, state: State, i: int) -> None:
         """Apply operation i to a state, the contents of all variables; the state is changed in place.
 
         Contents change by an assignment, by a statement after which values are unknown, and by the call of an
-        unknown routine.
+        unknown routine. A routine that is called at any time later, as a timer does, changes nothing here.
         """
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
-            name = place.qualify(op.name)
-            content = self._contents.evaluate(place, name, op.value, state)
-            # Of what lasts, only a cause against moves counts, not the name of what has none.
-            is_over = name in self._changes.lasting and not isinstance(content, Cause)
-            state[name] = ("" if is_over else content, place.at)
+            self._assign(state, op, place)
         elif isinstance(op, ir.MakeUnknown):
             self._make_unknown(state, op, place)
-        elif isinstance(op, ir.Call) and (op.event or not op.anytime):
-            self._call(state, op, place)
+        elif isinstance(op, ir.Call):
+            runs_here = op.event or not op.anytime
+            if runs_here:
+                self._call_unknown_routines(state, op, place)
 
-    def _call(self, state: State, op: ir.Call, place: Place) -> None:
-        """Make unknown in a state (contents of all names) what the call of an unknown routine may change."""
-        unknown = None  # the cause why values are unknown behind the call
-        if op.name not in self._flow.begins:
-            unknown = self._calls.explain_unknown(place, op)
-        if unknown is None:
-            unknown = self._calls.find_unknown_in_attached(place, op)
-        if unknown is None:
+    def _assign(self, state: State, op: ir.Assign, place: Place) -> None:
+        """Set the content of the variable to which a statement assigns a value, in a state."""
+        name = place.qualify(op.name)
+        content = self._contents.evaluate(place, name, op.value, state)
+        # Force control and the like count while they are on, as a cause against moves: any other content
+        # means that they are off.
+        is_switched_off = name in self._changes.lasting and not isinstance(content, Cause)
+        state[name] = ("" if is_switched_off else content, place.at)
+
+    def _call_unknown_routines(self, state: State, op: ir.Call, place: Place) -> None:
+        """Forget what unknown routines may change that a call starts; without such routines, do nothing.
+
+        The call may start a routine of another file. Or the call attaches routines of the program to an
+        event, and these routines call one.
+
+        Args:
+            state: content of each variable before the call; it is changed in place.
+            op: the call.
+            place: place of the call.
+        """
+        cause = None
+        is_of_program = op.name in self._flow.begins
+        if not is_of_program:
+            cause = self._calls.explain_unknown(place, op)
+        if cause is None:
+            cause = self._calls.find_unknown_in_attached(place, op)
+        if cause is None:
             return
-        self._forget_names(state, unknown)
-        if op.may_last:
-            state[ir.MODE] = (unknown, find_place(unknown))
+        self._forget_names(state, cause)
+        if op.may_last:  # the routine may also have switched force control or the like on
+            state[ir.MODE] = (cause, find_place(cause))
 
     def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
-        """Make the values of names unknown in a state; without names, all that other routines may change."""
+        """Give variables the cause why they are unknown as their content in a state.
+
+        A statement without names makes all unknown that other routines may change.
+        """
         cause = place.make_cause(op.reason, op.remedy)
         if not op.names:
             self._forget_names(state, cause)
-        changed_names = set(map(place.qualify, op.names)) - self._declarations.fixed
-        for name in changed_names:
-            for name_or_field in self._contents.list_name_and_fields(name):
-                state[name_or_field] = (cause, place.at)
+        for name in self._list_made_unknown(op, place):
+            state[name] = (cause, place.at)
 
     def _forget_names(self, state: State, cause: Cause) -> None:
-        """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
-        forgotten = [name for name in state if not self._contents.keeps(name)]
+        """Remove the names that an unknown routine may change from a state, and store the cause there.
+
+        The cause has the name `UNKNOWN`, and is found when a removed name is looked up.
+        """
+        forgotten = [name for name in state if not self._contents.is_protected(name)]
         for name in forgotten:
             del state[name]
         state[UNKNOWN] = (cause, find_place(cause))

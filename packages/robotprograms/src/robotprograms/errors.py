@@ -15,25 +15,37 @@ _MAX_QUOTED = 60
 
 
 # Bytes that are no letters in Latin-1 are parts of letters in UTF-8: in names, letters without a case.
+_FIRST_LETTER: Final = 0x4E00
+"""Code of the letter for byte 0; the letter for a byte follows at the distance of its value."""
 _LETTERS: Final = {
-    byte: chr(0x4E00 + byte) for byte in (*range(0x80, 0xC0), 0xD7, 0xF7) if not chr(byte).isspace()
+    byte: chr(_FIRST_LETTER + byte) for byte in (*range(0x80, 0xC0), 0xD7, 0xF7) if not chr(byte).isspace()
 }
-_BYTES: Final = {0x4E00 + byte: chr(byte) for byte in (*_LETTERS, 0x85, 0xA0)}
+_BYTES: Final = {_FIRST_LETTER + byte: chr(byte) for byte in (*_LETTERS, 0x85, 0xA0)}
 _SMALL: Final = re.compile("(?<=\xc3)[\u4ea0-\u4ebe]")  # second bytes of small letters in UTF-8
 
 
 _BLANKS: Final = re.compile("(?<=[\xc3-\xdf])[\x85\xa0]")  # blanks of Latin-1 that end letters in UTF-8
+_CASE_DISTANCE: Final = 0x20
+"""Code of a small letter less that of its capital, in ASCII and Latin-1."""
 _CAPITALS: Final = {
-    code: code - 0x20 for code in (*range(ord("a"), ord("z") + 1), *range(0xE0, 0xFF)) if code != 0xF7
+    code: code - _CASE_DISTANCE
+    for code in (*range(ord("a"), ord("z") + 1), *range(0xE0, 0xFF))
+    if code != 0xF7
 }
 
 
 def decode_text(content: bytes) -> str:
-    """Return the text of a program: one character for each byte, a letter for each one beyond ASCII."""
+    """Return the text of a program, with one character for each byte, in whatever encoding the bytes are.
+
+    Bytes beyond ASCII that are no letters in Latin-1 become letters without a case. So names with letters in
+    UTF-8, which are several bytes, count as words, and each character has the offset of its byte.
+    """
     text = content.decode("latin-1")
     if text.isascii():
         return text
-    return _BLANKS.sub(lambda match: chr(0x4E00 + ord(match[0])), text.translate(_LETTERS))
+    with_letters = text.translate(_LETTERS)
+    # Two bytes are a blank in Latin-1, but a part of a letter in UTF-8 behind certain other bytes.
+    return _BLANKS.sub(lambda blank: chr(_FIRST_LETTER + ord(blank[0])), with_letters)
 
 
 def encode_text(text: str) -> bytes:
@@ -47,10 +59,15 @@ def show_text(text: str) -> str:
 
 
 def capitalise(text: str) -> str:
-    """Return a text of a program in capitals, also those of its letters in UTF-8."""
+    """Return a text of a program in capitals, also those of its letters in UTF-8.
+
+    In Latin-1, and in the second byte of the letters in UTF-8 that begin with C3, a capital comes 32 codes
+    before its small letter.
+    """
     if text.isascii():
         return text.upper()
-    return _SMALL.sub(lambda match: chr(ord(match[0]) - 0x20), text.translate(_CAPITALS))
+    with_capitals = text.translate(_CAPITALS)
+    return _SMALL.sub(lambda small: chr(ord(small[0]) - _CASE_DISTANCE), with_capitals)
 
 
 def quote_text(text: str) -> str:
@@ -101,6 +118,13 @@ class ProgramError(Exception):
     def __init__(
         self, faults: Sequence[Fault], count: int | None = None, left: Sequence[ReadMove] = ()
     ) -> None:
+        """Build the error of a program.
+
+        Args:
+            faults: faults of the program; the first `MAX_FAULTS` are kept.
+            count: count of all faults, if only the first ones are given.
+            left: moves that cannot be corrected.
+        """
         super().__init__(faults, count, left)
         self.left_moves = tuple(left)
         self.faults = tuple(faults[:MAX_FAULTS])

@@ -6,7 +6,7 @@ import re
 from array import array
 from collections.abc import Collection
 from itertools import islice
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -122,35 +122,33 @@ def _translate_frame_choice(line: Line) -> list[Op]:
     """Translate a statement that activates a numbered frame, `UFRAME_NUM=1`, or tool, `UTOOL_NUM=1`."""
     active = f"U{line['which']}_NUM"
     letters = "UF" if line["which"] == "FRAME" else "UT"
-    frame = ir.NumberedName(f"{letters} %s", line.first_ordinal("number"))  # such as `UF 3`
+    frame = line.fill_name(f"{letters} %s", "number")  # such as `UF 3`
     return [ir.Assign(active, ir.Named(frame))]
 
 
 def _translate_jump(line: Line) -> list[Op]:
-    """Translate a jump to a numbered label, or to a label whose number is computed.
-
-    A jump after a time of waiting may be skipped.
-    """
-    label = line["label"]
-    is_number = label == ir.A_NUMBER
-    # A computed label has the name NUL, which no label has: the jump may lead to each label.
-    name: ir.Name = ir.NumberedName("%s", line.first_ordinal("label")) if is_number else "\0"
-    uses = [] if is_number else line.read_expression(label)
-    jump = ir.Flow("jump", name)
+    """Translate a jump `JMP LBL[3]`, or a jump that is made after a time of waiting, and may be skipped."""
+    label = line.part("label")
+    uses = [] if label.is_number else label.read_expression()
+    jump = _jump_to(label)
     if line["wait"]:
-        return [*uses, ir.Flow("if"), jump, ir.Flow("close")]
+        return [*uses, *ir.make_skippable([jump])]
     return [*uses, jump]
+
+
+def _jump_to(label: Line) -> ir.Flow:
+    """Return the jump to the label whose number a text states; if the number is computed, to any label."""
+    return ir.Flow("jump", label.fill_name("%s") if label.is_number else ir.ANY_LABEL)
 
 
 def _translate_conditional_action(line: Line) -> list[Op]:
     """Translate an action after IF or SELECT, which may be skipped."""
-    begin, end = line.span("action")
-    action = Line(line.language, line["action"], line.ordinals_in(begin, end))
     condition = list[Op]()
     if line["which"]:
         # SELECT R[1]=2 is not an expression because of its `=`; only the names in it matter.
         condition = line.read_expression(line["which"].replace("=", "+", 1))
-    return [*condition, ir.Flow("if"), *line.language.apply_rules(action), ir.Flow("close")]
+    action = line.language.apply_rules(line.part("action"))
+    return [*condition, *ir.make_skippable(action)]
 
 
 def _translate_harmless_instruction(line: Line) -> list[Op]:
@@ -170,108 +168,114 @@ def _translate_harmless_instruction(line: Line) -> list[Op]:
 
 def _translate_position_change(line: Line) -> list[Op]:
     """Return the operation of an assignment to a position P[n], whose numbers become unknown."""
-    name: ir.Name = ir.NumberedName("P[%s]", line.first_ordinal("place")) if line["place"] else "P"
+    name: ir.Name = line.fill_name("P[%s]", "place") if line["place"] else "P"  # one position, or any
     return [ir.MakeUnknown(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
 def _is_known_tail(tail: str) -> bool:
-    """Return whether the text `tail` after a target, apart from offsets, is known not to move the target."""
+    """Return whether the text behind a target is known, and does not move the target, apart from offsets."""
     return _TAIL.fullmatch(_OFFSET.sub("", tail).strip()) is not None
+
+
+class _PositionsOfMove(NamedTuple):
+    """Positions of a move, and the text behind them."""
+
+    ordinals: list[int]  # of the number n of each position P[n]
+    tail: Line  # text behind the first position, without Skip and the second position
 
 
 def _translate_move(line: Line) -> list[Op]:
     """Translate a move to one position, or an arc through one position to another.
 
+    The move is not corrected if the text behind the positions moves the target, or may end the move.
+
     Raises:
-        Misread: the number of positions is wrong, or the text after them is unknown.
+        Misread: the number of positions is wrong, or the text behind them may be a further statement.
     """
-    letter, skip = line["letter"], _SKIP.search(line["tail"])
-    ordinals, tail = _read_positions(line)
-    offset, is_known = _OFFSET.search(tail), _is_known_tail(tail)
-    if not is_known and _MAY_ACT.search(re.sub(r"\[[^\[\]]*\]", "", tail)):
-        raise Misread(_UNKNOWN_TAIL)
-    reason = ""  # why the move is not corrected
-    if not is_known:
-        reason = f"{ir.quote_statement(line.text, line.ordinals)}: {_UNKNOWN_TAIL}"
-    elif offset:
-        begin = line.span("tail")[0] + line["tail"].index(offset[0].strip())
-        quoted = ir.quote_statement(offset[0], line.ordinals_in(begin, len(line.text)))
-        reason = f"{quoted} moves the target"
-    elif skip:
-        reason = "Skip may end the move before its target"
+    skip = _SKIP.search(line["tail"])
+    positions = _read_positions(line)
+    ordinals, tail = positions.ordinals, positions.tail
     # A position states its own base UF and tool UT, which have to be active.
     move = ir.Move(
-        _MOTIONS[letter],
+        _MOTIONS[line["letter"]],
         targets=tuple(ir.NumberedName("P[%s]", ordinal) for ordinal in ordinals),
-        bases=tuple(ir.Copy(ir.NumberedName("P[%s].UF", ordinal), through=True) for ordinal in ordinals),
-        tools=tuple(ir.Copy(ir.NumberedName("P[%s].UT", ordinal), through=True) for ordinal in ordinals),
+        bases=tuple(ir.Copy(ir.NumberedName("P[%s].UF", ordinal), indirect=True) for ordinal in ordinals),
+        tools=tuple(ir.Copy(ir.NumberedName("P[%s].UT", ordinal), indirect=True) for ordinal in ordinals),
         matched_frames=("UFRAME_NUM", "UTOOL_NUM"),
-        reason=reason,
+        reason=_explain_tail(line, tail, may_be_skipped=skip is not None),
         remedy=_REMEDY,
-        feed=_read_feed(line, tail),
+        feed=_read_feed(tail),
     )
-    called_names = re.findall(r"\bCALL ?(\w++)", tail.upper())  # programs that are called near the target
-    calls = [ir.Call(name, anytime=True, event=name) for name in called_names]
+    programs_called_near_target = re.findall(r"\bCALL ?(\w++)", tail.text.upper())
+    calls = [ir.Call(name, anytime=True, event=name) for name in programs_called_near_target]
     if skip is None:
         return [*calls, move]
-    return [*calls, move, ir.Flow("if"), _jump_after_skip(line, skip), ir.Flow("close")]
+    # The program continues at the label if the condition of Skip is not met.
+    label = line.part("tail").cut(*skip.span("label"))
+    return [*calls, move, *ir.make_skippable([_jump_to(label)])]
 
 
-def _read_positions(line: Line) -> tuple[list[int], str]:
+def _explain_tail(line: Line, tail: Line, *, may_be_skipped: bool) -> str:
+    """Return why a move is not corrected, from the text `tail` behind its positions; empty if it can be.
+
+    Raises:
+        Misread: the text is unknown, and may be a further statement.
+    """
+    if not _is_known_tail(tail.text):
+        tail_without_indices = re.sub(r"\[[^\[\]]*\]", "", tail.text)
+        may_be_further_statement = _MAY_ACT.search(tail_without_indices) is not None
+        if may_be_further_statement:
+            raise Misread(_UNKNOWN_TAIL)
+        return f"{line.quote()}: {_UNKNOWN_TAIL}"
+    if offset := _OFFSET.search(tail.text):
+        return f"{tail.cut(*offset.span()).quote()} moves the target"
+    return "Skip may end the move before its target" if may_be_skipped else ""
+
+
+def _read_positions(line: Line) -> _PositionsOfMove:
     """Read the numbers n of the positions P[n] of a move, and the text behind them.
 
     An arc has a second position, on the next line; an offset of the first one may come before it.
-
-    Returns:
-        Ordinals of the numbers n; the text behind the first position, without Skip and the second position.
 
     Raises:
         Misread: an arc has one position, or another move has two.
     """
     is_arc = line["letter"] == "C"
-    ordinals = list(line.ordinals[:1])
-    tail = _SKIP.sub("", line["tail"])
-    is_behind_offset = is_arc and not line["second"]
-    group = "tail" if is_behind_offset else "second"
-    pattern = rf"{_OFFSETS} ?(P\[\0\])" if is_behind_offset else r" ?(P\[\0\])"
-    second = re.search(pattern, line[group])
+    is_second_behind_offset = is_arc and not line["second"]
+    if is_second_behind_offset:
+        part, pattern = line.part("tail"), rf"{_OFFSETS} ?(P\[\0\])"
+    else:
+        part, pattern = line.part("second"), r" ?(P\[\0\])"
+    second = re.search(pattern, part.text)
     if (second is not None) != is_arc:
         need = "an arc needs two positions, the second one on the next line"
         raise Misread(f"{need}; any other move needs one position")
+    ordinals, tail = [line.ordinals[0]], line.part("tail")
     if second:
-        begin, _ = line.span(group)
-        ordinals += line.ordinals_in(begin + second.start(1), begin + second.end(1))
-        if is_behind_offset:
-            tail = tail.replace(second[1], " ", 1)
-    return ordinals, tail
+        ordinals += part.cut(*second.span(1)).ordinals
+        if is_second_behind_offset:
+            tail = tail.substitute(*second.span(1), " ")
+    for skip in reversed([*_SKIP.finditer(tail.text)]):
+        tail = tail.substitute(*skip.span(), "")
+    return _PositionsOfMove(ordinals, tail)
 
 
-def _read_feed(line: Line, tail: str) -> ir.Feed | None:
-    """Return the feed of a move, such as `100mm/sec`; None if it has another unit or is computed.
+def _read_feed(tail: Line) -> ir.Feed | None:
+    """Return the feed of a move, such as `100mm/sec`, with which the text behind its positions begins.
 
-    `tail` is the text behind the first position, without the second position.
+    The feed is None if it has another unit or is computed.
     """
-    is_behind_offset = line["letter"] == "C" and not line["second"]
-    feed = _FEED.match(tail.strip() if is_behind_offset else line["tail"])
+    begin = len(tail.text) - len(tail.text.lstrip())
+    feed = _FEED.match(tail.text, begin)
     if feed is None:
         return None
-    place = line.span("tail")[0] + line["tail"].index(feed[0])
-    number = line.ordinals_in(place, place + 1)
-    return ir.Feed(Literal(_NUMBER, number), _FEED_UNITS.get(feed["unit"], 1.0))
-
-
-def _jump_after_skip(line: Line, skip: re.Match[str]) -> ir.Flow:
-    """Return the jump to the label after Skip, which is taken if the condition of Skip is not met."""
-    if skip["label"] != ir.A_NUMBER:  # the label is computed, and may be any label
-        return ir.Flow("jump", "\0")
-    begin, _ = line.span("tail")
-    (ordinal, *_) = line.ordinals_in(begin + skip.start("label"), begin + skip.end("label"))
-    return ir.Flow("jump", ir.NumberedName("%s", ordinal))
+    number = tail.cut(*feed.span())
+    return ir.Feed(Literal(_NUMBER, number.ordinals), _FEED_UNITS.get(feed["unit"], 1.0))
 
 
 def _translate_copy_to_register(line: Line) -> list[Op]:
     """Return the use of a position whose numbers a register gets: a correction would change both."""
-    return [ir.Use(frozenset({ir.NumberedName("P[%s]", line.first_ordinal("place"))}))]
+    return [ir.Use(frozenset({line.fill_name("P[%s]", "place")}))]
 
 
 def _translate_pallet_move(line: Line) -> list[Op]:
@@ -287,7 +291,7 @@ def _translate_pallet_move(line: Line) -> list[Op]:
 
 def _translate_lasting(line: Line) -> list[Op]:
     """Return the operation of an instruction that displaces targets until its own end."""
-    statement = ir.quote_statement(line.text, line.ordinals)
+    statement = line.quote()
     return [ir.begin_lasting(line["kind"], f"{statement} moves targets", "omit the statement")]
 
 
@@ -296,7 +300,7 @@ def _translate_call(line: Line) -> list[Op]:
 
     Manual: CALL waits for the end of the called program, RUN and MONITOR do not wait.
     """
-    name = line["name"].replace("\0", "n").upper()
+    name = line["name"].replace(ir.A_NUMBER, "n").upper()
     is_in_register = name.startswith("SR[")
     prefix = "" if is_in_register else None  # with a prefix "", any program may be meant
     if line["verb"] == "CALL":
@@ -313,15 +317,16 @@ def _translate_event(line: Line) -> list[Op]:
 def _translate_macro(line: Line) -> list[Op]:
     """Translate the call of a macro, whose name may have several words and a number.
 
-    An instruction of the controller with words alone looks like a macro, and may last. Only macros have
-    arguments in parentheses; and a macro of the hand, such as `Open hand 1`, is delivered with controllers.
+    A macro is a program of the controller. An instruction with words alone looks like one, and may begin
+    something that lasts, such as an offset. Certainly macros are those with arguments in parentheses, and
+    those of the hand, such as `Open hand 1`, which are delivered with controllers.
     """
-    name = line["name"].replace("\0", "n")
+    name = line["name"].replace(ir.A_NUMBER, "n")
     has_arguments = line.text.endswith(")")
     is_macro = has_arguments or _OF_HAND.search(name) is not None
     may_last = not is_macro or _MAY_LAST.search(name) is not None
-    own_program = ir.Call(name.upper(), harmless=True)  # names have no case
-    return [own_program, ir.Call(name, may_last=may_last)]
+    program_of_this_name = ir.call_if_defined(name.upper())  # names have no case
+    return [program_of_this_name, ir.Call(name, may_last=may_last)]
 
 
 def _translate_register_move(line: Line) -> list[Op]:
@@ -332,7 +337,7 @@ def _translate_register_move(line: Line) -> list[Op]:
     """
     if not _is_known_tail(line["tail"]) or "CALL" in line["tail"]:
         raise Misread("the target is not a position in /POS, and the text after it is unknown")
-    statement = ir.quote_statement(line.text, line.ordinals)
+    statement = line.quote()
     reason = f"{statement}: the target is not a position in /POS"
     move = ir.make_uncorrected_move([], reason, _REMEDY)
     is_to_computed_position = re.match(r"\w P\[", line.text)
@@ -350,7 +355,7 @@ def _translate_assignment(line: Line) -> list[Op]:
     """
     if _MAY_LAST.search(line["name"]):
         raise Misread(ir.UNKNOWN_STATEMENT)
-    statement = ir.quote_statement(line.text, line.ordinals)
+    statement = line.quote()
     note = ir.Note(f"{statement} is unknown; it is assumed to change only what it names")
     return [*_translate_harmless_instruction(line), note]
 
@@ -360,17 +365,18 @@ def _translate_frame_change(line: Line) -> list[Op]:
 
     The frame is unknown also before this statement, because the next run begins with the changed frame.
     """
-    reason = f"{ir.quote_statement(line.text, line.ordinals)}: the frame changes while the program runs"
+    reason = f"{line.quote()}: the frame changes while the program runs"
     remedy = "set the frames before the program starts, because all of its moves depend on them"
-    frame: ir.Name = ir.MODE  # any frame may be meant
-    if numbered := re.match(r"(UF|UT)(?:RAME|OOL)\[\0\]=", line.text):
-        frame = ir.NumberedName(f"{numbered[1]} %s", line.ordinals[0])
+    numbered = re.match(r"(UF|UT)(?:RAME|OOL)\[\0\]=", line.text)
+    if numbered is None:  # any frame may be meant
+        return [ir.MakeUnknown(ir.ALL_TARGETS, reason, remedy, anytime=True)]
+    frame = line.fill_name(f"{numbered[1]} %s")  # such as `UF 1`
     return [ir.MakeUnknown(frozenset({frame}), reason, remedy, anytime=True)]
 
 
 def _translate_computed_choice(line: Line) -> list[Op]:
     """Return the operation of a statement that activates a frame or a tool whose number is computed."""
-    reason = f"{ir.quote_statement(line.text, line.ordinals)}: a frame is computed, or chosen in a branch"
+    reason = f"{line.quote()}: a frame is computed, or chosen in a branch"
     active: ir.Name = f"U{line['which']}_NUM"
     return [ir.MakeUnknown(frozenset({active}), reason, _REMEDY)]
 
@@ -392,9 +398,20 @@ _FIELD: Final = re.compile(
     r",? ?(?!\w*[*\0])",
     re.IGNORECASE,
 )
+_ARM: Final = "1"
+"""Number of the arm's group of axes."""
 _CONFIG: Final = re.compile(r"[^,]*+,\0,\0,\0")
-_Fields: TypeAlias = dict[str, tuple[tuple[int, ...], str]]
-"""Ordinals of the numbers of each field, and its unit or text, by the field's name."""
+
+
+class _Field(NamedTuple):
+    """Value of a field of a position, such as `X = 100.0 mm` or `CONFIG : 'N U T, 0, 0, 0'`."""
+
+    ordinals: tuple[int, ...] = ()  # of its numbers
+    text: str = ""  # its unit, or its text
+
+
+_Fields: TypeAlias = dict[str, _Field]
+"""Fields of a group of axes, by their names."""
 
 
 def _declare_position(line: Line) -> list[Op]:
@@ -403,19 +420,17 @@ def _declare_position(line: Line) -> list[Op]:
     Such a declaration is `P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … };`. A position that is not
     understood gets unknown numbers.
     """
-    number = line.ordinals[0]
-    name = ir.NumberedName("P[%s]", number)
+    name = line.fill_name("P[%s]")
     try:
-        fields, others = _split_groups(line)
-        target = _read_arm_position(fields, others)
+        fields, ordinals_of_others = _split_groups(line)
+        target = _read_arm_position(fields, ordinals_of_others)
     except Misread as fault:
         return [ir.MakeUnknown(frozenset({name}), fault.reason, fault.remedy)]
     ops: list[Op] = [ir.Assign(name, target, "variable")]
     for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
-        ordinals, _ = fields[kind]
-        # `F` in place of a number means the active frame.
-        frame: ir.Name = ir.NumberedName(f"{kind} %s", ordinals[0]) if ordinals else active
-        ops.append(ir.Assign(ir.NumberedName(f"P[%s].{kind}", number), ir.Named(frame), "constant"))
+        has_number = bool(fields[kind].ordinals)  # else it is `F`, which means the active frame
+        frame = ir.NumberedName(f"{kind} %s", fields[kind].ordinals[0]) if has_number else active
+        ops.append(ir.Assign(line.fill_name(f"P[%s].{kind}"), ir.Named(frame), "constant"))
     return ops
 
 
@@ -423,14 +438,15 @@ def _split_groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
     """Split a position `P[n]{ GP1: …, GP2: … };` into the fields of its groups of axes.
 
     Returns:
-        Fields of the arm's group, which is group 1; ordinals of the numbers of all other groups.
+        Fields of the arm's group, which is group 1; ordinals of the numbers of all other groups, apart from
+        those of their frames.
 
     Raises:
         Misread: a field is unknown or occurs twice.
     """
     fields_of_group = dict[str, _Fields]()
-    group = "1"
-    ordinals = iter(line.ordinals[1:])  # the first one is that of n
+    group = _ARM
+    ordinals = iter(line.ordinals[1:])  # without that of n
     place, end = line.text.index("{") + 1, len(line.text) - len("};")
     while place < end:
         match = _FIELD.match(line.text, place)
@@ -439,63 +455,82 @@ def _split_groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
         place = match.end()
         group = match["group"] or group
         fields = fields_of_group.setdefault(group, {})
-        name, is_group_twice = match["name"], match["group"] and fields
-        if name in fields or is_group_twice:
+        name, begins_group = match["name"], match["group"] is not None
+        if name in fields or (begins_group and fields):
             raise Misread("a field or a group occurs twice in a position", _RECORD_AGAIN)
         if name:
             text = (match["unit"] or "").lower() or match["text"] or match["word"] or ""
-            ordinals_of_field = tuple(islice(ordinals, match[0].count("\0")))
-            fields[name] = ordinals_of_field, text
+            count_of_numbers = match[0].count(ir.A_NUMBER)
+            fields[name] = _Field(tuple(islice(ordinals, count_of_numbers)), text)
     ordinals_of_others = list[int]()
-    for key, fields in fields_of_group.items():
-        for name, (numbers, _) in fields.items():
-            if key != "1" and name not in {"UF", "UT"}:
-                ordinals_of_others += numbers
-    return fields_of_group.get("1", {}), tuple(ordinals_of_others)
+    for group, fields in fields_of_group.items():
+        for name, field in fields.items():
+            if group != _ARM and name not in {"UF", "UT"}:
+                ordinals_of_others += field.ordinals
+    return fields_of_group.get(_ARM, {}), tuple(ordinals_of_others)
 
 
-def _read_arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
+def _read_arm_position(fields: _Fields, ordinals_of_others: tuple[int, ...]) -> Literal:
     """Return the target that the fields of the arm's group state.
 
-    `others` are ordinals of the numbers of other groups, which count as external axes.
+    The numbers of other groups, with these ordinals, count as external axes.
 
     Raises:
         Misread: the position was not recorded, is incomplete, or is not in mm and degrees.
     """
-    for name, (_, text) in fields.items():
-        is_external_axis = name.startswith("E")
-        if text.startswith("*") and not is_external_axis:
-            remedy = "record the position, or delete the position and its moves"
-            raise Misread("the position was not recorded (***)", remedy)
-    for kind in ("UF", "UT"):
-        ordinals, text = fields.get(kind, ((), ""))
-        if not ordinals and text != "F":
-            raise Misread("the position has no group GP1 with UF and UT", _RECORD_AGAIN)
+    _refuse_incomplete_position(fields)
     for notation, names, units in _FIELDS:
-        ordinals_and_units = [fields.get(name, ((), "")) for name in names]
-        if not all(ordinals for ordinals, _ in ordinals_and_units):
+        numbers = [fields.get(name, _Field()) for name in names]
+        if not all(number.ordinals for number in numbers):
             continue
-        if [unit for _, unit in ordinals_and_units] != units.split():
+        if [number.text for number in numbers] != units.split():
             remedy = "write the program with the controller set to mm"
             raise Misread("the position is not in mm and deg", remedy)
-        numbers = tuple(ordinals[0] for ordinals, _ in ordinals_and_units)
         axes = [fields[name] for name in sorted(fields) if re.fullmatch(r"E\d", name)]
-        external = tuple(ordinal for ordinals, _ in axes for ordinal in ordinals)
-        turns, letters = _read_configuration(fields)
-        return Literal(notation, numbers, external + others, turns, letters)
+        external_axes = tuple(ordinal for axis in axes for ordinal in axis.ordinals)
+        configuration = fields.get("CONFIG", _Field())
+        return Literal(
+            notation,
+            tuple(number.ordinals[0] for number in numbers),
+            external_axes + ordinals_of_others,
+            _read_turns(configuration),
+            _read_letters(configuration),
+        )
     raise Misread("the position is neither X, Y, Z, W, P, R nor J1 ... J6", _RECORD_AGAIN)
 
 
-def _read_configuration(fields: _Fields) -> tuple[tuple[tuple[str, int], ...], str]:
-    """Return the configuration of the arm that a position states, such as `N U T, 0, 0, 0`.
+def _refuse_incomplete_position(fields: _Fields) -> None:
+    """Refuse the fields of the arm's group if they state no position, or neither base nor tool.
 
-    Returns:
-        Names of the turns of joints 1, 4, 6 with the ordinals of their numbers; the letters, such as `NUT`.
+    Raises:
+        Misread: the position was not recorded, or has no UF or UT.
     """
-    ordinals, text = fields.get("CONFIG", ((), ""))
-    letters, _, _ = text.partition(",")
-    turns = ("turn1", "turn4", "turn6") if _CONFIG.fullmatch(text) else ()
-    return tuple(zip(turns, ordinals, strict=False)), "".join(letters.split())
+    for name, field in fields.items():
+        is_external_axis = name.startswith("E")
+        if field.text.startswith("*") and not is_external_axis:
+            remedy = "record the position, or delete the position and its moves"
+            raise Misread("the position was not recorded (***)", remedy)
+    for kind in ("UF", "UT"):
+        frame = fields.get(kind, _Field())
+        is_stated = bool(frame.ordinals) or frame.text == "F"  # F is the active frame
+        if not is_stated:
+            raise Misread("the position has no group GP1 with UF and UT", _RECORD_AGAIN)
+
+
+def _read_turns(configuration: _Field) -> tuple[tuple[str, int], ...]:
+    """Return the turns of joints 1, 4 and 6 that a configuration `N U T, 0, 0, 0` states.
+
+    Each turn has a name and the ordinal of its number. There are none in a configuration of another form.
+    """
+    if not _CONFIG.fullmatch(configuration.text):
+        return ()
+    return tuple(zip(("turn1", "turn4", "turn6"), configuration.ordinals, strict=False))
+
+
+def _read_letters(configuration: _Field) -> str:
+    """Return the letters of a configuration: `NUT` for `N U T, 0, 0, 0`."""
+    letters, _, _ = configuration.text.partition(",")
+    return "".join(letters.split())
 
 
 _POSITION_LANGUAGE: Final = ir.Language(
@@ -521,19 +556,39 @@ def read_fanuc(statements: Statements, sources: tuple[Source, ...]) -> None:
     # Each program has positions P[n] of its own.
     statements.owners = {index: {"P": f"file{index}"} for index in range(1, len(sources))}
     for index, source in enumerate(sources):
-        is_main = index == 0
-        section_ends, instructions = _find_instructions(statements, index, source)
-        end_of_head = section_ends["MN"]
-        if is_main:
-            end = section_ends["END"] - len("/END")
-            starts, ends = _find_positions(statements, source, section_ends["POS"], end)
-            statements.add_statements(0, starts, ends, translate=_POSITION_LANGUAGE.translate)
-        is_for_other_groups = _OTHER_GROUPS.search(source.text, 0, end_of_head) is not None
-        translate = _translate_other_groups if is_for_other_groups and not is_main else None
-        starts, ends = _spans_to_arrays(instructions)
-        statements.add_statements(index, starts, ends, translate=translate)
-        if is_main:
-            _note_conveyor(statements, source.text, end_of_head)
+        if index == 0:
+            _add_main_program(statements, source)
+        else:
+            _add_called_program(statements, index, source)
+
+
+def _add_main_program(statements: Statements, source: Source) -> None:
+    """Add the positions and the instructions of the program whose moves are corrected.
+
+    Raises:
+        ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
+    """
+    sections = _find_sections(statements, 0, source)
+    starts, ends = _find_positions(statements, source, sections)
+    statements.add_statements(0, starts, ends, translate=_POSITION_LANGUAGE.translate)
+    starts, ends = _spans_to_arrays(sections.instructions)
+    statements.add_statements(0, starts, ends)
+    if _FOLLOWS_CONVEYOR.search(source.text, 0, sections.end_of_head):
+        reason = "the program follows a conveyor: its targets move with the conveyor's frame"
+        statements.forget_anytime(ir.ALL_TARGETS, reason, "set LINE_TRACK_SCHEDULE_NUMBER to 0")
+
+
+def _add_called_program(statements: Statements, index: int, source: Source) -> None:
+    """Add the instructions of a program that is called, which is the file with this index.
+
+    Raises:
+        ProgramError: a section is missing or misplaced.
+    """
+    sections = _find_sections(statements, index, source)
+    is_for_other_groups = _OTHER_GROUPS.search(source.text, 0, sections.end_of_head) is not None
+    starts, ends = _spans_to_arrays(sections.instructions)
+    translate = _translate_other_groups if is_for_other_groups else None
+    statements.add_statements(index, starts, ends, translate=translate)
 
 
 _OTHER_GROUPS: Final = re.compile(r"(?m)^DEFAULT_GROUP\s*+=\s*+\*")
@@ -556,68 +611,69 @@ def _translate_other_groups(masked: str) -> list[tuple[int, Op]]:
     return ops
 
 
-def _find_instructions(
-    statements: Statements, index: int, source: Source
-) -> tuple[dict[str, int], array[int]]:
-    """Find the sections of a file, such as /MN, and its instructions.
+class _Sections(NamedTuple):
+    """Sections of a file, such as /MN."""
 
-    Args:
-        statements: statements of the program, which refuse it.
-        index: index of the file.
-        source: the file.
+    heads: dict[str, int]  # index behind the head of each section, by its name
+    # first and last + 1 character of each instruction, one after the other; the heads of /PROG and /POS,
+    # where the program begins and ends, are instructions, too
+    instructions: array[int]
 
-    Returns:
-        Index behind the head of each section, by its name; first and last + 1 character of each instruction,
-        one after the other. The heads of /PROG and /POS are instructions, too.
+    @property
+    def end_of_head(self) -> int:
+        """Index behind the head of /MN, before which the attributes of the program are."""
+        return self.heads["MN"]
+
+
+def _find_sections(statements: Statements, index: int, source: Source) -> _Sections:
+    """Find the sections and the instructions of a file, which has this index among the files.
 
     Raises:
         ProgramError: a section is missing or misplaced.
     """
-    section_ends = dict[str, int]()
+    heads = dict[str, int]()
     section = ""  # the present one
-    spans = array("q")
+    instructions = array("q")
     lines = zip(iterate_integers(source.starts), iterate_integers(source.ends), strict=True)
     for line, (start, end) in enumerate(lines, 1):
         text = source.text[start:end].rstrip("\r\n")
         if head := _SECTION.match(text):
             section = head[1]
-            latest = max(map(_SECTION_ORDER.index, section_ends), default=0)
-            is_behind_later_one = _SECTION_ORDER.index(section) < latest
-            occurs_twice = section in section_ends and section != "APPL"
-            if occurs_twice or is_behind_later_one:
+            if _is_misplaced(section, heads):
                 reason = f"the section /{section} occurs twice or in the wrong place"
                 statements.refuse(line, reason, "send each program as a file of its own", index)
-            section_ends[section] = start + len(text)
-            if section in {"PROG", "POS"} and "PROG" in section_ends:
-                spans.extend((start, start + len(text)))
+            heads[section] = start + len(text)
+            begins_or_ends_program = section in {"PROG", "POS"} and "PROG" in heads
+            if begins_or_ends_program:
+                instructions.extend((start, start + len(text)))
         elif section == "END" and text.strip():
             remedy = "send each program as a file of its own"
             statements.refuse(line, "there is text after /END", remedy, index)
         elif section == "MN" and text.strip():
-            _add_instruction(source, spans, start, text)
-    _check_sections(statements, index, section_ends)
-    return section_ends, spans
+            _add_instruction(source, instructions, start, text)
+    _check_sections(statements, index, heads)
+    return _Sections(heads, instructions)
 
 
-def _check_sections(statements: Statements, index: int, section_ends: Collection[str]) -> None:
+def _is_misplaced(section: str, earlier: Collection[str]) -> bool:
+    """Return whether a section occurs twice among earlier ones, or behind one that has to follow it."""
+    occurs_twice = section in earlier and section != "APPL"
+    latest = max(map(_SECTION_ORDER.index, earlier), default=0)
+    return occurs_twice or _SECTION_ORDER.index(section) < latest
+
+
+def _check_sections(statements: Statements, index: int, sections: Collection[str]) -> None:
     """Check that a file has all of its sections.
 
     Raises:
         ProgramError: a section is missing.
     """
-    if not {"MN", "POS"} <= set(section_ends):
+    if not {"MN", "POS"} <= set(sections):
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
         statements.refuse(None, "the file lacks the section /MN or /POS", remedy, index)
-    if "END" not in section_ends:
+    if "END" not in sections:
         reason = "the file lacks /END: its end may have been cut off"
         statements.refuse(None, reason, "send the whole program", index)
-
-
-def _note_conveyor(statements: Statements, text: str, end: int) -> None:
-    """Leave all moves of a program whose head, up to an index of the text, lets it follow a conveyor."""
-    if _FOLLOWS_CONVEYOR.search(text, 0, end):
-        reason = "the program follows a conveyor: its targets move with the conveyor's frame"
-        statements.forget_anytime(frozenset({ir.MODE}), reason, "set LINE_TRACK_SCHEDULE_NUMBER to 0")
 
 
 def _spans_to_arrays(spans: array[int]) -> tuple[IndexArray, IndexArray]:
@@ -629,7 +685,8 @@ def _spans_to_arrays(spans: array[int]) -> tuple[IndexArray, IndexArray]:
 def _add_instruction(source: Source, spans: array[int], start: int, text: str) -> None:
     """Add the span of a line of /MN to `spans`; a line without a number continues the line before it.
 
-    A line that is not in the controller's form is a statement of its own, which is not understood.
+    Comments are left out. A line that is not in the controller's form is a statement of its own, which is
+    not understood.
 
     Args:
         source: the file.
@@ -637,36 +694,39 @@ def _add_instruction(source: Source, spans: array[int], start: int, text: str) -
         start: first character of the line.
         text: the line.
     """
-    if text.lstrip().startswith("--"):  # this line only ends a block of logic
+    ends_block_of_logic = text.lstrip().startswith("--")
+    if ends_block_of_logic:
         return
     end = start + len(text)
-    head = _LINE.match(text)  # number of the line and colon
+    head = _LINE.match(text)  # number of the line and colon, such as `  12:`
     has_form_of_controller = head is not None or _SECOND_POSITION.match(text) is not None
     if not has_form_of_controller:
         spans.extend((start, end))
         return
-    body = head.end() if head else 0
-    is_comment = text[body:].lstrip().startswith(("!", "//", "--"))
+    begin_of_body = head.end() if head else 0
+    is_comment = text[begin_of_body:].lstrip().startswith(("!", "//", "--"))
     if is_comment:
         return
     has_number = head is not None and head[1] != ""
     last_instruction = source.text[spans[-2] : spans[-1]].rstrip() if spans else ";"
-    if has_number or last_instruction.endswith(";"):
-        spans.extend((start + body, end))
+    is_last_instruction_complete = last_instruction.endswith(";")
+    if has_number or is_last_instruction_complete:
+        spans.extend((start + begin_of_body, end))
     else:  # the line continues the last instruction
         spans[-1] = end
 
 
 def _find_positions(
-    statements: Statements, source: Source, place: int, end: int
+    statements: Statements, source: Source, sections: _Sections
 ) -> tuple[IndexArray, IndexArray]:
-    """Return the first and the last + 1 character of each position between two indices of the text.
+    """Return the first and the last + 1 character of each position in /POS, as arrays (k,).
 
     Raises:
         ProgramError: there is a text between positions, or a position has no end.
     """
+    begin, end = sections.heads["POS"], sections.heads["END"] - len("/END")
     spans = array("q")
-    for found in _POSITION.finditer(source.text, place, end):
+    for found in _POSITION.finditer(source.text, begin, end):
         position = found[1]  # None for other text
         if position is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", position):
             reason = f"{quote_text(found[0])} between positions is unknown or has no end"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import PurePath
 from types import MappingProxyType
 from typing import Final
@@ -63,22 +63,12 @@ def read_program(
         ProgramError: the text is not understood; or a move is not certain, and `leave_others` is false.
     """
     chosen = _choose_format(files, name)
-    if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
-        _refuse(
-            files[0][0],
-            None,
-            f"the files of the program have more than {MAX_PROGRAM_BYTES // 2**20} MiB",
-            "split the program",
-        )
-    ordered = sorted(
-        files, key=lambda file: file[0].lower().endswith(".dat")
-    )  # stable: only moves of the first file are corrected
-    sources = tuple(_read_source(name, content) for name, content in ordered)
-    commas = chosen == "csv" and has_decimal_commas(sources[0].text)
-    language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]
-    own: tuple[OwnNumbers, ...] = ()
+    sources = _read_sources(files)
+    has_commas = chosen == "csv" and has_decimal_commas(sources[0].text)
+    language = table.DECIMAL_COMMAS if has_commas else FORMATS[chosen]
     permissions = Permissions(leave_alone, trust_routines)
-    while True:
+    own: tuple[OwnNumbers, ...] = ()  # numbers that moves get in place of the names of targets
+    while True:  # the program is read again with own numbers, until no move needs further ones
         # Names and states are not kept: they take as much memory as the targets built next.
         found = interpret(chosen, sources, language, permissions, own)
         columns = found.columns
@@ -86,12 +76,26 @@ def read_program(
         own = columns.list_own_numbers()
         if not own or _exceed_limit(sources, own):
             break
-        first, own = insert_numbers(sources[0], own)
-        sources = first, *sources[1:]
+        main_file, own = insert_numbers(sources[0], own)
+        sources = main_file, *sources[1:]
     program = columns.build_program(found.causes)
     if program.faults and not leave_others:
         raise ProgramError(program.faults, left=program.left_moves)
     return program
+
+
+def _read_sources(files: Sequence[tuple[str, bytes]]) -> tuple[Source, ...]:
+    """Return the files of a program, given by names and bytes: the first one, others, and files of data last.
+
+    Raises:
+        ProgramError: the files are too large, or a file is not plain text.
+    """
+    if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
+        first_name, _ = files[0]
+        reason = f"the files of the program have more than {MAX_PROGRAM_BYTES // 2**20} MiB"
+        _refuse(first_name, None, reason, "split the program")
+    programs_and_data = sorted(files, key=lambda file: file[0].lower().endswith(".dat"))
+    return tuple(_read_source(name, content) for name, content in programs_and_data)
 
 
 def _choose_format(files: Sequence[tuple[str, bytes]], name: str | None) -> str:
@@ -107,8 +111,8 @@ def _choose_format(files: Sequence[tuple[str, bytes]], name: str | None) -> str:
     if suffix in _UNSUPPORTED_SUFFIXES and name is None:
         remedy = "write the program in the controller's own language, or as a table of targets (CSV)"
         _refuse(first_name, None, "programs in the formats CNC, APT and CLS cannot be read", remedy)
-    formats_with_suffix = (each for each in FORMATS if suffix in FORMATS[each].suffixes.split())
-    chosen = name or next(formats_with_suffix, "")
+    formats_with_suffix = [each for each, language in FORMATS.items() if suffix in language.suffixes.split()]
+    chosen = name or next(iter(formats_with_suffix), "")
     if chosen not in FORMATS:
         reason = "the file's name does not show the format"
         _refuse(first_name, None, reason, f"give `format`: one of {', '.join(FORMATS)}")
@@ -138,6 +142,8 @@ def list_moves(
 ) -> list[ReadMove]:
     """Return all moves of a program in order of lines, with target, base, tool and whether each is corrected.
 
+    If no move can be corrected, the moves are those that the error of reading has.
+
     Raises:
         ProgramError: the text of the program is not understood.
     """
@@ -154,21 +160,25 @@ def list_moves(
         if not error.left_moves:
             raise
         return list(error.left_moves)
-    moves_to_stored_positions = [
-        ReadMove(remark.line, remark.target, "", "", remark.text, "")
-        for remark in program.left_alone
-        if remark.target
-    ]
-    read_moves = [*program.left_moves, *moves_to_stored_positions]
+    moves = list(program.left_moves)
+    for remark in program.left_alone:
+        is_move_to_stored_position = bool(remark.target)
+        if is_move_to_stored_position:
+            moves.append(ReadMove(remark.line, remark.target, base="", tool="", reason=remark.text))
+    moves += _list_corrected_moves(program)
+    return sorted(moves, key=lambda move: move.line)
+
+
+def _list_corrected_moves(program: Program) -> Iterator[ReadMove]:
+    """Yield the moves of a program that are corrected, each with its last target: name, or numbers."""
     targets, moves = program.targets, program.moves
     last_targets = moves.visits[moves.ends - 1]
     for line, target in zip(moves.line.tolist(), last_targets.tolist(), strict=True):
         numbers = targets.values[target, :NUMBERS]
-        shown_numbers = ", ".join(f"{number:g}" for number in numbers[np.isfinite(numbers)].tolist())
+        stated_numbers = numbers[np.isfinite(numbers)].tolist()
+        shown_numbers = ", ".join(f"{number:g}" for number in stated_numbers)
         base, tool = targets.frames[targets.base[target]], targets.frames[targets.tool[target]]
-        shown_target = targets.names[target] or shown_numbers
-        read_moves.append(ReadMove(line, shown_target, base.name, tool.name, corrected=True))
-    return sorted(read_moves, key=lambda move: move.line)
+        yield ReadMove(line, targets.names[target] or shown_numbers, base.name, tool.name, corrected=True)
 
 
 def _read_source(name: str, content: bytes) -> Source:
@@ -193,12 +203,13 @@ def _read_source(name: str, content: bytes) -> Source:
 
 
 def _refuse(file: str, line: int | None, reason: str, remedy: str) -> None:
-    """Refuse a program because of one fault.
+    """Refuse a program because of one fault, on a line of a file or in the whole file.
 
     Raises:
         ProgramError: always.
     """
-    raise ProgramError((Fault(file if file.isprintable() else quote_text(file), line, reason, remedy),), 1)
+    shown_name = file if file.isprintable() else quote_text(file)
+    raise ProgramError([Fault(shown_name, line, reason, remedy)])
 
 
 def choose_frame_notation(program: Program) -> Notation:
@@ -226,9 +237,14 @@ def insert_comment(kind: str, content: bytes, parts: Sequence[str]) -> bytes:
         lines = [f"{language.remark}{part} ;" for part in parts]
     line_end = "\r\n" if b"\r\n" in content else "\n"
     comment = "".join(line + line_end for line in lines).encode("ascii", "replace")
-    place = 0
-    if language.head:
-        head_line = rf"^{language.head}[^\r\n]*+(?:\r\n|\n|\r)".encode()
-        head = re.search(head_line, content, re.MULTILINE)
-        place = head.end() if head else 0
+    place = _find_end_of_head(language, content)
     return content[:place] + comment + content[place:]
+
+
+def _find_end_of_head(language: Language, content: bytes) -> int:
+    """Return the index behind the head line of a program, such as `DEF name()`; 0 if it has none."""
+    if not language.head:
+        return 0
+    head_line = rf"^{language.head}[^\r\n]*+(?:\r\n|\n|\r)".encode()
+    head = re.search(head_line, content, re.MULTILINE)
+    return head.end() if head else 0

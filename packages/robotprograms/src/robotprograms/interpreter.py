@@ -55,14 +55,16 @@ def interpret(
     permissions: Permissions,
     own: Sequence[OwnNumbers] = (),
 ) -> Interpretation:
-    """Read and interpret a program.
+    """Find the targets and moves of a program, each move with its base and tool on all paths of execution.
+
+    A move whose targets or frames are not certain is noted as one that cannot be corrected.
 
     Args:
         kind: name of the program's format.
         sources: files of the program.
         language: language of the format.
         permissions: what the user states about routines of other files.
-        own: own numbers of moves that take the place of names in the first file.
+        own: numbers of targets that moves already have in the first file, in place of the targets' names.
 
     Raises:
         ProgramError: the text is not understood.
@@ -73,11 +75,13 @@ def interpret(
     work = Work(statements.refuse)
     calls = Calls(flow, statements.changes, work, permissions.allowed, trusted=permissions.trusts_routines)
     effects = Effects(statements, flow, calls)
+    # First without regard to the order of execution: which names can change, and by what.
     collector = ChangeCollector(statements, flow, calls, effects, faults)
     collector.collect()
     moves = MoveRecorder(statements, flow, calls)
     moves.collect_targets()
-    bodies = {name: [i for i in body if i not in collector.unread] for name, body in flow.bodies.items()}
+    # Then along all paths of execution: what names contain at each move.
+    bodies = _list_bodies(flow, collector.unread)
     liveness = TrafficFinder(statements, calls, effects).find_liveness(bodies, flow)
     propagation = Propagation(statements, flow, calls, effects, faults, work, liveness, moves.record)
     propagation.run(bodies, collector.callers)
@@ -86,6 +90,11 @@ def interpret(
     moves.note_assumption()
     _note_left_files(statements)
     return Interpretation(statements.columns, statements.uses.used, statements.changes.causes)
+
+
+def _list_bodies(flow: ControlFlow, unread: Collection[int]) -> dict[str, list[int]]:
+    """Return the indices of the operations of each routine, without those that change unread names only."""
+    return {routine: [i for i in body if i not in unread] for routine, body in flow.bodies.items()}
 
 
 def _read_statements(
@@ -114,24 +123,35 @@ def _find_control_flow(statements: Statements) -> ControlFlow:
     Raises:
         ProgramError: branches, loops or routines are nested too deep.
     """
-    ops, places, names = statements.ops, statements.places, list[str]()
+    ops, places = statements.ops, statements.places
+    names = list[str]()  # full name of each operation that begins a routine, marks a label or jumps; else ""
     for i, (place, op) in enumerate(zip(places, ops, strict=True)):
-        if isinstance(op, ir.Flow):
-            ops[i] = op.settle_bounds(place.values[place.first :])
-        names.append(place.qualify(op.name) if isinstance(op, ir.Flow) else "")
+        if not isinstance(op, ir.Flow):
+            names.append("")
+            continue
+        names.append(place.qualify(op.name))
+        numbers_of_statement = place.values[place.first :]
+        ops[i] = op.settle_bounds(numbers_of_statement)
     try:
         flow = ControlFlow(ops, names)
     except UnmatchedEnd as fault:
         place = places[fault.place]
         statements.refuse(place.line, fault.reason, fault.remedy, place.source)
-    places += places[-1:] * (len(ops) - len(places))
+    missing_ends = len(ops) - len(places)
+    last_place = places[-1:]
+    places += last_place * missing_ends
     return flow
 
 
 def _note_faults(statements: Statements, flow: ControlFlow) -> dict[int, Cause]:
-    """Return the causes of operations that do not fit, by their indices; add a remark to each."""
-    faults = {i: statements.places[i].make_cause(*words) for i, words in sorted(flow.faults.items())}
-    for cause in faults.values():
+    """Return the causes of operations that do not fit, such as an end without a beginning, by their indices.
+
+    Each one is also noted in the statements as a cause and a remark.
+    """
+    faults = dict[int, Cause]()
+    for i, (reason, remedy) in sorted(flow.faults.items()):
+        cause = statements.places[i].make_cause(reason, remedy)
+        faults[i] = cause
         statements.changes.causes.append(cause)
         statements.columns.add_remark(At(cause.line, cause.source), cause.reason)
     return faults

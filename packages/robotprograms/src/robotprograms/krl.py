@@ -6,14 +6,15 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from robotprograms import language as ir
+from robotprograms.arrays import BoolArray
 from robotprograms.columns import IN_MODULE, OF_ROUTINE
 from robotprograms.errors import capitalise
-from robotprograms.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
+from robotprograms.language import UNKNOWN_STATEMENT, Line, Misread, Op
 from robotprograms.notation import Notation, Orientation
 from robotprograms.places import OTHER_FILES
 from robotprograms.program import Literal, Motion, Source
@@ -26,6 +27,8 @@ _POSES: Final = ((POSE, ("X", "Y", "Z", "A", "B", "C")), (JOINTS, ("A1", "A2", "
 _MOTIONS: Final = {"PTP": Motion.JOINT, "LIN": Motion.LINEAR, "CIRC": Motion.CIRCULAR, "SPL": Motion.SPLINE}
 _IPO: Final = f"{ir.MODE} IPO"
 """Name of the controller's interpolation mode, which lasts: with #TCP the arm carries the part."""
+_ARM_CARRIES_TOOL: Final = ir.Named("")
+"""Value of the interpolation mode #BASE, with which nothing is special."""
 _FIXED_TOOL: Final = "the tool is fixed in the cell, and the arm carries the part (#TCP)"
 # Facts. Sources: KUKA System Software 8.x, programming instructions for system integrators (KSS); the
 # controller's bas.src (BAS).
@@ -40,8 +43,8 @@ _BAS: Final[dict[str, tuple[Op, ...]]] = {
     **dict.fromkeys(
         ("FRAMES", "PTP_PARAMS", "CP_PARAMS"),
         (
-            ir.Assign("$BASE", ir.Copy("FDAT_ACT.BASE", through=True)),
-            ir.Assign("$TOOL", ir.Copy("FDAT_ACT.TOOL", through=True)),
+            ir.Assign("$BASE", ir.Copy("FDAT_ACT.BASE", indirect=True)),
+            ir.Assign("$TOOL", ir.Copy("FDAT_ACT.TOOL", indirect=True)),
             ir.Assign(_IPO, ir.Copy("FDAT_ACT.IPO")),
         ),
     ),
@@ -71,10 +74,11 @@ _NOT_WHOLE: Final = (
 _WITH: Final = re.compile(r" ?(?<![\w$])WITH ")
 _BLEND: Final = re.compile(r" ?(?<![\w$])C_(?:PTP|DIS|VEL|ORI|SPL)")
 _LONGEST_BLEND: Final = len(" C_PTP")
-_FIELD: Final = re.compile(r"(\w+)(?:\[\])? ?(\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+')")
+_FIELD: Final = re.compile(r"(?P<name>\w+)(?:\[\])? ?(?P<value>\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+')")
+_DECLARED_NAME: Final = re.compile(rf"(?P<name>{_NAME})(?:\[(?P<index>.*?)\])?(?:=(?P<value>.+))?")
 _SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
 _OWN_FRAME: Final = re.compile(
-    rf"\$(BASE|TOOL|IPO_MODE)=(?:(?:STOOL2?|SBASE|SIPO_MODE)\((?P<data>{_NAME})(?:\.\w+)?\)"
+    rf"\$(?P<role>BASE|TOOL|IPO_MODE)=(?:(?:STOOL2?|SBASE|SIPO_MODE)\((?P<data>{_NAME})(?:\.\w+)?\)"
     rf"|(?P<table>(?:BASE|TOOL)_DATA)\[\0\]|(?P<name>{_NAME}))"
 )
 """A frame of a single move, by the name of its data, in the controller's table, or by its own name."""
@@ -92,6 +96,7 @@ _NEAR: Final = re.compile(r"(?P<target>[^\W\d]\w*+):(?P<offset>[^:,]++|\{[^{}]*\
 """A place at an offset from a target, by the geometric operator."""
 _TABLE: Final = re.compile(r"(?P<role>BASE|TOOL)_DATA\[(?P<index>[^\W\d]\w*+)\]")
 _OTHER_TABLE: Final = {"$BASE": "TOOL_DATA", "$TOOL": "BASE_DATA"}
+"""The controller's table of frames from which the active base or tool is not set."""
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 
@@ -100,38 +105,38 @@ _FEED_OF_BLOCK: Final = f"{ir.FEED} before the block"
 _M_PER_S: Final = 1e3
 """Unit of `$VEL.CP` [mm/s]."""
 _OWN_FEED: Final = re.compile(
-    r"\$VEL(?:\.CP=(?P<value>.+)|=(?:(?P<struct>\{.*\})|SVEL_CP\((?P<data>.*)\)|.+))"
+    r"\$VEL(?:\.CP=(?P<value>.+)|=(?:(?P<structure>\{.*\})|SVEL_CP\((?P<data>.*)\)|.+))"
 )
 """An assignment, or a setting of a single move, that sets the feed: also as a structure by its name."""
+_UNKNOWN_FEED: Final = ir.Unknown("the feed is computed, or not stated", "write $VEL.CP in numbers")
 
 
-def _read_feed(line: Line, start: int, end: int) -> ir.Value | None:
+def _read_feed(setting: Line) -> ir.Value | None:
     """Return the feed that a setting such as `$VEL.CP=0.2` states; None if the setting states no feed.
 
-    The setting is the text between two indices of the line. A feed that is computed is an unknown value.
+    A feed that is computed is an unknown value.
     """
-    setting = _OWN_FEED.fullmatch(line.text, start, end)
-    if setting is None:
+    match = _OWN_FEED.fullmatch(setting.text)
+    if match is None:
         return None
-    unknown = ir.Unknown("the feed is computed, or not stated", "write $VEL.CP in numbers")
-    if setting["struct"]:  # $VEL={CP 0.2,ORI1 200}
-        ordinal = _read_struct(line, *setting.span("struct")).get("CP")
-        return Literal(_NUMBER, (ordinal,)) if isinstance(ordinal, int) else unknown
-    if setting["value"]:  # $VEL.CP=0.2
-        begin, stop = setting.span("value")
-    elif setting["data"]:  # $VEL=SVEL_CP(0.2,...), whose first argument is the feed
-        begin, stop = setting.span("data")
+    if match["structure"]:  # $VEL={CP 0.2,ORI1 200}
+        ordinal = _read_structure(setting.cut(*match.span("structure"))).get("CP")
+        return Literal(_NUMBER, (ordinal,)) if isinstance(ordinal, int) else _UNKNOWN_FEED
+    if match["value"]:  # $VEL.CP=0.2
+        values = setting.cut(*match.span("value"))
+    elif match["data"]:  # $VEL=SVEL_CP(0.2,...), whose first argument is the feed
+        values = setting.cut(*match.span("data"))
     else:
-        return unknown
-    first_argument = next(iter(split_outside_brackets(line.text[:stop], begin)))
-    return _read_speed(line, *first_argument) or unknown
+        return _UNKNOWN_FEED
+    feed, *_ = values.split()
+    return _read_speed(feed) or _UNKNOWN_FEED
 
 
-def _read_speed(line: Line, start: int, end: int) -> ir.Value | None:
-    """Return the speed that the text between two indices states: a number or a name; None for other texts."""
-    text = line.text[start:end].strip()
-    if text == ir.A_NUMBER:  # NUL replaces each number
-        return Literal(_NUMBER, line.ordinals_in(start, end))
+def _read_speed(part: Line) -> ir.Value | None:
+    """Return the speed that a text states: a number or a name; None for any other text."""
+    if part.is_number:
+        return Literal(_NUMBER, part.ordinals)
+    text = part.text.strip()
     is_name = re.fullmatch(_NAME, text) and text not in {"TRUE", "FALSE"}
     return ir.Copy(text) if is_name else None
 
@@ -141,51 +146,50 @@ def _read_value(line: Line, text: str) -> list[Op]:
     is_structure = text.startswith("{")
     calls_routine = "(" in text
     if not calls_routine:
-        # Reading an active frame is no use of its name; only a routine may change a frame that it gets.
+        # Who reads the active frame does not use the name: it gets another name here. A routine that gets the
+        # frame may change it, and so uses the name.
         text = re.sub(r"\$(?=(?:BASE|TOOL)\b)", "$ACTIVE_", text)
     if is_structure:
         text = _SEPARATED.sub(",", text)  # names and values of the fields become a list of expressions
     return line.read_expression(text)
 
 
-def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
-    """Parse a structure such as `{X 1,Y 2,S "on"}` between two indices of the line.
+def _read_structure(part: Line) -> dict[str, int | str]:
+    """Parse a structure such as `{X 1,Y 2,S "on"}`.
 
     Returns:
         For the name of each field the ordinal of its number, which is the index among the numbers of the
         statement; or the field's text if it is no number. Empty if a field is computed or occurs twice, or
         if the text is not a structure.
     """
-    structure = re.compile(r"\{(?:\w+:)?([^{}]*)\}").fullmatch(line.text, start, end)
+    structure = re.fullmatch(r"\{(?:\w+:)?(?P<fields>[^{}]*)\}", part.text)
     if structure is None:
         return {}
-    begin, stop = structure.span(1)
-    ordinals = iter(line.ordinals_in(start, end))
-    fields = dict[str, int | str]()
-    for first, last in split_outside_brackets(line.text[:stop], begin):
-        field = _FIELD.fullmatch(line.text, first, last)
-        if field is None or field[1] in fields:
+    value_of_field = dict[str, int | str]()
+    for field in part.cut(*structure.span("fields")).split():
+        match = _FIELD.fullmatch(field.text)
+        if match is None or match["name"] in value_of_field:
             return {}
-        name, value = field.groups()
-        is_number = value == ir.A_NUMBER
-        fields[name] = next(ordinals) if is_number else value
-    return fields
+        is_number = match["value"] == ir.A_NUMBER
+        value_of_field[match["name"]] = field.ordinals[0] if is_number else match["value"]
+    return value_of_field
 
 
 def _find_target_in_fields(fields: dict[str, int | str]) -> Literal | None:
     """Return the target of a structure; None if it is neither a whole pose nor all joint angles.
 
-    `fields` are those of `_read_struct`: ordinals of numbers, or texts. The target holds the ordinals of its
+    `fields` are those of `_read_structure`: ordinals of numbers, or texts. The target has the ordinals of its
     pose or joint angles, of its external axes E1 ... E6 (-1 where one is absent), and of status and turn.
     """
     ordinals = {name: value for name, value in fields.items() if isinstance(value, int)}
-    external = tuple(ordinals.get(f"E{i}", -1) for i in range(1, 7))
-    has_external_axes = max(external) >= 0
+    external_axes = tuple(ordinals.get(f"E{i}", -1) for i in range(1, 7))
+    if max(external_axes) < 0:  # none is stated
+        external_axes = ()
     status_and_turn = tuple((name, ordinals[name]) for name in ("S", "T") if name in ordinals)
     for notation, names in _POSES:
         if ordinals.keys() >= set(names):
             numbers = tuple(ordinals[name] for name in names)
-            return Literal(notation, numbers, external if has_external_axes else (), status_and_turn)
+            return Literal(notation, numbers, external_axes, status_and_turn)
     return None
 
 
@@ -194,14 +198,16 @@ def _copy_frames(target: str, source: str) -> list[Op]:
     return [ir.Assign(f"{target}.{role}", ir.Copy(f"{source}.{role}")) for role in ("BASE", "TOOL", "IPO")]
 
 
-def _set_frame_data(name: ir.Name, numbers: dict[str, int], mode: str) -> list[Op]:
+def _set_frame_data(name: ir.Name, ordinals: dict[str, int], mode: str) -> list[Op]:
     """Translate an assignment to fields of frame data, such as `FDAT_ACT.BASE_NO=1`.
 
-    KSS: with the interpolation mode #TCP the tool is fixed in the cell, and the arm carries the part.
+    Frame data have a base, a tool and an interpolation mode. KSS: with the mode #TCP the tool is fixed in the
+    cell, and the arm carries the part; then all of them are unknown.
 
     Args:
         name: name of the frame data.
-        numbers: ordinals of the numbers of the frames, with the keys `BASE` and `TOOL`.
+        ordinals: by the keys BASE and TOOL, the number of the frame that is set, as an index among the
+            numbers of the statement.
         mode: interpolation mode, `#BASE` or `#TCP`; empty if the statement does not set the mode.
     """
     is_tool_fixed = mode not in {"", "#BASE"}
@@ -209,60 +215,59 @@ def _set_frame_data(name: ir.Name, numbers: dict[str, int], mode: str) -> list[O
         unknown = ir.Unknown(_FIXED_TOOL, _FRAME_REMEDY)
         return [ir.Assign(f"{name}.{field}", unknown) for field in ("BASE", "TOOL", "IPO")]
     ops: list[Op] = []
-    for role, ordinal in numbers.items():
+    for role, ordinal in ordinals.items():
         frame_in_table = ir.NumberedName(f"{role}_DATA[%s]", ordinal)
         ops.append(ir.Assign(f"{name}.{role}", ir.Named(frame_in_table)))
     if mode:
-        ops.append(ir.Assign(f"{name}.IPO", ir.Named("")))
+        ops.append(ir.Assign(f"{name}.IPO", _ARM_CARRIES_TOOL))
     return ops
 
 
-def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
-    """Translate the assignment of the value between two indices of the line to a name.
-
-    The name gets numbers, the value of another name, or an unknown value.
-    """
-    text = line.text[start:end]
-    fields = _read_struct(line, start, end)
+def _translate_value(name: ir.Name, value: Line) -> list[Op]:
+    """Translate an assignment to a name, which gets numbers, another name's value or an unknown value."""
+    fields = _read_structure(value)
     if pose := _find_target_in_fields(fields):
         return [ir.Assign(name, pose)]
     # Frame data such as FDAT_ACT={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE}
-    numbers_of_frames = {
-        role: number for role in ("BASE", "TOOL") if isinstance(number := fields.get(f"{role}_NO"), int)
-    }
+    numbers_of_frames = dict[str, int]()
+    for role in ("BASE", "TOOL"):
+        number = fields.get(f"{role}_NO")
+        if isinstance(number, int):
+            numbers_of_frames[role] = number
     if isinstance(name, str) and len(numbers_of_frames) == 2:
         return _set_frame_data(name, numbers_of_frames, str(fields.get("IPO_FRAME", "#BASE")))
-    is_name = re.fullmatch(_NAME, text) is not None
+    is_name = re.fullmatch(_NAME, value.text) is not None
     if name == "FDAT_ACT" and is_name:
-        return _copy_frames("FDAT_ACT", text)
-    if text == ir.A_NUMBER:  # a single number
-        return [ir.Assign(name, Literal(_NUMBER, line.ordinals_in(start, end)))]
-    if name in {"$BASE", "$TOOL"} and (ops := _activate_frame(line, str(name), start, end)):
+        return _copy_frames("FDAT_ACT", value.text)
+    if value.is_number:
+        return [ir.Assign(name, Literal(_NUMBER, value.ordinals))]
+    if name in {"$BASE", "$TOOL"} and (ops := _activate_frame(str(name), value)):
         return ops
-    return [*_read_value(line, text), _forget_name(name)]
+    return [*_read_value(value, value.text), _forget_name(name)]
 
 
-def _activate_frame(line: Line, active: str, start: int, end: int) -> list[Op]:
+def _activate_frame(active: str, value: Line) -> list[Op]:
     """Translate the assignment of a named frame, or of an element of an array, to `$BASE` or `$TOOL`.
 
-    The value is the text between two indices of the line. The list is empty for any other value.
+    `active` is the name of the variable. The list is empty for any other value.
     """
-    text = line.text[start:end]
-    if re.fullmatch(_NAME, text):
+    text = value.text
+    if re.fullmatch(_NAME, text):  # $BASE=MY_FRAME
         return [ir.Use(frozenset({text})), ir.Assign(active, ir.Copy(text))]
     by_variable = _TABLE.fullmatch(text)  # $BASE=BASE_DATA[i]
     if by_variable and f"${by_variable['role']}" == active:
         index = by_variable["index"]
-        return [*line.read_expression(index), _copy_element(by_variable["role"], index)]
+        return [*value.read_expression(index), _copy_element(by_variable["role"], index)]
     by_number = _ELEMENT.fullmatch(text)  # $BASE=FRAMES[3]
     if by_number and by_number["array"] != _OTHER_TABLE[active]:
-        element = ir.NumberedName(text.replace("\0", "%s"), line.ordinals_in(start, end)[0])
-        return [ir.Use(frozenset({by_number["array"]})), ir.Assign(active, ir.Copy(element))]
+        array = by_number["array"]
+        frame = value.fill_name(f"{array}[%s]")
+        return [ir.Use(frozenset({array})), ir.Assign(active, ir.Copy(frame))]
     return []
 
 
 def _copy_element(role: str, index: str) -> Op:
-    """Return the operation that makes a frame of the controller's table active, by a variable's value."""
+    """Return the assignment `$BASE=BASE_DATA[i]` with a variable i as `index`; `role` is BASE or TOOL."""
     return ir.Assign(f"${role}", ir.Element(f"{role}_DATA[%s]", index))
 
 
@@ -282,33 +287,33 @@ def _translate_declaration(line: Line) -> list[Op]:
         Misread: the declaration is not understood.
     """
     ops: list[Op] = []
-    begin_of_names, _ = line.span("names")
-    for start, end in split_outside_brackets(line.text, begin_of_names):
-        declared = re.compile(rf"({_NAME})(?:\[(.*?)\])?(?:=(.+))?").fullmatch(line.text, start, end)
-        if declared is None or re.fullmatch(_RESERVED, declared[1]):
+    for part in line.part("names").split():
+        declared = _DECLARED_NAME.fullmatch(part.text)
+        if declared is None or re.fullmatch(_RESERVED, declared["name"]):
             raise Misread("the declaration is unknown")
-        name, index, value = declared.groups()
+        name, index = declared["name"], declared["index"]
         ops += [ir.Local(frozenset({name})), *line.read_expression(index or "")]
+        value = part.cut(*declared.span("value"))
         is_element = index is not None
-        if value and is_element:
-            ops += [*_read_value(line, value), _forget_name(name)]
-        elif value:
-            ops += _declare_value(line, name, *declared.span(3))
+        if value.text and is_element:
+            ops += [*_read_value(line, value.text), _forget_name(name)]
+        elif value.text:
+            ops += _declare_value(line, name, value)
     return ops
 
 
-def _declare_value(line: Line, name: str, start: int, end: int) -> list[Op]:
-    """Translate the value that a declaration gives to a name: the text between two indices of the line."""
-    words_before_names = line.text[: line.span("names")[0]]
+def _declare_value(line: Line, name: str, value: Line) -> list[Op]:
+    """Translate the value that a declaration, which is the line, gives to a name."""
+    words_before_names = line.text.removesuffix(line["names"])
     is_shared = re.search(r"\bGLOBAL\b", words_before_names) is not None
     is_constant = re.search(r"\bCONST\b", words_before_names) is not None
-    if line.text[start:end] == ir.A_NUMBER:  # a single number
+    if value.is_number:
         if not is_constant:  # other programs may have set a variable of a .dat since then
             return [_forget_name(name)]
-        number = Literal(_NUMBER, line.ordinals_in(start, end))
+        number = Literal(_NUMBER, value.ordinals)
         return [ir.Assign(name, number, declares="constant", shared=is_shared)]
     ops = list[Op]()
-    for op in _translate_value(line, name, start, end):
+    for op in _translate_value(name, value):
         ops.append(op._replace(shared=is_shared) if isinstance(op, ir.Assign) else op)
     return ops
 
@@ -319,15 +324,15 @@ def _set_field_of_frames(line: Line) -> list[Op]:
     The list is empty if the line assigns to something else.
     """
     if line.text == "$IPO_MODE=#BASE":
-        return [ir.Assign(_IPO, ir.Named(""))]
+        return [ir.Assign(_IPO, _ARM_CARRIES_TOOL)]
     if line.text == "$IPO_MODE=#TCP":
         return [ir.Assign(_IPO, ir.Unknown(_FIXED_TOOL, "omit the statement"))]
     field = _FIELD_OF_FRAMES.fullmatch(f"{line['index']}={line['value']}")
     if field is None:
         return []
     role, mode = field[1], field["mode"] or ""
-    numbers = {role: line.first_ordinal("value")} if role else {}
-    return _set_frame_data(line["name"], numbers, mode)
+    numbers_of_frames = {role: line.part("value").ordinals[0]} if role else {}
+    return _set_frame_data(line["name"], numbers_of_frames, mode)
 
 
 def _translate_assignment(line: Line) -> list[Op]:
@@ -341,58 +346,71 @@ def _translate_assignment(line: Line) -> list[Op]:
     if name in {"BASE_DATA", "TOOL_DATA"} and not is_index_a_number:
         raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
     if is_index_a_number and not name.startswith("$"):
-        element = ir.NumberedName(f"{name}[%s]", line.first_ordinal("index"))
+        element = line.fill_name(f"{name}[%s]", "index")
         return _assign(line, element, index.removeprefix("[\0]"))
     if field_of_frames := _set_field_of_frames(line):
         return field_of_frames
     if name in {"$ACT_BASE", "$ACT_TOOL"} and not index:
-        # BAS copies these numbers of frames where it sets the active frames.
-        active = name.replace("ACT_", "")
-        statement = ir.quote_statement(line.text, line.ordinals)
-        reason = f"{statement}: the controller's variable {name} may move targets"
-        unknown_names: frozenset[ir.Name] = frozenset({active, name})
-        forget = ir.MakeUnknown(unknown_names, reason, "omit the statement")
-        return [*_read_value(line, line["value"]), forget]
+        return _choose_number_of_active_frame(line)
     if _MAY_MOVE_TARGETS.match(line.text):
         raise Misread(f"the controller's variable {name} may move targets", "omit the statement")
     return _assign(line, name, index)
 
 
+def _choose_number_of_active_frame(line: Line) -> list[Op]:
+    """Translate an assignment to `$ACT_BASE` or `$ACT_TOOL`, behind which the active frame is unknown.
+
+    BAS copies these numbers of frames where it sets the active frames.
+    """
+    name = line["name"]
+    active = name.replace("ACT_", "")
+    reason = f"{line.quote()}: the controller's variable {name} may move targets"
+    forget = ir.MakeUnknown(frozenset({active, name}), reason, "omit the statement")
+    return [*_read_value(line, line["value"]), forget]
+
+
 def _assign(line: Line, target: ir.Name, index: str) -> list[Op]:
     """Translate the assignment of the line's value to a name, or to one of its elements or fields.
 
-    `index` is the text of the element or field, such as `[i].X`; it is empty for the whole name.
+    `index` is the text of the element or field, such as `[i].X`; it is empty for the whole name. An element
+    or a field makes the value of the whole name unknown. System variables have no value that matters, apart
+    from the active frames and the feed.
     """
     name, value = line["name"], line["value"]
     # The indices of elements are expressions; all of them are read as one expression.
     indices = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
     uses = line.read_expression(indices)
     if name in _TURNS_TOOL and value not in {"FALSE", "#VAR"}:
-        statement = ir.quote_statement(line.text, line.ordinals)
         effect = "after this line the arm does not reach the orientations that the program states"
-        uses.append(ir.Note(f"{statement}: {effect}"))
+        uses.append(ir.Note(f"{line.quote()}: {effect}"))
     is_system_variable = name.startswith("$") and name not in {"$BASE", "$TOOL"}
     if not (index or is_system_variable):
-        return [*uses, *_translate_value(line, target, *line.span("value"))]
+        return [*uses, *_translate_value(target, line.part("value"))]
     changes: list[Op] = [] if is_system_variable else [_forget_name(target)]
-    if name == "$VEL" and (feed := _read_feed(line, 0, len(line.text))):
+    if name == "$VEL" and (feed := _read_feed(line)):
         changes = [ir.Assign(ir.FEED, feed)]
     return [*uses, *_read_value(line, value), *changes]
 
 
-def _read_target(line: Line, start: int, end: int) -> Literal | ir.Name | None:
-    """Return the target that the text between two indices states.
+def _read_target(part: Line) -> Literal | ir.Name | None:
+    """Return the target that a text states: a variable, an element of an array or numbers.
 
-    The target is a variable, an element of an array, or numbers; None for any other text.
+    The target is None for any other text.
     """
-    text = line.text[start:end]
-    is_variable = re.fullmatch(_NAME, text) and not re.fullmatch(_RESERVED, text)
+    is_variable = re.fullmatch(_NAME, part.text) and not re.fullmatch(_RESERVED, part.text)
     if is_variable:
-        return text
-    if _ELEMENT.fullmatch(text):
-        (ordinal_of_index,) = line.ordinals_in(start, end)
-        return ir.NumberedName(text.replace("\0", "%s"), ordinal_of_index)
-    return _find_target_in_fields(_read_struct(line, start, end))
+        return part.text
+    if element := _ELEMENT.fullmatch(part.text):
+        return part.fill_name(f"{element['array']}[%s]")
+    return _find_target_in_fields(_read_structure(part))
+
+
+class _Settings(NamedTuple):
+    """Settings of a move behind its targets, such as `WITH $VEL.CP=0.2, $BASE=FRAME1`."""
+
+    uses: list[Op]  # operations of their values
+    frames: dict[str, ir.Copy]  # frames that are set for this move only, by the keys BASE and TOOL
+    feed: ir.Value | None  # feed that is set for this move only; None if there is none
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -403,31 +421,36 @@ def _translate_move(line: Line) -> list[Op]:
     """
     motion = _MOTIONS[line["motion"]]
     is_relative = bool(line["relative"])
-    begin, _ = line.span("rest")
-    whole = re.sub(_AXES_OF_STEP, "", line.text) if is_relative else line.text
-    end, settings = _find_end_of_targets(whole, begin)
-    if end == begin:
+    rest = line.part("rest")
+    if is_relative:  # the axes of a step are behind all else
+        rest = rest.cut(0, len(re.sub(_AXES_OF_STEP, "", rest.text)))
+    target_text, setting_text = _split_at_with(rest)
+    if not target_text.text:
         raise Misread(_NOT_WHOLE)
-    found, own_frames = _read_settings(line, *settings)
-    if _STORED_POSITION.fullmatch(line.text[begin:end]):
-        return [*found, ir.MoveToStored(line.text[begin:end])]
-    targets, uses = _read_targets(line, begin, end)
-    found += uses
-    base = own_frames.get("BASE", ir.Copy("$BASE"))
-    tool = own_frames.get("TOOL", ir.Copy("$TOOL"))
-    known = tuple(target for target in targets if target is not None)
+    settings = _read_settings(setting_text)
+    if _STORED_POSITION.fullmatch(target_text.text):
+        return [*settings.uses, ir.MoveToStored(target_text.text)]
+    targets, uses_in_targets = _read_targets(target_text)
+    uses = [*settings.uses, *uses_in_targets]
+    base = settings.frames.get("BASE", ir.Copy("$BASE"))
+    tool = settings.frames.get("TOOL", ir.Copy("$TOOL"))
+    known_targets = tuple(target for target in targets if target is not None)
     count = 2 if motion is Motion.CIRCULAR else 1
-    if is_relative or not len(known) == len(targets) == count:
-        return [*found, *_leave_move(line, motion, begin, end, base, tool)]
+    has_all_targets = len(known_targets) == len(targets) == count
+    if is_relative:
+        reason = "the target is relative to the position before the move"
+        return [*uses, *_leave_move(motion, target_text, base, tool, reason)]
+    if not has_all_targets:
+        return [*uses, *_leave_move(motion, target_text, base, tool, _NOT_WHOLE)]
+    value_of_feed = settings.feed or ir.Copy(ir.FEED)
     feed = None
-    own_feed = _find_own_feed(line, *settings) or ir.Copy(ir.FEED)
-    if isinstance(own_feed, Literal | ir.Copy):
-        feed = ir.Feed(own_feed, _M_PER_S)
-    return [*found, ir.Move(motion, known, (base,) * count, (tool,) * count, feed=feed)]
+    if isinstance(value_of_feed, Literal | ir.Copy):
+        feed = ir.Feed(value_of_feed, _M_PER_S)
+    return [*uses, ir.Move(motion, known_targets, (base,) * count, (tool,) * count, feed=feed)]
 
 
-def _read_targets(line: Line, begin: int, end: int) -> tuple[list[Literal | ir.Name | None], list[Op]]:
-    """Return the targets of a move between two indices of the line, and the uses of other names there.
+def _read_targets(targets_of_move: Line) -> tuple[list[Literal | ir.Name | None], list[Op]]:
+    """Return the targets of a move, and the uses of other names there.
 
     A target is None if it is neither numbers nor a name.
 
@@ -436,119 +459,125 @@ def _read_targets(line: Line, begin: int, end: int) -> tuple[list[Literal | ir.N
     """
     targets: list[Literal | ir.Name | None] = []
     uses = list[Op]()
-    for start, stop in split_outside_brackets(line.text[:end], begin):
-        text = line.text[start:stop]
-        is_angle_of_arc = len(targets) == 2 and text.startswith("CA ")
+    for part in targets_of_move.split():
+        is_angle_of_arc = len(targets) == 2 and part.text.startswith("CA ")
         if is_angle_of_arc:
             note = ir.Note("the arc ends at its angle CA, not at the second of its targets")
-            uses += [*line.read_expression(text.removeprefix("CA ")), note]
-        elif _STORED_POSITION.fullmatch(text):
+            uses += [*part.read_expression(part.text.removeprefix("CA ")), note]
+        elif _STORED_POSITION.fullmatch(part.text):
             raise Misread("the arc goes through a position stored in the controller")
         else:
-            targets.append(_read_target(line, start, stop))
+            targets.append(_read_target(part))
     return targets, uses
 
 
-def _leave_move(line: Line, motion: Motion, begin: int, end: int, base: ir.Value, tool: ir.Value) -> list[Op]:
+def _leave_move(motion: Motion, target: Line, base: ir.Value, tool: ir.Value, reason: str) -> list[Op]:
     """Translate a move that is not corrected, because its target is relative or not whole.
 
-    The target is the text between two indices of the line. If it is a place at an offset from another target,
-    such as `P1:{X 10}`, the move shifts with the correction of that target.
+    If the target is a place at an offset from another target, such as `P1:{X 10}`, the move shifts with the
+    correction of that target; `reason` then gives way to one that names the other target.
     """
-    step = re.sub(_AXES_OF_STEP, "", line.text[begin:end])
-    near = _NEAR.fullmatch(step)
-    found = line.read_expression(_SEPARATED.sub(",", near["offset"] if near else step))
+    target_or_step = re.sub(_AXES_OF_STEP, "", target.text)
+    near = _NEAR.fullmatch(target_or_step)
+    structure = near["offset"] if near else target_or_step  # such as `{X 10,Y 5}`
+    list_of_expressions = _SEPARATED.sub(",", structure)
+    uses = target.read_expression(list_of_expressions)
     if near is None or re.fullmatch(_RESERVED, near["target"]):
-        relative = "the target is relative to the position before the move"
-        return ir.make_uncorrected_move(found, relative if line["relative"] else _NOT_WHOLE, _REMEDY)
-    reason = f"the target is at an offset from {near['target']}"
-    move = ir.Move(motion, (), (base,), (tool,), reason=reason, remedy=_REMEDY, offset_from=(near["target"],))
-    return [*found, move]
+        return ir.make_uncorrected_move(uses, reason, _REMEDY)
+    name = near["target"]
+    move = ir.Move(
+        motion,
+        (),
+        (base,),
+        (tool,),
+        reason=f"the target is at an offset from {name}",
+        remedy=_REMEDY,
+        offset_from=(name,),
+    )
+    return [*uses, move]
 
 
-def _find_own_feed(line: Line, begin: int, end: int) -> ir.Value | None:
-    """Return the feed that the settings of a move after WITH state; None if they state none.
+def _split_at_with(move: Line) -> tuple[Line, Line]:
+    """Return the targets of a move, and its settings behind the word WITH, which are empty if it has none.
 
-    The settings are the text between two indices. The last feed counts: a number may follow a structure.
+    Words of approximate positioning, such as C_DIS, are left out of both.
     """
-    if begin == end:
-        return None
-    feed = None
-    for start, stop in split_outside_brackets(line.text[:end], begin):
-        feed = _read_feed(line, start, stop) or feed
-    return feed
-
-
-def _find_end_of_targets(text: str, begin: int) -> tuple[int, tuple[int, int]]:
-    """Find where the targets of a move end, and where its settings after the word WITH are.
-
-    Args:
-        text: the move.
-        begin: index of the first target.
-
-    Returns:
-        The index behind the last target; begin and end of the settings, which are equal if there are none.
-    """
-    word_with = _WITH.search(text, begin)
+    word_with = _WITH.search(move.text)
     if word_with is None:
-        no_settings = len(text), len(text)
-        return _strip_blends(text, begin, len(text)), no_settings
-    begin_of_settings = word_with.end()
-    settings = begin_of_settings, _strip_blends(text, begin_of_settings, len(text))
-    return _strip_blends(text, begin, word_with.start()), settings
+        return _strip_blends(move), move.cut(0, 0)
+    return _strip_blends(move.cut(0, word_with.start())), _strip_blends(move.cut(word_with.end()))
 
 
-def _strip_blends(text: str, begin: int, end: int) -> int:
-    """Return the index before the words of approximate positioning, such as C_DIS, that end a text.
-
-    The text is that between the indices `begin` and `end`; without such words the result is `end`.
-    """
-    while word := _BLEND.search(text, max(begin, end - _LONGEST_BLEND), end):
+def _strip_blends(part: Line) -> Line:
+    """Return a text without the words of approximate positioning, such as C_DIS, at its end."""
+    end = len(part.text)
+    while word := _BLEND.search(part.text, max(0, end - _LONGEST_BLEND), end):
         is_at_the_end = word.end() == end
         if not is_at_the_end:
             break
         end = word.start()
-    return end
+    return part.cut(0, end)
 
 
-def _read_settings(line: Line, begin: int, end: int) -> tuple[list[Op], dict[str, ir.Copy]]:
-    """Translate the settings of a move after WITH, which are the text between two indices of the line.
-
-    Returns:
-        Operations of the settings; the frames that are set for this move only, by the keys BASE and TOOL.
+def _read_settings(settings: Line) -> _Settings:
+    """Translate the settings of a move behind the word WITH; there are none if the text is empty.
 
     Raises:
         Misread: a setting is unknown, calls a routine, or takes only one of base and tool from frame data.
     """
-    if begin == end:
-        return [], {}
-    found = list[Op]()
-    frames = dict[str, ir.Copy]()
-    frame_data = dict[str, str]()  # name of the frame data (FDAT) of base, tool and interpolation mode
-    for start, stop in split_outside_brackets(line.text[:end], begin):
-        setting = line.text[start:stop]
-        match = _OWN_FRAME.fullmatch(setting)
-        role = match[1] if match else ""
-        if match and match["data"]:  # $BASE=SBASE(FP1)
-            frame_data[role] = match["data"]
-            frames[role] = ir.Copy(f"{match['data']}.{role}", through=True)
-        elif match and match["table"] == f"{role}_DATA":  # $BASE=BASE_DATA[1]
-            frame_in_table = ir.NumberedName(f"{role}_DATA[%s]", line.ordinals_in(start, stop)[0])
-            frames[role] = ir.Copy(frame_in_table)
-        elif match and match["name"] and role != "IPO_MODE":  # $BASE=MY_FRAME
-            found.append(ir.Use(frozenset({match["name"]})))
-            frames[role] = ir.Copy(match["name"])
-        elif _is_harmless_setting(setting):
-            found += _read_value(line, setting.partition("=")[2])
+    if not settings.text:
+        return _Settings([], {}, None)
+    uses = list[Op]()
+    own_frames = list[_OwnFrame]()
+    feed = None  # the last one counts: a number may follow a structure
+    for setting in settings.split():
+        feed = _read_feed(setting) or feed
+        if own_frame := _read_own_frame(setting):
+            own_frames.append(own_frame)
+            uses += own_frame.uses
+        elif _is_harmless_setting(setting.text):
+            _, _, value = setting.text.partition("=")
+            uses += _read_value(setting, value)
         else:
             reason = "a setting after WITH is unknown, or sets a frame for this move only"
             raise Misread(reason, _SET_BEFORE_MOVE)
-    has_base_and_tool = frame_data.keys() >= {"BASE", "TOOL"} and len(set(frame_data.values())) == 1
-    is_incomplete = bool(frame_data) and not has_base_and_tool
-    if is_incomplete or ir.calls_routine(found):
+    if _takes_part_of_frame_data(own_frames) or ir.calls_routine(uses):
         reason = "the settings after WITH call a routine, or set only one of tool and base"
         raise Misread(reason, _SET_BEFORE_MOVE)
-    return found, frames
+    return _Settings(uses, {own.role: own.frame for own in own_frames}, feed)
+
+
+class _OwnFrame(NamedTuple):
+    """Frame that a setting makes active for a single move."""
+
+    role: str  # BASE or TOOL; IPO_MODE for the interpolation mode, which frame data state as well
+    frame: ir.Copy
+    data: str = ""  # name of the frame data that state the frame; empty if there are none
+    uses: tuple[ir.Use, ...] = ()  # uses of names
+
+
+def _read_own_frame(setting: Line) -> _OwnFrame | None:
+    """Return the frame that a setting such as `$BASE=FRAME1` makes active; None for any other setting."""
+    match = _OWN_FRAME.fullmatch(setting.text)
+    if match is None:
+        return None
+    role = match["role"]
+    if data := match["data"]:  # $BASE=SBASE(FP1)
+        return _OwnFrame(role, ir.Copy(f"{data}.{role}", indirect=True), data)
+    if match["table"] == f"{role}_DATA":  # $BASE=BASE_DATA[1]
+        return _OwnFrame(role, ir.Copy(setting.fill_name(f"{role}_DATA[%s]")))
+    if match["name"] and role != "IPO_MODE":  # $BASE=MY_FRAME
+        use = ir.Use(frozenset({match["name"]}))
+        return _OwnFrame(role, ir.Copy(match["name"]), uses=(use,))
+    return None
+
+
+def _takes_part_of_frame_data(own_frames: list[_OwnFrame]) -> bool:
+    """Return whether only base or only tool is from frame data, or each is from other ones."""
+    data_of_role = {own.role: own.data for own in own_frames if own.data}
+    has_base_and_tool = data_of_role.keys() >= {"BASE", "TOOL"}
+    are_all_the_same = len(set(data_of_role.values())) == 1
+    return bool(data_of_role) and not (has_base_and_tool and are_all_the_same)
 
 
 def _is_harmless_setting(setting: str) -> bool:
@@ -565,16 +594,15 @@ def _translate_spline(line: Line) -> list[Op]:
     Raises:
         Misread: the statement has a target, or unknown settings.
     """
-    begin, _ = line.span("rest")
-    end, settings = _find_end_of_targets(line.text, begin)
-    if end > begin:
+    targets, setting_text = _split_at_with(line.part("rest"))
+    if targets.text:
         raise Misread(UNKNOWN_STATEMENT)
-    ops, own_frames = _read_settings(line, *settings)
+    settings = _read_settings(setting_text)
     # The end of the block makes the feed before the block active again.
-    ops.append(ir.Assign(_FEED_OF_BLOCK, ir.Copy(ir.FEED)))
-    if own_feed := _find_own_feed(line, *settings):
-        ops.append(ir.Assign(ir.FEED, own_feed))
-    if own_frames:
+    ops = [*settings.uses, ir.Assign(_FEED_OF_BLOCK, ir.Copy(ir.FEED))]
+    if settings.feed:
+        ops.append(ir.Assign(ir.FEED, settings.feed))
+    if settings.frames:
         reason = "the block of splines has frames of its own"
         remedy = "set $BASE and $TOOL before the block"
         ops.append(ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy))
@@ -584,10 +612,10 @@ def _translate_spline(line: Line) -> list[Op]:
 def _translate_sensor(line: Line) -> list[Op]:
     """Translate a function of KUKA RSI, by which a sensor begins or ends to guide the arm."""
     ops = line.read_expression(line["arguments"]) if line["arguments"] else []
-    if line["name"]:  # the variable that gets the result
-        ops.append(_forget_name(line["name"]))
-    # The program itself may define a routine with the name of the function.
-    ops.append(ir.Call(line["function"], _find_names(ops), harmless=True))
+    variable_of_result = line["name"]
+    if variable_of_result:
+        ops.append(_forget_name(variable_of_result))
+    ops.append(ir.call_if_defined(line["function"], _find_names(ops)))
     reason, remedy = "a sensor moves the targets (RSI)", "omit the statement"
     if line["action"] == "OFF":
         return [*ops, ir.end_lasting("RSI")]
@@ -597,9 +625,9 @@ def _translate_sensor(line: Line) -> list[Op]:
 
 
 def _translate_search(line: Line) -> list[Op]:
-    """Return the operations of a routine that corrects the moves behind it by a search (KUKA TouchSense)."""
+    """Translate a routine of KUKA TouchSense, which corrects the moves behind it by a search."""
     lasting = ir.begin_lasting("TS", "a touch search corrects the targets", "omit the statement")
-    return [*line.read_expression(line.text), lasting]
+    return [*line.read_expression(), lasting]
 
 
 def _translate_routine(line: Line) -> list[Op]:
@@ -613,7 +641,7 @@ def _translate_attachment(line: Line) -> list[Op]:
     is_trigger = line.text.startswith("TRIGGER")
     event: ir.Name = "TRIGGER" if is_trigger else ""
     if line["number"]:  # by this number, another statement switches the interrupt on
-        event = ir.NumberedName("INTERRUPT %s", line.first_ordinal("number"))
+        event = line.fill_name("INTERRUPT %s", "number")
     action = re.sub(r" ?\bPRIO=", "+", line["action"])
     uses = [*line.read_expression(line["when"]), *line.read_expression(action)]
     ops = list[Op]()
@@ -628,7 +656,7 @@ def _translate_attachment(line: Line) -> list[Op]:
 
 def _translate_unknown_attachment(line: Line) -> list[Op]:
     """Return the calls of an attachment that is not understood: its routines may run at any time."""
-    names = [line.text.replace("\0", "n"), *re.findall(rf"(?<![\w$])({_NAME})\(", line.text)]
+    names = [line.text.replace(ir.A_NUMBER, "n"), *re.findall(rf"(?<![\w$])({_NAME})\(", line.text)]
     return [ir.Call(name, anytime=True) for name in names]
 
 
@@ -637,19 +665,20 @@ def _translate_triggered_assignment(line: Line) -> list[Op]:
 
     KSS: what is triggered is an assignment, a pulse of an output, or a call of a routine.
     """
-    start, end = line.span("action")
-    assignment = Line(line.language, line["action"], line.ordinals_in(start, end))
-    name, _, _ = line["action"].partition("=")
+    assignment = line.part("action")
+    name, _, _ = assignment.text.partition("=")
     reason = f"{name} changes at a trigger"
-    changes, others = list[Op](), list[Op]()
-    for op in line.language.apply_rules(assignment):
-        if isinstance(op, ir.Assign):
-            changes.append(ir.MakeUnknown(frozenset({op.name}), reason, _REMEDY, anytime=True))
-        elif isinstance(op, ir.MakeUnknown):
-            others.append(op._replace(anytime=True))
-        else:
-            others.append(op)
-    return [*changes, *others]
+    ops = line.language.apply_rules(assignment)
+    assigned = [op for op in ops if isinstance(op, ir.Assign)]
+    changes: list[Op] = [
+        ir.MakeUnknown(frozenset({op.name}), reason, _REMEDY, anytime=True) for op in assigned
+    ]
+    for op in ops:
+        if isinstance(op, ir.MakeUnknown):  # a value that is computed
+            changes.append(op._replace(anytime=True))
+        elif not isinstance(op, ir.Assign):
+            changes.append(op)
+    return changes
 
 
 def _translate_bas(line: Line) -> list[Op]:
@@ -658,39 +687,36 @@ def _translate_bas(line: Line) -> list[Op]:
     Raises:
         Misread: the function is unknown, or its argument is not a number.
     """
-    function, argument = line["function"], line["argument"]
-    if function in {"TOOL", "BASE"} and argument == ir.A_NUMBER:  # the argument is a number
-        frame_in_table = ir.NumberedName(f"{function}_DATA[%s]", line.first_ordinal("argument"))
+    function, argument = line["function"], line.part("argument")
+    if function in {"TOOL", "BASE"} and argument.is_number:
+        frame_in_table = argument.fill_name(f"{function}_DATA[%s]")
         return [ir.Assign(f"${function}", ir.Copy(frame_in_table))]
-    if function in {"TOOL", "BASE"} and argument:
-        is_variable = re.fullmatch(r"[^\W\d]\w*+", argument)
-        change = _copy_element(function, argument) if is_variable else _forget_name(f"${function}")
-        return [*line.read_expression(argument), change]
+    if function in {"TOOL", "BASE"} and argument.text:
+        is_variable = re.fullmatch(r"[^\W\d]\w*+", argument.text)
+        change = _copy_element(function, argument.text) if is_variable else _forget_name(f"${function}")
+        return [*argument.read_expression(), change]
     if function not in _BAS:
         raise Misread(f"BAS(#{function}) is unknown, or its argument is not a number")
-    ops = [*line.read_expression(argument), *_BAS[function]]
+    ops = [*argument.read_expression(), *_BAS[function]]
     if function in {"VEL_CP", "CP_PARAMS"}:  # BAS: both set $VEL.CP
-        unknown = ir.Unknown("the feed is computed, or not stated", "write $VEL.CP in numbers")
-        speed = _read_speed(line, *line.span("argument")) if argument else None
-        ops.append(ir.Assign(ir.FEED, speed or unknown))
+        ops.append(ir.Assign(ir.FEED, _read_speed(argument) or _UNKNOWN_FEED))
     return ops
 
 
 def _translate_reading(line: Line) -> list[Op]:
     """Translate a function that reads values from outside into its arguments, such as CREAD."""
     uses = [op for op in line.read_expression(line["arguments"]) if isinstance(op, ir.Use)]
-    changed_names = {name for use in uses for name in use.names}
-    changed_names.add(line["status"] or "_")  # the variable that gets the result
-    # The program itself may define a routine with the name of the function.
-    own_routine = ir.Call(line["function"], _find_names([*uses]), harmless=True)
+    arguments = _find_names([*uses])
+    variable_of_result = line["status"] or "_"
+    own_routine = ir.call_if_defined(line["function"], arguments)
     reason = "the value is read from outside while the program runs"
-    return [own_routine, ir.MakeUnknown(frozenset(changed_names), reason, _REMEDY)]
+    return [own_routine, ir.MakeUnknown(arguments | {variable_of_result}, reason, _REMEDY)]
 
 
-def _find_names(found: list[Op]) -> frozenset[str]:
+def _find_names(ops: list[Op]) -> frozenset[str]:
     """Return the names that operations of expressions use, apart from elements of arrays."""
     names = set[str]()
-    for op in found:
+    for op in ops:
         if isinstance(op, ir.Use):
             names.update(name for name in op.names if isinstance(name, str))
     return frozenset(names)
@@ -704,8 +730,7 @@ def _translate_kinematics(line: Line) -> list[Op]:
     result, status = line["name"], line["status"]
     uses = ir.pass_uses(line.read_expression(line["arguments"]), result)
     changed = frozenset({result, status})
-    # The program itself may define a routine with the name of the function.
-    own_routine = ir.Call(line["function"], _find_names(uses) | changed, harmless=True)
+    own_routine = ir.call_if_defined(line["function"], _find_names(uses) | changed)
     reason = "the value is calculated while the program runs"
     return [*uses, own_routine, ir.MakeUnknown(changed, reason, _REMEDY)]
 
@@ -720,7 +745,7 @@ _DECLARED: Final = re.compile(
 """Declaration of a routine of another file, with the types of its parameters."""
 _BY_VALUE: Final = re.compile(r"(?i)[^:]+:[ \t]*+IN[ \t]*+")
 """Parameter that gets a copy. KSS: any other one gets a reference, through which the routine may write."""
-_DATA: Final = re.compile(rf"{_LINE}DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?")
+_DATA: Final = re.compile(rf"{_LINE}DEFDAT[ \t]++(?P<program>{_NAME})(?P<public>[ \t]++PUBLIC\b)?")
 _GLOBAL: Final = re.compile(r"(?i)[^;\r\n\"={]*\bGLOBAL\b")
 _IMPORT: Final = re.compile(
     rf"{_LINE}(?:DECL[ \t]++)?IMPORT[ \t]++\w++[ \t]++(\$?\w++)(?:\[[^\]\r\n]*+\])?[ \t]++IS[ \t]++"
@@ -745,14 +770,18 @@ def _find_private_names(text: str) -> Iterator[str]:
 
 def _list_declared(line: str) -> Iterator[str]:
     """Yield the variables that a line of a .dat declares or sets, such as P1 and P2 of `POS P1={X 1},P2`."""
-    plain = _NO_NAME.sub("", line)  # without texts, comments and indices
-    count = 1
-    while count:  # braces within one another are removed from the inside
-        plain, count = _BRACES.subn("", plain)
+    plain = _remove_braces(_NO_NAME.sub("", line))  # without texts, comments, indices and structures
     for part in plain.split(","):
         before_value = part.partition("=")[0]
         if name := re.search(rf"({_NAME})(?:\.\w++)*\s*+\Z", before_value):
             yield name[1]
+
+
+def _remove_braces(text: str) -> str:
+    """Return a text without what is in braces; braces within one another are removed from the inside."""
+    while _BRACES.search(text):
+        text = _BRACES.sub("", text)
+    return text
 
 
 def _find_shared_names(text: str) -> Iterator[str]:
@@ -769,44 +798,56 @@ def read_krl(statements: Statements, sources: tuple[Source, ...]) -> None:
         ProgramError: a .dat belongs to another program.
     """
     statements.by_value = _find_routines_by_value(sources)
-    renamed = dict[int, dict[str, str]]()  # by the index of the file, new names of routines by their names
+    new_names = dict[int, dict[str, str]]()  # by the index of the file, new names of routines by their names
     if len(sources) > 1:
         _note_names(statements, sources)
-        renamed = _rename_local_routines(sources)
+        new_names = _rename_local_routines(sources)
     for index in range(len(sources)):
-        _add_file(statements, sources, index, renamed.get(index, {}))
+        _add_file(statements, sources, index, new_names.get(index, {}))
     _forget_imported_names(statements, sources)
 
 
 def _add_file(
-    statements: Statements, sources: tuple[Source, ...], index: int, renamed: dict[str, str]
+    statements: Statements, sources: tuple[Source, ...], index: int, new_names: dict[str, str]
 ) -> None:
-    """Add the statements of one file, in which routines have other names.
+    """Add the statements of one file, in which routines get new names, by their names.
 
     Raises:
         ProgramError: the file is a .dat that belongs to another program.
     """
     source = sources[index]
-    is_config = source.name.lower().endswith("config.dat")
-    is_data = source.name.lower().endswith(".dat") and len(sources) > 1
+    file_name = source.name.lower()
+    is_data = file_name.endswith(".dat") and len(sources) > 1
     head = _DATA.search(source.text) if index else None  # DEFDAT name PUBLIC
-    is_public = bool(head and head[2])
-    # Only a .dat that is public, and $config.dat, can be changed by other programs.
-    kind = "constant"
-    if is_config:
-        kind = "shared"
-    elif is_public:
-        kind = "variable"
+    kind = _choose_kind_of_declarations(file_name, head)
     starts, ends = source.starts, source.ends
+    is_config = file_name.endswith("config.dat")
     if head and not is_config and _is_of_another_program(statements, sources, index, head):
         # Of the data of another program, only those declared as GLOBAL are data of this one.
-        spans = zip(starts.tolist(), ends.tolist(), strict=True)
-        is_global = np.array([bool(_GLOBAL.match(source.text, *span)) for span in spans], dtype=np.bool_)
-        if statements.owners.get(index):
+        is_global = _find_global_lines(source)
+        is_owner_sent = bool(statements.owners.get(index))
+        if is_owner_sent:
             statements.add_statements(index, starts[~is_global], ends[~is_global], declares=kind)
         starts, ends = starts[is_global], ends[is_global]
-    translate = partial(_translate_renamed, renamed=renamed) if renamed else None
+    translate = partial(_translate_renamed, renamed=new_names) if new_names else None
     statements.add_statements(index, starts, ends, declares=kind if is_data else "", translate=translate)
+
+
+def _choose_kind_of_declarations(file_name: str, head: re.Match[str] | None) -> str:
+    """Return the kind of the declarations in a file of data: which programs may change the data.
+
+    It is `shared` for $config.dat, which all programs know; `variable` for a PUBLIC file; else `constant`.
+    """
+    if file_name.endswith("config.dat"):
+        return "shared"
+    is_public = head is not None and head["public"] is not None
+    return "variable" if is_public else "constant"
+
+
+def _find_global_lines(source: Source) -> BoolArray:
+    """Return a mask of the lines of a file (n,) that declare names as GLOBAL."""
+    spans = zip(source.starts.tolist(), source.ends.tolist(), strict=True)
+    return np.array([_GLOBAL.match(source.text, *span) is not None for span in spans], dtype=np.bool_)
 
 
 def _is_of_another_program(
@@ -817,21 +858,27 @@ def _is_of_another_program(
     Raises:
         ProgramError: the other program is not sent, and the data are not PUBLIC.
     """
-    names = list[str]()  # of the programs, as they are written; empty for a program without DEF
-    for source in sources:
-        if not source.name.lower().endswith(".dat"):
-            definition = _DEFINED.search(source.text)
-            names.append(definition[1] if definition else "")
-    main, *others = names or [""]
-    owner, public = head[1], head[2]
+    main, *others = _list_programs(sources) or [""]
+    owner = head["program"]
     if not main or capitalise(owner) == capitalise(main):
         return False
-    is_owner_sent = capitalise(owner) in {capitalise(name) for name in others}
-    if not (public or is_owner_sent):
+    is_owner_sent = capitalise(owner) in map(capitalise, others)
+    is_public = head["public"] is not None
+    if not (is_public or is_owner_sent):
         reason = f"the file declares data of {owner}, not of {main}"
         remedy = "send the .dat file of this .src file"
         statements.refuse(sources[index].find_line(head.start()), reason, remedy, index)
     return True
+
+
+def _list_programs(sources: tuple[Source, ...]) -> list[str]:
+    """Return the name of the program in each .src, as it is written; empty for a file without DEF."""
+    programs = list[str]()
+    for source in sources:
+        if not source.name.lower().endswith(".dat"):
+            definition = _DEFINED.search(source.text)
+            programs.append(definition[1] if definition else "")
+    return programs
 
 
 def _forget_imported_names(statements: Statements, sources: tuple[Source, ...]) -> None:
@@ -840,11 +887,12 @@ def _forget_imported_names(statements: Statements, sources: tuple[Source, ...]) 
     for source in sources[1:]:  # a program alone imports nothing that changes here
         for own_name, foreign_name in _IMPORT.findall(source.text):
             imported |= {capitalise(own_name), capitalise(foreign_name)}
-    endings = {""}
+    full_names = {*imported}
     for owner_of_name in statements.owners.values():
-        endings |= {f"{OF_ROUTINE}{owner}" for owner in owner_of_name.values()}
-    names = frozenset(f"{name}{ending}" for name in imported for ending in endings)
-    statements.forget_anytime(names, "a program imports the name of another one, and may change it", _REMEDY)
+        for owner in owner_of_name.values():
+            full_names |= {f"{name}{OF_ROUTINE}{owner}" for name in imported}
+    reason = "a program imports the name of another one, and may change it"
+    statements.forget_anytime(frozenset(full_names), reason, _REMEDY)
 
 
 def _find_routines_by_value(sources: tuple[Source, ...]) -> frozenset[str]:
@@ -873,20 +921,23 @@ def _rename_local_routines(sources: tuple[Source, ...]) -> dict[int, dict[str, s
     for index, source in enumerate(sources):
         if _DATA.search(source.text):
             continue
-        defined[index], local[index] = set(), set()
-        for order, (word_global, name) in enumerate(_ROUTINES.findall(source.text)):
-            routine = capitalise(name)
-            is_first = order == 0
-            defined[index].add(routine)
-            (visible if word_global or is_first else local[index]).add(routine)
-    renamed = dict[int, dict[str, str]]()
+        found = [
+            (capitalise(name), bool(word_global)) for word_global, name in _ROUTINES.findall(source.text)
+        ]
+        defined[index] = {name for name, _ in found}
+        local[index] = {name for name, is_global in found[1:] if not is_global}
+        visible |= {name for name, is_global in found if is_global}
+        visible |= {name for name, _ in found[:1]}
+    new_names = dict[int, dict[str, str]]()
     for index, own in local.items():
-        elsewhere = set[str]().union(*(names for other, names in local.items() if other != index))
-        elsewhere -= visible | defined[index]
-        renamed[index] = {name: f"{name}{IN_MODULE}99" for name in elsewhere}
+        elsewhere = set[str]()  # local to other files, and unknown in this one
+        for other, names in local.items():
+            if other != index:
+                elsewhere |= names - visible - defined[index]
+        new_names[index] = {name: f"{name}{IN_MODULE}99" for name in elsewhere}
         if index > 0:  # routines of the first file keep their names
-            renamed[index] |= {name: f"{name}{IN_MODULE}{index}" for name in own}
-    return renamed
+            new_names[index] |= {name: f"{name}{IN_MODULE}{index}" for name in own}
+    return new_names
 
 
 def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, Op]]:
@@ -903,6 +954,14 @@ def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, 
     return LANGUAGE.translate(_CALLED.sub(rename, masked))
 
 
+class _DataOfPrograms(NamedTuple):
+    """Files of data (.dat), by the names of their programs in capitals."""
+
+    files: dict[str, list[int]]  # indices of the files of data of each program
+    private: dict[str, set[str]]  # names that only the program of the file knows
+    shared: set[str]  # names that all programs know
+
+
 def _note_names(statements: Statements, sources: tuple[Source, ...]) -> None:
     """Note the names that all programs know, and the names of data that each further .src has of its own.
 
@@ -910,32 +969,37 @@ def _note_names(statements: Statements, sources: tuple[Source, ...]) -> None:
     element does not repeat the word. All programs know the data of $config.dat. In a further .src, a name
     that is private in the .dat of the first one means something else, too.
     """
-    shared = set[str]()  # names that all programs know
-    private = dict[str, set[str]]()  # by the name of a program, names of its .dat that no other program knows
-    files_of_data = defaultdict[str, list[int]](
-        list
-    )  # by the name of a program, indices of its files of data
-    for index, source in enumerate(sources):
-        if head := _DATA.search(source.text):
-            program = capitalise(head[1])
-            files_of_data[program].append(index)
-            global_names = set(_find_shared_names(source.text))
-            shared |= global_names
-            if not source.name.lower().endswith("config.dat"):
-                private[program] = set(_find_private_names(source.text)) - global_names
-    statements.shared_names = frozenset(shared)
+    data = _collect_data(sources)
+    statements.shared_names = frozenset(data.shared)
     main = _DEFINED.search(sources[0].text)
-    private_of_main = private.get(capitalise(main[1]), set()) if main else set()
+    private_of_main = data.private.get(capitalise(main[1]), set()) if main else set()
     for index, source in enumerate(sources[1:], 1):
         definition = _DEFINED.search(source.text)
         if definition is None or _DATA.search(source.text):
             continue
         program = capitalise(definition[1])
-        own = dict.fromkeys(private.get(program, ()), f"file{index}")
-        statements.owners[index] = dict.fromkeys(private_of_main, OTHER_FILES) | own
-        if own:
-            for file_of_data in files_of_data[program]:
-                statements.owners[file_of_data] = own
+        owner_of_private = dict.fromkeys(data.private.get(program, ()), f"file{index}")
+        statements.owners[index] = dict.fromkeys(private_of_main, OTHER_FILES) | owner_of_private
+        if owner_of_private:
+            for file_of_data in data.files[program]:
+                statements.owners[file_of_data] = owner_of_private
+
+
+def _collect_data(sources: tuple[Source, ...]) -> _DataOfPrograms:
+    """Collect the names that the files of data among some files declare."""
+    data = _DataOfPrograms(files=defaultdict(list), private={}, shared=set())
+    for index, source in enumerate(sources):
+        head = _DATA.search(source.text)
+        if head is None:
+            continue
+        program = capitalise(head["program"])
+        data.files[program].append(index)
+        global_names = set(_find_shared_names(source.text))
+        data.shared.update(global_names)
+        is_config = source.name.lower().endswith("config.dat")
+        if not is_config:
+            data.private[program] = set(_find_private_names(source.text)) - global_names
+    return data
 
 
 LANGUAGE: Final = ir.Language(
@@ -1023,7 +1087,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (
             r"INTERRUPT (?:ON|ENABLE) #{number}",
-            lambda line: [ir.Call(ir.NumberedName("INTERRUPT %s", line.first_ordinal("number")))],
+            lambda line: [ir.Call(line.fill_name("INTERRUPT %s", "number"))],
         ),
         (rf"{_TRIGGER}(?P<action>{_NAME}\(.*\)(?: ?PRIO=.+)?)", _translate_attachment),
         (rf"{_TRIGGER}(?P<action>{_NAME}(?:\[[^\]=]*+\]|\.\w++)*=(?!=).+)", _translate_triggered_assignment),

@@ -8,10 +8,9 @@ Possessive quantifiers follow characters only: Python before 3.11.5 keeps the ma
 from __future__ import annotations
 
 import re
-from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import accumulate
 from math import nan
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -30,6 +29,8 @@ NUMBER: Final = (
 )
 A_NUMBER: Final = "\0"
 """Sign that takes the place of each number in the normal form of a statement."""
+ANY_LABEL: Final = "\0"
+"""Name of the label of a jump whose label is computed: no label has this name, so that each may be meant."""
 
 
 class NumberedName(NamedTuple):
@@ -47,8 +48,8 @@ class Copy(NamedTuple):
     """Value that is a copy of another variable's value."""
 
     name: Name  # name of the other variable
-    # whether the other variable only holds the name of a third variable, whose value is then copied
-    through: bool = False
+    # whether the other variable only has the name of a third variable, whose value is then copied
+    indirect: bool = False
 
 
 class Element(NamedTuple):
@@ -113,6 +114,10 @@ Its value is unknown behind a statement that may change it, and then no target i
 statement can end has a name of its own, which begins with this one: `begin_lasting`, `end_lasting`."""
 
 
+ALL_TARGETS: Final = frozenset({MODE})
+"""Names without whose values no target is certain."""
+
+
 FEED: Final = "$VEL.CP"
 """Name of the active feed of the tool's centre [m/s], where the language has one; no target depends on it."""
 
@@ -161,6 +166,8 @@ class Use(NamedTuple):
     into: Name = ""
 
 
+_EVENT_OF_LOOP: Final = "\0loop"
+"""Name of the event that the condition of a loop is computed again."""
 RESULT: Final = "\0result"
 """Name of the value that a routine returns."""
 CONDITION: Final = "\0condition"
@@ -275,52 +282,82 @@ class Misread(Exception):  # noqa: N818  # a statement that is not understood is
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Statement in normal form, and its match with the pattern of a rule."""
+    """Statement in normal form, or a part of one, with the numbers in it.
+
+    The text has NUL in place of each number. A number is known by its ordinal: its index among all numbers of
+    the statement as it is written.
+    """
 
     language: Language
     text: str  # normal form, with NUL in place of each number
-    ordinals: tuple[int, ...]  # index of each number among those of the statement as it is written
+    ordinals: tuple[int, ...]  # of the numbers in the text
     line_offset: int = 0  # count of line breaks in the text before the statement
-    match: re.Match[str] | None = None  # None before a rule is applied
+    match: re.Match[str] | None = None  # with the pattern of a rule; None before a rule is applied
 
     def __getitem__(self, group: str) -> str:
-        """Return the part of the statement that matched a named group; empty if the group did not match."""
+        """Return the text that matched a named group of the rule; empty if the group did not match."""
         return (self.match and self.match.groupdict().get(group)) or ""
 
-    def span(self, group: str) -> tuple[int, int]:
-        """Return the indices, first and last + 1 character, of the part that matched a named group."""
-        return self.match.span(group) if self.match else (0, 0)
+    def part(self, group: str) -> Line:
+        """Return the part that matched a named group of the rule; empty if the group did not match."""
+        begin, end = self.match.span(group) if self.match else (0, 0)
+        return self.cut(begin, end)
 
-    def ordinals_in(self, begin: int, end: int) -> tuple[int, ...]:
-        """Return the ordinals of the numbers between two indices of characters of the text.
+    def cut(self, begin: int, end: int | None = None) -> Line:
+        """Return the part between two indices of the text, with the numbers in this part."""
+        end = len(self.text) if end is None else end
+        first = self.text.count(A_NUMBER, 0, begin)
+        count = self.text.count(A_NUMBER, begin, end)
+        return Line(self.language, self.text[begin:end], self.ordinals[first : first + count])
 
-        The ordinal of a number is its index among all numbers of the statement.
+    def substitute(self, begin: int, end: int, text: str) -> Line:
+        """Return the line with a text, which has no numbers, in place of the part between two indices."""
+        before, behind = self.cut(0, begin), self.cut(end)
+        return Line(self.language, before.text + text + behind.text, before.ordinals + behind.ordinals)
+
+    def split(self, separator: str = ",") -> list[Line]:
+        """Return the parts between separators that are neither in brackets nor in quotations."""
+        return [self.cut(begin, end) for begin, end in split_outside_brackets(self.text, separator)]
+
+    @property
+    def is_number(self) -> bool:
+        """True if the text is a single number."""
+        return self.text.strip() == A_NUMBER
+
+    def fill_name(self, template: str, group: str = "") -> NumberedName:
+        """Return the name `P[3]` for the template `P[%s]` and the first number 3 in a named group.
+
+        Without a group, the number is the first one of the line.
         """
-        places_of_numbers = _find_numbers(self.text)
-        first, last = bisect_left(places_of_numbers, begin), bisect_left(places_of_numbers, end)
-        return self.ordinals[first:last]
+        part = self.part(group) if group else self
+        return NumberedName(template, part.ordinals[0])
 
-    def first_ordinal(self, group: str) -> int:
-        """Return the ordinal of the first number in the part of the statement that matched a named group."""
-        return self.ordinals_in(*self.span(group))[0]
+    def read_expression(self, text: str | None = None) -> list[Op]:
+        """Return the operations of an expression: one for all names read, one for each routine call.
 
-    def read_expression(self, text: str) -> list[Op]:
-        """Return the operations of an expression: one for all names read, one for each routine call."""
-        return self.language.read_expression(text)
+        The expression is the whole line if no text is given.
 
+        Raises:
+            Misread: the text is not an expression.
+        """
+        return self.language.read_expression(self.text if text is None else text)
 
-@lru_cache(maxsize=4)
-def _find_numbers(text: str) -> tuple[int, ...]:
-    """Return the indices of the numbers in a text in normal form, which has NUL in place of each number.
-
-    The result is cached, because each part of a line needs it.
-    """
-    return tuple(place for place, character in enumerate(text) if character == A_NUMBER)
+    def quote(self) -> str:
+        """Return the text in quotation marks for a message; the interpreter inserts its numbers."""
+        return quote_statement(self.text, self.ordinals)
 
 
 Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
 """Effect of a statement apart from its expressions: the kind of a `Flow`, or a function of the `Line` that
 returns the operations."""
+
+
+class _Words(NamedTuple):
+    """Patterns of words of a language that are no variables."""
+
+    operators: re.Pattern[str]  # words between operands, such as AND
+    reserved: re.Pattern[str]  # words that begin statements
+    functions: re.Pattern[str]  # the controller's functions, which return a value and change nothing
 
 
 @dataclass(frozen=True)
@@ -417,40 +454,39 @@ class Language:
         return re.compile(self.motion, re.IGNORECASE if self.ignores_case else 0)
 
     @cached_property
-    def _words(self) -> tuple[re.Pattern[str], ...]:
-        """Patterns of operators, of reserved words, and of the controller's functions."""
+    def _words(self) -> _Words:
+        """Patterns of words that are no variables."""
         flags = re.IGNORECASE if self.ignores_case else 0
-        return (
-            re.compile(rf" ?(?<![\w$.])(?:{self.operators})\b ?", flags),
-            re.compile(rf"(?<![\w$.])(?:{self.reserved})(?![\w$])", flags),
-            re.compile(self.functions, flags),
+        return _Words(
+            operators=re.compile(rf" ?(?<![\w$.])(?:{self.operators})\b ?", flags),
+            reserved=re.compile(rf"(?<![\w$.])(?:{self.reserved})(?![\w$])", flags),
+            functions=re.compile(self.functions, flags),
         )
 
     def normalise(self, masked: str) -> Line:
         """Return the normal form of a statement: without comments, and with single blanks between words only.
 
-        `masked` is the statement's text with NUL in place of each number.
+        `masked` is the statement's text with NUL in place of each number. Numbers in comments and quotations
+        are passed over, but count among the numbers of the statement.
         """
         pieces, ordinals = list[str](), list[int]()
-        count_of_numbers = 0  # that were passed
-        line_offset = 0  # count of line breaks before the statement
+        passed_numbers = 0  # count of the numbers before the token
+        line_offset = 0  # count of the line breaks before the statement
         is_after_word = False
         for token in self._token.finditer(masked):
             kind, piece = token.lastgroup, token[0]
-            if kind in {"blank", "comment"}:
-                is_before_statement = not pieces
-                if is_before_statement:  # CR and LF together are one line break
-                    line_offset += piece.count("\n") or piece.count("\r")
-            else:
+            is_part_of_statement = kind not in {"blank", "comment"}
+            if is_part_of_statement:
                 if piece == A_NUMBER:
-                    ordinals.append(count_of_numbers)
+                    ordinals.append(passed_numbers)
                 is_word = kind != "sign"
                 if is_after_word and is_word:
                     pieces.append(" ")
-                # A number in a text is not a number of the statement.
-                pieces.append(piece.replace("\0", "0") if kind == "text" else piece)
+                pieces.append(piece.replace(A_NUMBER, "0") if kind == "text" else piece)
                 is_after_word = is_word
-            count_of_numbers += piece.count("\0")
+            elif not pieces:  # before the statement; CR and LF together are one line break
+                line_offset += piece.count("\n") or piece.count("\r")
+            passed_numbers += piece.count(A_NUMBER)
         text = "".join(pieces)
         if self.ignores_case:
             text = capitalise(text)
@@ -513,43 +549,53 @@ class Language:
             return [*uses, *rule(matched)]
         raise Misread(UNKNOWN_STATEMENT)
 
-    def _apply_flow_rule(self, line: Line, kind: str, used: list[Op]) -> list[Op]:
-        """Return the operations `used` of the statement's expressions, then a `Flow` of this kind, if any."""
-        if kind in {"branch", "loop"}:  # the condition may be computed again, or not at all
-            used = mark_anytime(used, "\0loop" if kind == "loop" else "")
-        used = pass_uses(used, RESULT if kind == "return" else CONDITION)
+    def _apply_flow_rule(self, line: Line, kind: str, uses: list[Op]) -> list[Op]:
+        """Return the operations of a statement that begins or ends a branch, loop, jump or routine.
+
+        Args:
+            line: the statement.
+            kind: kind of the `Flow`; empty for a statement that only uses names.
+            uses: operations of the expressions in the statement, which come first.
+        """
+        if kind == "loop":  # its condition is computed in each round
+            uses = mark_anytime(uses, _EVENT_OF_LOOP)
+        elif kind == "branch":  # its condition may not be computed at all
+            uses = mark_anytime(uses)
+        uses = pass_uses(uses, RESULT if kind == "return" else CONDITION)
         if not kind:
-            return used
-        is_number = line["name"] == A_NUMBER
-        name = NumberedName("%s", line.first_ordinal("name")) if is_number else line["name"]
-        return [*used, Flow(kind, name)]
+            return uses
+        is_numbered_label = line["name"] == A_NUMBER  # the name is the number itself
+        name = line.fill_name("%s", "name") if is_numbered_label else line["name"]
+        return [*uses, Flow(kind, name)]
 
     def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Translate a statement of several lines, each of them a statement without its end.
 
-        Moves in the statement are not corrected. The list is empty if a line is no statement.
+        Moves in the statement are not corrected. The list is empty if the statement has a single line, or if
+        one of its lines is no statement.
 
         Args:
             masked: the statement with NUL in place of each number.
             whole: its normal form.
             fault: why the whole is not understood.
         """
-        reason = f"{quote_statement(whole.text, whole.ordinals)}: {fault.reason}"
-        remedy = fault.remedy or self.remedy
-        ops = list[tuple[int, Op]]()
+        reason, remedy = f"{whole.quote()}: {fault.reason}", fault.remedy or self.remedy
         texts = masked.splitlines(keepends=True)
-        count_of_numbers = 0  # in the lines before
+        if len(texts) == 1:
+            return []
+        ops = list[tuple[int, Op]]()
+        passed_numbers = 0  # count of the numbers in the lines before
         for line_offset, text in enumerate(texts):
             line = self.normalise(text)
-            line = replace(line, ordinals=tuple(count_of_numbers + ordinal for ordinal in line.ordinals))
+            line = replace(line, ordinals=tuple(passed_numbers + ordinal for ordinal in line.ordinals))
             try:
                 found = self.apply_rules(line) if line.text else []
             except Misread:
                 return []
             for op in found:
                 ops.append((line_offset, _leave_move(op, reason, remedy) if isinstance(op, Move) else op))
-            count_of_numbers += text.count("\0")
-        return ops if len(texts) > 1 else []
+            passed_numbers += text.count(A_NUMBER)
+        return ops
 
     def _translate_unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Translate a statement that is not understood, and may therefore change values.
@@ -562,26 +608,27 @@ class Language:
             line: its normal form.
             fault: why it is not understood.
         """
-        reason = f"{quote_statement(line.text, line.ordinals)}: {fault.reason}"
-        remedy, text = fault.remedy or self.remedy, _QUOTED.sub("_", line.text)
-        may_change_all = re.search(self.forgets, text) is not None
-        is_lasting = re.search(self.lasting, line.text) is not None
+        reason, remedy = f"{line.quote()}: {fault.reason}", fault.remedy or self.remedy
+        plain = _QUOTED.sub("_", line.text)
+        may_change_all = re.search(self.forgets, plain) is not None
+        may_last = re.search(self.lasting, line.text) is not None
         ops = list[Op]()
         if may_change_all:  # without names, `MakeUnknown` makes all values unknown
             ops.append(MakeUnknown(frozenset(), reason, remedy))
         # The names of the statement are listed as well, because their values change while the program runs;
         # `_` keeps the list from being empty.
-        ops.append(MakeUnknown(frozenset([*self._find_changed_names(line, text), "_"]), reason, remedy))
-        if is_lasting:
-            ops.append(MakeUnknown(frozenset({MODE}), reason, remedy))
+        ops.append(MakeUnknown(frozenset([*self._find_changed_names(line, plain), "_"]), reason, remedy))
+        if may_last:
+            ops.append(make_targets_uncertain(reason, remedy))
         if self.calls_by_name or not may_change_all:
-            ops += self._find_calls(text)
-            if not (is_lasting or self._motion.search(text)):
+            ops += self._find_calls(plain)
+            may_move = may_last or self._motion.search(plain) is not None
+            if not may_move:
                 assumption = "it is assumed that the statement changes only the values that it names"
                 ops.append(Note(f"{reason}; {assumption}"))
-        placed = [(line.line_offset, op) for op in ops]
-        move = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
-        return [*placed, *((line_offset, move) for line_offset in self._find_lines_of_motions(masked))]
+        left_move = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
+        moves = [(line_offset, left_move) for line_offset in self._find_lines_of_motions(masked)]
+        return [*((line.line_offset, op) for op in ops), *moves]
 
     def _find_changed_names(self, line: Line, text: str) -> set[Name]:
         """Return the names that a statement may change; `text` is its normal form without quotations."""
@@ -589,8 +636,9 @@ class Language:
         if self.positions:  # only those elements of the array that the statement names may change
             names.discard(self.positions)
             for element in re.finditer(rf"(?<![\w$]){self.positions}\[(\0\])?", line.text):
-                ordinals = line.ordinals_in(element.start(), element.end())
-                names.add(NumberedName(f"{self.positions}[%s]", ordinals[0]) if ordinals else self.positions)
+                part = line.cut(*element.span())
+                has_number = bool(part.ordinals)
+                names.add(part.fill_name(f"{self.positions}[%s]") if has_number else self.positions)
         return names
 
     def _find_lines_of_motions(self, masked: str) -> Iterator[int]:
@@ -603,21 +651,21 @@ class Language:
             yield line_offset
 
     def _find_calls(self, text: str) -> Iterator[Op]:
-        """Yield the operations of the calls in a statement that is not understood.
+        """Yield the operations of the calls in a statement that is not understood, which is the text.
 
-        Each call may be skipped; or it may be an attachment, whose routine runs at any time.
+        Each call may be skipped; or the statement may attach the routine to an event, so that the routine
+        runs at any time. The routine may change the variables that the statement names.
         """
-        _, _, functions = self._words
         names = frozenset(_NAME.findall(text))
         called_names = dict.fromkeys(called[1] for called in _CALLED.finditer(text))
         for name in called_names:
-            if self._motion.fullmatch(name):
+            is_move = self._motion.fullmatch(name) is not None
+            if is_move:
                 continue
-            harmless = functions.fullmatch(name) is not None
+            harmless = self._words.functions.fullmatch(name) is not None
             passed = frozenset[str]() if harmless else names - {name}
-            yield Flow("if")
-            yield Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
-            yield Flow("close")
+            call = Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
+            yield from make_skippable([call])
 
     def read_expression(self, text: str) -> list[Op]:
         """Translate an expression: one operation for all names that it reads, one for each routine call.
@@ -627,29 +675,40 @@ class Language:
         Raises:
             Misread: the text is not an expression.
         """
-        operators, reserved, functions = self._words
-        plain = operators.sub("+", _QUOTED.sub('""', text))
-        if reserved.search(plain) or _NO_EXPRESSION.search(plain) or not _is_balanced(plain):
+        words = self._words
+        plain = words.operators.sub("+", _QUOTED.sub('""', text))
+        if words.reserved.search(plain) or _NO_EXPRESSION.search(plain) or not _is_balanced(plain):
             raise Misread("this text is not understood, or is not complete")
         names = frozenset(_NAME.findall(plain))
         ops: list[Op] = [Use(names)] if names else []
         called_names = dict.fromkeys(called[1] for called in _CALLED.finditer(plain))
         for name in called_names:
-            harmless = functions.fullmatch(name) is not None
-            passed = names - {name}
-            if re.fullmatch(self.writers, name):
-                # The controller's function writes its last argument only; a routine of the program with this
-                # name may write others.
-                ops.append(Call(name, passed, harmless=True))
-                passed &= frozenset(_NAME.findall(_find_last_argument(plain, name)))
-            reads_frames = re.fullmatch(self.readers, name) is not None
-            call = Call(name, passed, harmless=harmless, reads_frames=reads_frames)
-            is_whole_text = plain.startswith(f"{name}(") and plain.count("(") == 1
-            if harmless or is_whole_text:
-                ops.append(call)
-            else:  # a call in a larger expression may be skipped, and several calls may run in any order
-                ops += [Flow("if"), call, Flow("close")]
+            ops += self._call_function(plain, name, names - {name})
         return ops
+
+    def _call_function(self, expression: str, name: str, others: frozenset[str]) -> list[Op]:
+        """Return the operations of the call of a function in an expression.
+
+        Args:
+            expression: the expression.
+            name: name of the function.
+            others: the other names in the expression, which the function may get as arguments.
+        """
+        ops = list[Op]()
+        harmless = self._words.functions.fullmatch(name) is not None
+        passed = others
+        if re.fullmatch(self.writers, name):
+            # The controller's function writes its last argument only; a routine of the program with this name
+            # may write others.
+            ops.append(call_if_defined(name, others))
+            passed = others & frozenset(_NAME.findall(_find_last_argument(expression, name)))
+        reads_frames = re.fullmatch(self.readers, name) is not None
+        call = Call(name, passed, harmless=harmless, reads_frames=reads_frames)
+        is_whole_expression = expression.startswith(f"{name}(") and expression.count("(") == 1
+        if harmless or is_whole_expression:
+            return [*ops, call]
+        # A call in a larger expression may be skipped, and several calls may run in any order.
+        return [*ops, *make_skippable([call])]
 
 
 def _refuse_deep_braces(text: str) -> None:
@@ -665,11 +724,17 @@ def _refuse_deep_braces(text: str) -> None:
 
 
 def _leave_move(move: Move, reason: str, remedy: str) -> Move:
-    """Return a move without targets, which is not corrected; corrections of its named targets shift it."""
-    names = tuple(target for target in move.targets if not isinstance(target, Literal))
-    offset_from = move.offset_from + names
-    base, tool = move.bases[:1], move.tools[:1]
-    return Move(move.motion, (), base, tool, reason=reason, remedy=remedy, offset_from=offset_from)
+    """Return a move that is not corrected in place of a move; corrections of its named targets shift it."""
+    named_targets = tuple(target for target in move.targets if not isinstance(target, Literal))
+    return Move(
+        move.motion,
+        (),
+        move.bases[:1],
+        move.tools[:1],
+        reason=reason,
+        remedy=remedy,
+        offset_from=move.offset_from + named_targets,
+    )
 
 
 def quote_statement(text: str, ordinals: Iterable[int]) -> str:
@@ -677,15 +742,30 @@ def quote_statement(text: str, ordinals: Iterable[int]) -> str:
 
     The interpreter replaces these places by the numbers when it makes a message of the text.
     """
-    ordinals = iter(ordinals)
     # `quote_text` would escape NUL: another text marks the numbers in between.
-    quoted = quote_text(text.replace("\0", "@#@"))
-    return re.sub("@#@", lambda _: f"\0{next(ordinals)}\0", quoted)
+    mark = "@#@"
+    *parts, last_part = quote_text(text.replace(A_NUMBER, mark)).split(mark)
+    numbers = [f"\0{ordinal}\0" for ordinal in ordinals]
+    pairs = zip(parts, numbers, strict=False)  # the quoted text may be cut before its last numbers
+    return "".join(part + number for part, number in pairs) + last_part
 
 
 def calls_routine(ops: list[Op]) -> bool:
     """Return whether operations call a routine that is not a function of the controller."""
     return any(isinstance(op, Call) and not op.harmless for op in ops)
+
+
+def call_if_defined(name: Name, passed: frozenset[str] = frozenset()) -> Call:
+    """Return the call of a routine, with the names of its arguments, that counts if the program defines it.
+
+    Functions and instructions of the controller give way to routines of a program with the same name.
+    """
+    return Call(name, passed, harmless=True)
+
+
+def make_skippable(ops: Iterable[Op]) -> list[Op]:
+    """Return the operations as a branch, which the program may run or skip."""
+    return [Flow("if"), *ops, Flow("close")]
 
 
 def pass_uses(ops: list[Op], into: Name) -> list[Op]:
@@ -715,13 +795,21 @@ def sets_feed_only(op: Op) -> bool:
     return False
 
 
+def make_targets_uncertain(reason: str, remedy: str) -> MakeUnknown:
+    """Return the operation behind which no target is certain: offsets or force control may be active."""
+    return MakeUnknown(ALL_TARGETS, reason, remedy)
+
+
 def begin_lasting(kind: str, reason: str, remedy: str) -> MakeUnknown:
-    """Return the operation by which something of a kind lasts until a statement ends it."""
+    """Return the operation by which something of a kind, such as an offset, moves targets from here on.
+
+    It lasts until a statement ends what lasts of this kind.
+    """
     return MakeUnknown(frozenset({f"{MODE} {kind}"}), reason, remedy)
 
 
 def end_lasting(kind: str) -> Assign:
-    """Return the operation that ends what lasts of a kind, and nothing of another kind."""
+    """Return the operation that ends what lasts of a kind, such as an offset, and nothing of another kind."""
     return Assign(f"{MODE} {kind}", Named(""))
 
 
@@ -740,18 +828,16 @@ def begin_counted_loop(line: Line, remedy: str) -> list[Op]:
 
     Groups of the line are the variable `name`, and the expressions `first`, `last` and `step`.
     """
-    ordinals, uses = list[int](), list[Op]()
-    are_numbers = True
-    for group in ("first", "last", "step"):
-        if not line[group]:
-            continue
-        begin, end = line.span(group)
-        uses += line.read_expression(line.text[begin:end])
-        ordinals += line.ordinals_in(begin, end)
-        are_numbers &= line.text[begin:end].strip() == A_NUMBER
+    stated_bounds = [line.part(group) for group in ("first", "last", "step") if line[group]]
+    uses = list[Op]()
+    for bound in stated_bounds:
+        uses += bound.read_expression()
     name = line["name"]
     counter = MakeUnknown(frozenset({name}), f"{name} counts a loop", remedy)
-    return [*uses, Flow("loop", bounds=tuple(ordinals) if are_numbers else ()), counter]
+    if not all(bound.is_number for bound in stated_bounds):
+        return [*uses, Flow("loop"), counter]
+    numbers = tuple(bound.ordinals[0] for bound in stated_bounds)
+    return [*uses, Flow("loop", bounds=numbers), counter]
 
 
 IS_PARAMETER: Final = "the value is a parameter of the routine"
@@ -804,12 +890,14 @@ def _find_last_argument(text: str, name: str) -> str:
     """Return the last argument of a function that is called once in a text; else the whole text."""
     if text.count(f"{name}(") != 1:
         return text
-    begin, depth = text.index(f"{name}(") + len(name) + 1, 1
-    for match in re.finditer(r"[()]", text[begin:]):
-        depth += 1 if match[0] == "(" else -1
+    _, _, behind = text.partition(f"{name}(")
+    depth = 1  # count of open brackets
+    for bracket in re.finditer(r"[()]", behind):
+        depth += 1 if bracket[0] == "(" else -1
         if depth == 0:
-            *_, (first, last) = split_outside_brackets(text[: begin + match.start()], begin)
-            return text[first:last]
+            arguments = behind[: bracket.start()]
+            *_, (begin, end) = split_outside_brackets(arguments)
+            return arguments[begin:end]
     return text
 
 
@@ -822,20 +910,20 @@ _NO_LINE_BREAK: Final = re.compile(r"[^\r\n]")
 _LINE_END: Final = re.compile(r"\r\n?|\n")
 
 
-def split_outside_brackets(text: str, begin: int = 0, separator: str = ",") -> Iterator[tuple[int, int]]:
+def split_outside_brackets(text: str, separator: str = ",") -> Iterator[tuple[int, int]]:
     """Yield the span of each part of a text between separators that are not in brackets or quotations.
 
-    A span is the index of the first character, and of the last + 1. The first part begins at index `begin`.
+    A span is the index of the first character, and of the last + 1.
     """
     depth = 0  # of brackets within one another
-    first = begin
+    begin = 0
     signs = rf'"[^"]*+"|[()\[\]{{}}]|{re.escape(separator)}'
-    for sign in re.finditer(signs, text[begin:]):
+    for sign in re.finditer(signs, text):
         if sign[0] in "([{":
             depth += 1
         elif sign[0] in ")]}":
             depth -= 1
         elif sign[0] == separator and depth == 0:
-            yield first, begin + sign.start()
-            first = begin + sign.end()
-    yield first, len(text)
+            yield begin, sign.start()
+            begin = sign.end()
+    yield begin, len(text)

@@ -49,14 +49,17 @@ class _Graph:
     """Edges between operations, in both directions."""
 
     def __init__(self, traffic: Traffic, flow: ControlFlow) -> None:
-        """Build the graph of a program whose nodes are operations, by their indices."""
+        """Build the graph of a program whose nodes are operations, by their indices.
+
+        An edge leads from an operation to one that may run next: in the order of a routine, or by a jump.
+        """
         self.after: defaultdict[int, list[int]] = defaultdict(list)  # operations that may follow
         self.before: defaultdict[int, list[int]] = defaultdict(list)  # operations that may come before
         self._moves = traffic.moves
-        # routine by the index of its last operation, and the other way round
-        self.last = {body[-1]: routine for routine, body in traffic.bodies.items() if body}
-        self.end_of = {routine: index for index, routine in self.last.items()}
-        self.begins = {flow.begins[routine]: routine for routine in traffic.bodies if routine in flow.begins}
+        self.last_of_routine = {routine: body[-1] for routine, body in traffic.bodies.items() if body}
+        self.routine_begun_at = {
+            flow.begins[routine]: routine for routine in traffic.bodies if routine in flow.begins
+        }
         self.callers: defaultdict[str, list[int]] = defaultdict(list)  # operations that call each routine
         for index, routines in traffic.calls.items():
             for routine in routines:
@@ -69,7 +72,10 @@ class _Graph:
                 self._add_edge(index, other)
 
     def skip_moves(self, index: int) -> int:
-        """Return the first operation from an index on that is not a move; the last move of a routine."""
+        """Return the first operation from an index on that is no move; moves have no states of their own.
+
+        If only moves follow up to the end of the routine, the last move is returned.
+        """
         while index in self._moves and self.after[index]:
             index = self.after[index][0]
         return index
@@ -80,20 +86,23 @@ class _Graph:
         self.before[other].append(index)
 
 
-class _Name:
-    """One name that is followed backwards."""
+class _LiveRange:
+    """Operations at which one name is live: its content there may be read later."""
 
     def __init__(self, name: str, traffic: Traffic, graph: _Graph) -> None:
         """Prepare to follow a name backwards from the operations that read it.
 
-        A name is live at an operation if its content there may be read later.
+        Args:
+            name: full name of a variable.
+            traffic: operations that read and write each name.
+            graph: operations that may run before and after each operation.
         """
         self.name, self._traffic, self._graph = name, traffic, graph
         self.at: set[int] = set()  # operations before which the name is live
         self.behind: set[int] = set()  # operations behind which the name is live
         self.exits: set[str] = set()  # routines at whose end the name is live
         self._writes = traffic.writes.get(name, set())
-        self._to_visit = [*traffic.reads.get(name, ())]
+        self._to_visit = [*traffic.reads.get(name, ())]  # operations before which the name is live
 
     def follow(self) -> None:
         """Find all operations before and behind which the name is live."""
@@ -102,41 +111,54 @@ class _Name:
             if index in self.at:
                 continue
             self.at.add(index)
-            for other in self._graph.before[index]:
-                self._pass_behind(other)
-            if index in self._graph.begins:  # the callers' states come in
-                self._to_visit += self._graph.callers[self._graph.begins[index]]
+            for previous in self._graph.before[index]:
+                self._make_live_behind(previous)
+            begun_routine = self._graph.routine_begun_at.get(index)
+            if begun_routine is not None:  # the name comes in from the callers of the routine
+                self._to_visit += self._graph.callers[begun_routine]
 
-    def _end(self, routine: str) -> None:
-        """Let the name be live at the end of a routine."""
-        if routine not in self.exits:
-            self.exits.add(routine)
-            if routine in self._graph.end_of:
-                self._pass_behind(self._graph.end_of[routine])
+    def _make_live_behind(self, index: int) -> None:
+        """Note that the name is live behind an operation, and before it unless it gives a new content.
 
-    def _pass_behind(self, index: int) -> None:
-        """Let the name be live behind an operation, and before it unless it gives a new content."""
+        Behind a call, the content may come from the called routine: the name is then live at its end, too.
+        """
         if index in self.behind:
             return
         self.behind.add(index)
         for routine in self._traffic.calls.get(index, ()):
-            if routine in self._traffic.forgetting or self.name in self._traffic.changed[routine]:
-                self._end(routine)
-        if index not in self._writes:
+            may_change_all = routine in self._traffic.forgetting
+            if may_change_all or self.name in self._traffic.changed[routine]:
+                self._make_live_at_end(routine)
+        gives_new_content = index in self._writes
+        if not gives_new_content:
             self._to_visit.append(index)
 
-    def note(self, liveness: Liveness) -> None:
-        """Note where the name dies, and where it enters and leaves routines."""
+    def _make_live_at_end(self, routine: str) -> None:
+        """Note that the name is live at the end of a routine, and so behind the routine's last operation."""
+        if routine in self.exits:
+            return
+        self.exits.add(routine)
+        if routine in self._graph.last_of_routine:
+            self._make_live_behind(self._graph.last_of_routine[routine])
+
+    def add_to(self, liveness: Liveness) -> None:
+        """Add to `liveness` where the name dies, and where it enters and leaves routines.
+
+        A name dies on the way from an operation behind which it may have a content to one before which it is
+        not live.
+        """
+        graph, traffic = self._graph, self._traffic
         liveness.followed.add(self.name)
-        read_by_moves = self._traffic.reads.get(self.name, set()) & self._traffic.moves
+        read_by_moves = traffic.reads.get(self.name, set()) & traffic.moves
         for index in self.behind | self._writes | read_by_moves:
-            for other in self._graph.after[index]:
-                if other not in self.at:
-                    liveness.dead[self._graph.skip_moves(other)].add(self.name)
-            if index in self._traffic.calls and index in self.behind:
+            for following in graph.after[index]:
+                if following not in self.at:
+                    liveness.dead[graph.skip_moves(following)].add(self.name)
+            is_live_behind_call = index in traffic.calls and index in self.behind
+            if is_live_behind_call:
                 liveness.returned[index].add(self.name)
-        for index in self.at & self._graph.begins.keys():
-            liveness.at_begin[self._graph.begins[index]].add(self.name)
+        for index in self.at & graph.routine_begun_at.keys():
+            liveness.at_begin[graph.routine_begun_at[index]].add(self.name)
         for routine in self.exits:
             liveness.at_exit[routine].add(self.name)
 
@@ -144,15 +166,16 @@ class _Name:
 def find_liveness(traffic: Traffic, flow: ControlFlow) -> Liveness:
     """Find the operations behind which nothing reads a name any more, for names that get new contents.
 
-    Each name is followed backwards from where it is read, until there are too many steps.
+    Each name is followed backwards from where it is read. After `MAX_STEPS` steps, the remaining names are
+    not followed: they count as read everywhere.
     """
     graph, liveness = _Graph(traffic, flow), Liveness()
     steps = 0
-    for written_name in traffic.writes:
-        name = _Name(written_name, traffic, graph)
-        name.follow()
-        steps += len(name.at) + len(name.behind)
+    for name in traffic.writes:
+        live_range = _LiveRange(name, traffic, graph)
+        live_range.follow()
+        steps += len(live_range.at) + len(live_range.behind)
         if steps > MAX_STEPS:
             break
-        name.note(liveness)
+        live_range.add_to(liveness)
     return liveness

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import cached_property
 from itertools import chain
 from typing import Final
 
@@ -58,13 +59,11 @@ class MoveRecorder:
         self._changes, self._columns = statements.changes, statements.columns
         self._flow, self._calls, self._frames = flow, calls, FrameFinder(statements)
         self._needs_assumption = False  # whether moves are certain that come behind calls of unknown routines
-        self._noted: set[str] = set()  # shared names of targets about which a remark was made
+        self._shared_with_remark: set[str] = set()  # targets of other programs, too, that have a remark
         self._offsets_of: dict[str, set[str]] = defaultdict(set)  # targets by names of poses at offsets
         # names of targets near which moves with these frames go
         self._noted_offsets: dict[tuple[object, ...], set[str]] = defaultdict(set)
         self._targets: set[str] = set()  # names of the targets of moves
-        # numbers that assignments give to names; None before they are needed
-        self._assigned: dict[str, WrittenNumbers] | None = None
         # names from which the place of a left move was calculated, by the frames of the move
         self._noted_origins: dict[tuple[object, ...], set[str]] = defaultdict(set)
 
@@ -73,8 +72,10 @@ class MoveRecorder:
 
         Where such a pose is used otherwise than as a target, so are the numbers of the target behind it.
         """
-        places = zip(self._places, self._ops, strict=True)
-        moves = [(place, op) for place, op in places if isinstance(op, ir.Move)]
+        moves = list[tuple[Place, ir.Move]]()
+        for place, op in zip(self._places, self._ops, strict=True):
+            if isinstance(op, ir.Move):
+                moves.append((place, op))
         for place, move in moves:
             self._targets.update(self._list_named_targets(place, move))
         for place, offset in self._uses.offsets:
@@ -82,10 +83,15 @@ class MoveRecorder:
         for place, move in moves:
             if self._is_near_target(place, move):  # the offset itself is part of a calculation
                 self._uses.used |= dict.fromkeys(self._list_named_targets(place, move), place.at)
-        known = set[str]()
+        self._mark_targets_behind_offsets()
+
+    def _mark_targets_behind_offsets(self) -> None:
+        """Mark targets as used where a pose at an offset from them is used otherwise than as a target."""
+        traced = set[str]()
         for name in sorted(self._offsets_of.keys() & self._uses.used.keys()):
-            for target in self._trace_offsets([name], known):
-                self._uses.used.setdefault(target, self._uses.used[name])
+            place_of_use = self._uses.used[name]
+            for target in self._trace_offsets([name], traced):
+                self._uses.used.setdefault(target, place_of_use)
 
     @staticmethod
     def _list_named_targets(place: Place, op: ir.Move) -> list[str]:
@@ -104,24 +110,25 @@ class MoveRecorder:
         return is_offset_of_offset or not names.isdisjoint(self._targets)
 
     def _list_offsets(self, place: Place, op: ir.Move, frames: list[Frames]) -> list[str]:
-        """Return the names of targets near which a move goes; calculated ones once for the same frames.
+        """Return the names of targets near which a move goes, because its own targets are offsets from them.
 
-        `frames` are base and tool of each target of the move.
+        Targets at the end of a calculation are returned once only for moves with the same frames, which are
+        base and tool of each target of the move.
         """
         near = [place.qualify(name) for name in op.offset_from]
         names = [*near, *self._list_named_targets(place, op)]
         are_any_calculated = not self._offsets_of.keys().isdisjoint(names)
         if are_any_calculated:
-            known = self._noted_offsets[_identify(frames[0])]
-            near += self._trace_offsets(names, known)
+            traced_with_frames = self._noted_offsets[_identify(frames[0])]
+            near += self._trace_offsets(names, traced_with_frames)
         return near
 
-    def _trace_offsets(self, names: Iterable[str], known: set[str]) -> list[str]:
+    def _trace_offsets(self, names: Iterable[str], traced: set[str]) -> list[str]:
         """Return the names of all targets from which poses with these names are at an offset.
 
-        Names in `known` are left out, and those that are found are added to it: each is found once.
+        Names in `traced` are left out, and those that are found are added to it: each is found once.
         """
-        return [target for _, target in reach(names, self._list_targets_near, known)]
+        return [target for _, target in reach(names, self._list_targets_near, traced)]
 
     def _list_targets_near(self, name: str) -> list[str]:
         """Return the targets from which a pose is at an offset."""
@@ -129,6 +136,8 @@ class MoveRecorder:
 
     def record(self, op: ir.Move | ir.MoveToStored, i: int, state: State | None) -> None:
         """Add the moves of an operation to the columns, or the cause why they cannot be corrected.
+
+        Moves behind this one that differ from it in their numbers only are repetitions of one operation.
 
         Args:
             op: the operation.
@@ -142,14 +151,13 @@ class MoveRecorder:
             return
         if state is None:
             state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), At())}
-        if self._is_near_target(place, op) and op.near_target:
+        if op.near_target and self._is_near_target(place, op):
             op = op.near_target
-        # Lines and first numbers of the moves behind this one that differ from it in their numbers only
-        repeats = np.asarray(self._statements.repeats.get(i, ()), dtype=np.intp)
-        lines, numbers = repeats.reshape(-1, 2).T
+        lines, numbers = self._list_repetitions(i)
         if len(lines) and op.differs_only_in_target:
             frames, cause = self._evaluate_frames(op, place, state)
             if cause is None:
+                self._note_certain_move(state)
                 lines, numbers = np.append(place.line, lines), np.append(place.first, numbers)
                 feeds = self._find_feeds(op, place, numbers, state)
                 self._columns.add_moves(op, place.source, lines, numbers, frames[0], feeds)
@@ -157,6 +165,15 @@ class MoveRecorder:
         self._add_move(op, place, state)
         for line, number in zip(iterate_integers(lines), iterate_integers(numbers), strict=True):
             self._add_move(op, replace(place, line=line, first=number), state)
+
+    def _list_repetitions(self, i: int) -> tuple[IndexArray, IndexArray]:
+        """Return the lines (k,) of the moves that repeat operation i with other numbers.
+
+        The second result is the index (k,) of the first number of each of these moves.
+        """
+        lines_and_numbers = np.asarray(self._statements.repeats.get(i, ()), dtype=np.intp)
+        lines, numbers = lines_and_numbers.reshape(-1, 2).T
+        return lines, numbers
 
     def _evaluate_frames(self, op: ir.Move, place: Place, state: State) -> tuple[list[Frames], Cause | None]:
         """Find the frames of a move at a place of the program, where names have the contents in `state`.
@@ -168,15 +185,19 @@ class MoveRecorder:
         for base, tool in zip(op.bases, op.tools, strict=True):
             base_frame = self._frames.evaluate(place, base, state)
             frames.append((base_frame, self._frames.evaluate(place, tool, state)))
-        cause = self._find_obstacle(place, op, frames, state)
-        # Behind the call of a routine of another file, the move is certain under an assumption only.
+        return frames, self._find_obstacle(place, op, frames, state)
+
+    def _note_certain_move(self, state: State) -> None:
+        """Note that a move is certain: behind the call of a routine of another file only by an assumption."""
         is_behind_unknown = UNKNOWN in state or UNKNOWN in self._changes.anytime
-        if cause is None and is_behind_unknown and self._calls.unknown_routines:
+        if is_behind_unknown and self._calls.unknown_routines:
             self._needs_assumption = True
-        return frames, cause
 
     def _find_feeds(self, op: ir.Move, place: Place, first: IndexArray, state: State) -> FloatArray:
-        """Return the speeds (k,) of the tool's centre that moves with the same text state [mm/s], or NaN.
+        """Return the speeds (k,) of the tool's centre [mm/s] that moves with the same text state.
+
+        The speed is NaN if it is unknown, not positive, or replaced by the time of the move; and for a move
+        of the joints, which has no speed of the tool.
 
         Args:
             op: the moves.
@@ -196,8 +217,9 @@ class MoveRecorder:
         greatest = self._find_number(place, feed.greatest, np.inf, state)
         speeds = np.minimum(numbers * feed.unit * percentage / 100.0, greatest)
         is_stated = (speeds > 0.0) & (speeds <= MAX_VALUE)
-        if feed.time is not None:  # a time in place of the speed
-            is_stated &= place.values[first + feed.time] == 0.0
+        if feed.time is not None:  # a time that is not zero counts in place of the speed
+            times = place.values[first + feed.time]
+            is_stated &= times == 0.0
         return np.where(is_stated, speeds, np.nan)
 
     def _find_named_feed(self, place: Place, feed: ir.Feed, value: ir.Copy, state: State) -> float:
@@ -205,32 +227,44 @@ class MoveRecorder:
 
         A name that the program does not declare means data of the controller, such as `v100` of ABB.
         """
-        content = self._contents.evaluate(place, "", value, state)
+        content = self._look_up(place, value, state)
         if isinstance(content, WrittenNumbers):
-            return self._read_number(content)
+            return self._contents.read_number(content)
         return np.nan if self._has_data(place, value.name) else feed.otherwise
 
     def _find_number(self, place: Place, name: str, default: float, state: State) -> float:
-        """Return the number of a name in a state: a default if no statement sets it, NaN if it is unknown."""
+        """Return the number that a name has at a place, where the contents of all names are in `state`.
+
+        The number is the default if no statement sets it, or if the name is empty; NaN if it is unknown.
+        """
         if not name or not self._has_data(place, name):
             return default
-        content = self._contents.evaluate(place, "", ir.Copy(name), state)
-        return self._read_number(content) if isinstance(content, WrittenNumbers) else np.nan
+        content = self._look_up(place, ir.Copy(name), state)
+        return self._contents.read_number(content) if isinstance(content, WrittenNumbers) else np.nan
 
-    def _read_number(self, content: WrittenNumbers) -> float:
-        """Return the first of the numbers of a content."""
-        values = self._statements.numerals[content.source].values
-        return float(values[content.first + content.literal.numbers[0]])
+    def _look_up(self, place: Place, copy: ir.Copy, state: State) -> Content:
+        """Return the content of the name that a value copies: numbers, the cause against them, or a name."""
+        no_label = ""  # the numbers get no name of their own
+        return self._contents.evaluate(place, no_label, copy, state)
 
     def _has_data(self, place: Place, name: ir.Name) -> bool:
-        """Return whether the program declares or changes a name."""
-        name = place.qualify(name)
-        is_declared = name in self._declarations.names or OF_ROUTINE in name
-        return is_declared or bool(self._changes.find(name))
+        """Return whether a name means a variable of the program, which declares or changes it.
+
+        A full name with the name of a routine in it is that of a local variable.
+        """
+        full_name = place.qualify(name)
+        is_local = OF_ROUTINE in full_name
+        is_declared = is_local or full_name in self._declarations.names
+        return is_declared or bool(self._changes.find(full_name))
 
     def _add_move(self, op: ir.Move, place: Place, state: State) -> None:
-        """Add one move to the columns, with its targets in a state, or with the cause against correction."""
+        """Add one move to the columns, with its targets and frames, or with the cause against a correction.
+
+        `state` has the contents of all names at the move.
+        """
         frames, cause = self._evaluate_frames(op, place, state)
+        if cause is None:
+            self._note_certain_move(state)
         for name in self._list_offsets(place, op, frames):
             self._note_offset(place, name, frames[0], state)
         targets: list[WrittenNumbers] = []
@@ -240,19 +274,24 @@ class MoveRecorder:
                 targets.append(content)
             else:
                 cause = cause or content
-        if cause is not None:
-            self._note_left_move(place, op, frames, state)
-            if not cause.line:
-                cause = cause._replace(line=place.line, source=place.source)
-        feed = np.nan
         if cause is None:
             feed = float(self._find_feeds(op, place, np.array([place.first]), state)[0])
-        self._columns.add_move(op, place.line, targets, frames, cause, feed)
+            self._columns.add_move(op, place.line, targets, frames, None, feed)
+            return
+        self._note_left_move(place, op, frames, state)
+        if not cause.line:  # the cause has no place of its own
+            cause = cause._replace(line=place.line, source=place.source)
+        self._columns.add_move(op, place.line, targets, frames, cause, np.nan)
 
     def _note_left_move(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> None:
-        """Note that a move which is not corrected uses the numbers of its targets."""
+        """Note that a move which is not corrected needs the numbers of its targets as they are.
+
+        Used numbers stay in their declaration. If a target was calculated of others, the move shifts with the
+        correction of these others.
+        """
         for target in self._list_named_targets(place, op):
-            if target in self._uses.origins:
+            is_calculated = target in self._uses.origins
+            if is_calculated:
                 self._note_offset(place, target, frames[0], state)
             else:
                 self._uses.used[target] = place.at
@@ -260,34 +299,43 @@ class MoveRecorder:
     def _note_offset(self, place: Place, name: Name, frames: Frames, state: State) -> None:
         """Note that a move goes to an offset from a target, or to what was calculated of targets.
 
-        If frames of the move differ from those of a target, the target is not corrected.
+        A correction of these targets shifts the move; the columns refuse the correction if the move has other
+        frames (base and tool) than the target.
         """
         target = self._evaluate_target(place, name, state)
         if isinstance(target, WrittenNumbers):
             self._columns.add_offset(target, frames, place.line)
-        # Each origin once for the same frames: copies may be copied many times.
-        noted = self._noted_origins[_identify(frames)]
-        for _, origin in reach([place.qualify(name)], self._list_origins, noted):
-            point = self._find_point(origin)
-            if isinstance(point, WrittenNumbers) and origin not in self._uses.used:
-                self._columns.add_offset(point._replace(label=origin), frames, place.line)
+        # Names from which the name was calculated, each of them once for the same frames: copies may be
+        # copied many times.
+        noted_with_frames = self._noted_origins[_identify(frames)]
+        for _, origin in reach([place.qualify(name)], self._list_origins, noted_with_frames):
+            numbers = self._find_numbers_on_any_path(origin)
+            if isinstance(numbers, WrittenNumbers) and origin not in self._uses.used:
+                self._columns.add_offset(numbers._replace(label=origin), frames, place.line)
 
     def _list_origins(self, name: str) -> list[str]:
         """Return the names from which a name was calculated."""
         return list(self._uses.origins.get(name, ()))
 
-    def _find_point(self, name: str) -> Content | None:
-        """Return the numbers that a name has on any path of execution; None if it never has numbers."""
+    def _find_numbers_on_any_path(self, name: str) -> Content | None:
+        """Return the content that a name has on any path of execution; None if it never gets numbers.
+
+        It is the content of the declaration if no statement changes it, else numbers of an assignment.
+        """
         is_never_changed = not self._changes.of_name.get(name)
         if name in self._declarations.initial and is_never_changed:
             return self._declarations.initial[name]
-        if self._assigned is None:
-            self._assigned = {}
-            for place, op in zip(self._places, self._ops, strict=True):
-                if isinstance(op, ir.Assign) and isinstance(op.value, Literal):
-                    numbers = WrittenNumbers("", place.source, place.line, place.first, op.value)
-                    self._assigned[place.qualify(op.name)] = numbers
-        return self._assigned.get(name)
+        return self._assigned_numbers.get(name)
+
+    @cached_property
+    def _assigned_numbers(self) -> dict[str, WrittenNumbers]:
+        """Numbers that assignments give to names; the last assignment of a name in the text counts."""
+        assigned = dict[str, WrittenNumbers]()
+        for place, op in zip(self._places, self._ops, strict=True):
+            if isinstance(op, ir.Assign) and isinstance(op.value, Literal):
+                numbers = WrittenNumbers("", place.source, place.line, place.first, op.value)
+                assigned[place.qualify(op.name)] = numbers
+        return assigned
 
     def _find_obstacle(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause.
@@ -301,7 +349,7 @@ class MoveRecorder:
         if op.reason:
             return place.make_cause(op.reason, op.remedy)
         for target in op.targets:
-            if isinstance(target, Literal) and (cause := self._find_axes(place, target, state)):
+            if isinstance(target, Literal) and (cause := self._refuse_axes_in_variable(place, target, state)):
                 return cause
         for name in self._changes.lasting:  # offsets, tracking, force control
             content, _ = self._contents.look_up(state, name)
@@ -315,23 +363,33 @@ class MoveRecorder:
     def _find_other_frame(
         self, place: Place, op: ir.Move, frames: list[Frames], state: State
     ) -> Cause | None:
-        """Return the cause if a frame is active with which the target was not recorded."""
-        for name, frame in zip(op.matched_frames, frames[0], strict=False):
-            content, _ = self._contents.look_up(state, name)
-            if isinstance(content, Cause):
-                continue  # the controller stops unless the frame of the target is active
-            # The active frame must be unchanged since the program began, or be the frame of the target.
-            is_initial = content == self._language.active[name]
-            is_own = isinstance(frame, FrameName) and content == frame.name
-            if not (is_initial or is_own):
-                reason = f"the target is recorded with another {name} than the active one"
+        """Return the cause if a frame is active with which the target was not recorded.
+
+        This concerns languages whose positions state their frames, as those of FANUC do: the controller stops
+        at such a move. An unknown active frame is no cause, because the move then has the right one.
+
+        Args:
+            place: place of the move.
+            op: the move.
+            frames: base and tool of each target.
+            state: contents of all names at the move.
+        """
+        for active_name, frame in zip(op.matched_frames, frames[0], strict=False):
+            active_frame, _ = self._contents.look_up(state, active_name)
+            if isinstance(active_frame, Cause):
+                continue
+            is_unchanged_since_start = active_frame == self._language.active[active_name]
+            is_that_of_target = isinstance(frame, FrameName) and active_frame == frame.name
+            if not (is_unchanged_since_start or is_that_of_target):
+                reason = f"the target is recorded with another {active_name} than the active one"
                 return place.make_cause(reason, "activate the frame with which the target is recorded")
         return None
 
     def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> WrittenNumbers | Cause:
         """Return the numbers of a target, or the cause why these numbers are unknown.
 
-        `state` has the contents of all names at `place`.
+        `state` has the contents of all names at `place`. If the numbers of a named target have to stay in its
+        declaration, the reason is noted.
         """
         if isinstance(target, Literal):
             return WrittenNumbers("", place.source, place.line, place.first, target)
@@ -350,14 +408,18 @@ class MoveRecorder:
 
     def _explain_unknown_content(self, name: str, content: Cause | str) -> str:
         """Return why the content of a name is not known at a move; empty if there is no certain reason."""
-        changes = self._changes.of_name.get(name, [])
-        count_of_contents = len(changes) + (name in self._declarations.initial)
-        if count_of_contents > 1:
-            return changes[-1].reason
+        if another := self._find_another_content(name):
+            return another.reason
         return content.reason if isinstance(content, Cause) and content.line else ""
 
-    def _find_axes(self, place: Place, target: Literal, state: State) -> Cause | None:
-        """Return the cause against a correction if a variable holds external axes that may carry the arm.
+    def _find_another_content(self, name: str) -> Cause | None:
+        """Return the last change of a name that has several contents in the program; None if it has one."""
+        changes = self._changes.of_name.get(name, [])
+        is_declared = name in self._declarations.initial
+        return changes[-1] if len(changes) + is_declared > 1 else None
+
+    def _refuse_axes_in_variable(self, place: Place, target: Literal, state: State) -> Cause | None:
+        """Return the cause against a correction if a variable has external axes that may carry the arm.
 
         Axes whose numbers are known and zero carry nothing, and give no cause.
         """
@@ -365,8 +427,7 @@ class MoveRecorder:
             return None
         content, _ = self._contents.look_up(state, place.qualify(target.axes_name))
         if isinstance(content, WrittenNumbers):
-            numbers_of_file = self._statements.numerals[content.source].values
-            axes = numbers_of_file[content.first + np.array(content.literal.numbers)]
+            axes = self._contents.read_numbers(content)
             if is_without_axes(axes):
                 return None
         variable = quote_text(target.axes_name)
@@ -384,12 +445,10 @@ class MoveRecorder:
             numbers: numbers of the target.
             unknown: beginning of the reason if the target gets numbers more than once.
         """
-        changes = self._changes.of_name.get(name, [])
-        count_of_contents = len(changes) + (name in self._declarations.initial)
-        if count_of_contents > 1:
-            self._keep_numbers(place, numbers, f"{unknown}: {changes[-1].reason}")
-        elif name in self._declarations.shared and name not in self._noted:
-            self._noted.add(name)
+        if another := self._find_another_content(name):
+            self._keep_numbers(place, numbers, f"{unknown}: {another.reason}")
+        elif name in self._declarations.shared and name not in self._shared_with_remark:
+            self._shared_with_remark.add(name)
             text = f"{quote_text(name)} is GLOBAL: its correction moves it for other programs, too"
             self._columns.add_remark(place.at, text)
         return numbers
@@ -406,26 +465,32 @@ class MoveRecorder:
         or of data that the program does not declare.
         """
         used, origins = self._uses.used, self._uses.origins
-        starts = []
-        for name in origins.keys() - {ir.CONDITION}:
-            is_declared = name in self._declarations.names
-            is_own = is_declared or name in self._flow.begins or OF_ROUTINE in name
-            if name in used or not is_own:
-                starts.append(name)
-        for name, origin in reach(starts, self._list_origins, set(used)):
+        calculated = origins.keys() - {ir.CONDITION}
+        used_or_foreign = [name for name in calculated if name in used or not self._is_own_name(name)]
+        for name, origin in reach(used_or_foreign, self._list_origins, set(used)):
             used[origin] = origins[name][origin]
 
+    def _is_own_name(self, name: str) -> bool:
+        """Return whether a full name is that of a variable or a routine of this program.
+
+        A full name with the name of a routine in it is that of a local variable.
+        """
+        is_local = OF_ROUTINE in name
+        return is_local or name in self._declarations.names or name in self._flow.begins
+
     def remark_conditions(self) -> None:
-        """Add a remark for each target that is corrected and whose numbers decide a condition."""
-        # Names that decide conditions, also through values that are calculated of them, with the place
-        places = dict(self._uses.origins[ir.CONDITION])
-        for name, origin in reach([*places], self._list_all_origins, set(places)):
-            places[origin] = places[name]
-        corrected_targets = (places.keys() & self._targets) - self._uses.used.keys()
-        for name in sorted(corrected_targets):
+        """Add a remark for each target that is corrected and whose numbers decide a condition.
+
+        A target decides also through values that are calculated of its numbers.
+        """
+        place_of_condition = dict(self._uses.origins[ir.CONDITION])  # by the names that decide conditions
+        for name, origin in reach([*place_of_condition], self._list_all_origins, set(place_of_condition)):
+            place_of_condition[origin] = place_of_condition[name]
+        deciding_targets = place_of_condition.keys() & self._targets
+        for name in sorted(deciding_targets - self._uses.used.keys()):
             target, _, _ = name.partition(OF_ROUTINE)
             text = f"numbers of the target {quote_text(target)} decide here, and the correction changes them"
-            self._columns.add_remark(places[name], text)
+            self._columns.add_remark(place_of_condition[name], text)
 
     def _list_all_origins(self, name: str) -> list[str]:
         """Return the names from which a name was calculated, and targets from which it is at an offset."""

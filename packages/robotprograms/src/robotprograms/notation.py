@@ -119,7 +119,7 @@ class Notation:
     def _reorder_to_zyx(self, angles: FloatArray) -> FloatArray:
         """Convert angles (m, 3) from the order of this notation to the order Z, Y', X'', or back.
 
-        Rotations about the fixed X, Y, Z are the same rotations in reverse order.
+        Rotations by w, p, r about the fixed X, Y, Z are those by r, p, w about Z, Y', X''.
         """
         return angles if self.orientation is Orientation.EULER_ZYX else angles[:, ::-1]
 
@@ -131,18 +131,18 @@ class Notation:
         """
         if len(poses) == 0:
             return near.copy()
-        numbers = np.empty_like(near)
-        numbers[:, :3] = poses[:, :3, 3] / self.length
-        rotations, old = poses[:, :3, :3], near[:, 3:]
+        positions = poses[:, :3, 3] / self.length
+        rotations, old_orientations = poses[:, :3, :3], near[:, 3:]
         if self.orientation is Orientation.QUATERNION:
-            numbers[:, 3:] = _find_nearest_quaternions(rotations, old)
+            orientations = _find_nearest_quaternions(rotations, old_orientations)
         elif self.orientation is Orientation.ROTATION_VECTOR:
-            vectors = _find_nearest_vectors(vectors_from_matrices(rotations), old * self.angle)
-            numbers[:, 3:] = vectors / self.angle
+            vectors = _find_nearest_vectors(vectors_from_matrices(rotations), old_orientations * self.angle)
+            orientations = vectors / self.angle
         else:
-            angles = _find_nearest_angles(rotations, self.angle * self._reorder_to_zyx(old))
-            numbers[:, 3:] = self._reorder_to_zyx(angles) / self.angle
-        return numbers
+            old_angles = self.angle * self._reorder_to_zyx(old_orientations)
+            angles = _find_nearest_angles(rotations, old_angles)
+            orientations = self._reorder_to_zyx(angles) / self.angle
+        return np.hstack([positions, orientations])
 
 
 def _find_nearest_quaternions(rotations: FloatArray, near: FloatArray) -> FloatArray:
@@ -157,55 +157,85 @@ def _find_nearest_quaternions(rotations: FloatArray, near: FloatArray) -> FloatA
 
 
 def _find_nearest_vectors(vectors: FloatArray, near: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3) [rad] with full turns added that bring them nearest to `near` (m, 3)."""
+    """Return rotation vectors (m, 3) [rad] with full turns added that bring them nearest to `near` (m, 3).
+
+    The vector α u, with the angle α and the unit axis u, states the same rotation as (α + 2πk) u for each
+    whole k. A zero rotation has no axis: full turns are added about the axis of `near`.
+    """
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
     near_angle = np.linalg.norm(near, axis=1, keepdims=True)
     near_axis = near / np.where(near_angle > 0, near_angle, 1)
-    # A zero rotation has no axis: full turns are added about the axis of `near`.
     is_zero = angle < 1e-12
     axis = np.where(is_zero, near_axis, vectors / np.where(is_zero, 1, angle))
     near_angle_about_axis = np.sum(axis * near, axis=1, keepdims=True)
     turns = np.round((near_angle_about_axis - angle) / (2 * np.pi))
-    return np.where(turns == 0, vectors, axis * (angle + 2 * np.pi * turns))
+    turned_vectors = axis * (angle + 2 * np.pi * turns)
+    return np.where(turns == 0, vectors, turned_vectors)
 
 
 def _to_rotation_matrices(angles: FloatArray) -> FloatArray:
-    """Return the matrices (m, 3, 3) of rotations by angles (m, 3) [rad] about Z, Y', X''."""
-    # Sines and cosines of the angles a, b, c about Z, Y', X''
-    (sa, sb, sc), (ca, cb, cc) = np.sin(angles).T, np.cos(angles).T
+    """Return the matrices Rz(a) Ry(b) Rx(c), as (m, 3, 3), of angles (m, 3) [rad] about Z, Y', X''."""
+    (sin_a, sin_b, sin_c), (cos_a, cos_b, cos_c) = np.sin(angles).T, np.cos(angles).T
     rotations = np.empty((len(angles), 3, 3))
-    rotations[:, 0] = np.stack([ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc], axis=1)
-    rotations[:, 1] = np.stack([sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc], axis=1)
-    rotations[:, 2] = np.stack([-sb, cb * sc, cb * cc], axis=1)
+    rotations[:, 0, 0] = cos_a * cos_b
+    rotations[:, 0, 1] = cos_a * sin_b * sin_c - sin_a * cos_c
+    rotations[:, 0, 2] = cos_a * sin_b * cos_c + sin_a * sin_c
+    rotations[:, 1, 0] = sin_a * cos_b
+    rotations[:, 1, 1] = sin_a * sin_b * sin_c + cos_a * cos_c
+    rotations[:, 1, 2] = sin_a * sin_b * cos_c - cos_a * sin_c
+    rotations[:, 2, 0] = -sin_b
+    rotations[:, 2, 1] = cos_b * sin_c
+    rotations[:, 2, 2] = cos_b * cos_c
     return rotations
 
 
 def _find_nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
     """Return the angles (m, 3) [rad] about Z, Y', X'' of rotations (m, 3, 3), as near to `near` as possible.
 
-    Each rotation has two solutions, up to full turns. In a gimbal lock, the last angle is that of `near`.
+    `near` (m, 3) [rad] are the angles before a small change. Each rotation has two solutions, up to full
+    turns; in a gimbal lock it has one for each angle about X'', which then keeps its value.
     """
-    r = rotations
-    cosine = np.hypot(r[:, 0, 0], r[:, 1, 0])  # of the angle about Y'
-    about_z = np.arctan2(r[:, 1, 0], r[:, 0, 0])
-    about_y = np.arctan2(-r[:, 2, 0], cosine)
-    about_x = np.arctan2(r[:, 2, 1], r[:, 2, 2])
-    first = np.column_stack([about_z, about_y, about_x])
-    second = np.column_stack([about_z + np.pi, np.pi - about_y, about_x + np.pi])
-    is_locked = cosine < _GIMBAL_COSINE
+    is_locked = np.hypot(rotations[:, 0, 0], rotations[:, 1, 0]) < _GIMBAL_COSINE
+    first, second = _find_both_solutions(rotations)
     if is_locked.any():
-        # Only the sum or difference of first and last angle is known: the last angle keeps its value.
-        solution = first[is_locked]
-        sign = np.where(solution[:, 1] > 0, 1.0, -1.0)
-        kept = near[is_locked, 2]
-        solution[:, 0] = np.arctan2(-r[is_locked, 0, 1], r[is_locked, 1, 1]) + sign * kept
-        solution[:, 2] = kept
-        first[is_locked] = second[is_locked] = solution
+        locked = _find_locked_solution(rotations[is_locked], near[is_locked, 2])
+        first[is_locked] = second[is_locked] = locked
     first, second = _add_turns(first, near), _add_turns(second, near)
     distance_of_first = np.sum((first - near) ** 2, axis=1)
     distance_of_second = np.sum((second - near) ** 2, axis=1)
     is_first_nearer = (distance_of_first <= distance_of_second)[:, None]
     return np.where(is_first_nearer, first, second)
+
+
+def _find_both_solutions(rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the angles (m, 3) [rad] about Z, Y', X'' of rotations (m, 3, 3): two solutions without turns.
+
+    With the angles a, b, c, the first column of R = Rz(a) Ry(b) Rx(c) is (cos a cos b, sin a cos b, -sin b),
+    and its last row is (-sin b, cos b sin c, cos b cos c). The first solution has cos b > 0, the second one
+    has a + π, π - b, c + π.
+    """
+    r = rotations
+    cosine_of_b = np.hypot(r[:, 0, 0], r[:, 1, 0])
+    a = np.arctan2(r[:, 1, 0], r[:, 0, 0])
+    b = np.arctan2(-r[:, 2, 0], cosine_of_b)
+    c = np.arctan2(r[:, 2, 1], r[:, 2, 2])
+    first = np.column_stack([a, b, c])
+    second = np.column_stack([a + np.pi, np.pi - b, c + np.pi])
+    return first, second
+
+
+def _find_locked_solution(rotations: FloatArray, kept: FloatArray) -> FloatArray:
+    """Return the angles (m, 3) [rad] about Z, Y', X'' of rotations in a gimbal lock.
+
+    The last angles (m,) are `kept`. With the angles a, b, c and b = ±π/2, R = Rz(a) Ry(b) Rx(c) shows only
+    the angle a ∓ c: the middle column of R is (-sin(a ∓ c), cos(a ∓ c), 0).
+    """
+    r = rotations
+    cosine_of_b = np.hypot(r[:, 0, 0], r[:, 1, 0])
+    b = np.arctan2(-r[:, 2, 0], cosine_of_b)
+    sign_of_b = np.where(b > 0, 1.0, -1.0)
+    shown_angle = np.arctan2(-r[:, 0, 1], r[:, 1, 1])
+    return np.column_stack([shown_angle + sign_of_b * kept, b, kept])
 
 
 def _add_turns(angles: FloatArray, near: FloatArray) -> FloatArray:
@@ -277,25 +307,26 @@ class Numerals:
         leave gaps in the memory, as large as the numbers themselves.
         """
         values, starts, ends = array("d"), array("i"), array("i")
-        masked = list[str]()  # blocks of the text with NUL in place of each number
-        split = re.compile(f"({pattern})").split
+        masked_blocks = list[str]()
+        split_at_numbers = re.compile(f"({pattern})").split
         begin = 0
         while begin < len(text):
             end = text.find("\n", begin + _BLOCK_LENGTH) + 1 or len(text)
-            pieces = split(text[begin:end])  # text, number, text, number, …, text
+            pieces = split_at_numbers(text[begin:end])  # text, number, text, number, …, text
             texts, numbers = pieces[::2], pieces[1::2]
             lengths = np.fromiter(map(len, pieces), dtype=np.int32, count=len(pieces))
             ends_of_pieces = begin + np.cumsum(lengths, dtype=np.int32)
+            ends_of_texts, ends_of_numbers = ends_of_pieces[::2], ends_of_pieces[1::2]
             values.frombytes(_parse_numbers(numbers).tobytes())
-            starts.frombytes(ends_of_pieces[:-1:2].tobytes())  # a number begins where the text before it ends
-            ends.frombytes(ends_of_pieces[1::2].tobytes())
-            masked.append("\0".join(texts))
+            starts.frombytes(ends_of_texts[:-1].tobytes())  # a number begins where the text before it ends
+            ends.frombytes(ends_of_numbers.tobytes())
+            masked_blocks.append("\0".join(texts))
             begin = end
         return cls(
             np.asarray(memoryview(values)),
             np.asarray(memoryview(starts)),
             np.asarray(memoryview(ends)),
-            "".join(masked),
+            "".join(masked_blocks),
         )
 
     def masked_texts(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
@@ -308,12 +339,7 @@ class Numerals:
         Returns:
             Texts of the parts with NUL in place of each number; index (k,) of the first number of each part.
         """
-        # (N + 1,) characters that are missing in the masked text before each number, and behind the last one;
-        # computed in place, because long programs fill the memory
-        missing = np.zeros(len(self.values) + 1, dtype=np.int32)
-        np.subtract(self.ends, self.starts, out=missing[1:])
-        missing[1:] -= 1  # NUL takes the place of the number
-        np.cumsum(missing, out=missing)
+        missing = self._count_missing_characters()
         first_number = np.searchsorted(self.starts, starts)
         end_of_numbers = np.searchsorted(self.starts, ends)
         masked_starts = starts - missing[first_number]
@@ -321,6 +347,17 @@ class Numerals:
         text = self.masked_text
         spans = zip(iterate_integers(masked_starts), iterate_integers(masked_ends), strict=True)
         return (text[start:end] for start, end in spans), first_number
+
+    def _count_missing_characters(self) -> Places:
+        """Return how many characters the masked text lacks before each number and behind the last one.
+
+        The counts (N + 1,) are computed in place, because long programs fill the memory.
+        """
+        missing = np.zeros(len(self.values) + 1, dtype=np.int32)
+        np.subtract(self.ends, self.starts, out=missing[1:])
+        missing[1:] -= 1  # NUL takes the place of the number
+        np.cumsum(missing, out=missing)
+        return missing
 
 
 def iterate_integers(values: IndexArray) -> Iterator[int]:
@@ -337,14 +374,15 @@ def _parse_numbers(numbers: Sequence[str]) -> FloatArray:
     try:
         return np.fromiter(map(float, numbers), dtype=np.float64, count=len(numbers))
     except ValueError:  # a binary number or a decimal comma: the slower way
-        values = list[float]()
-        for number in numbers:
-            if number.startswith("'"):
-                digits = number.removeprefix("'B").strip(" '")
-                values.append(float(int(digits, 2)))
-            else:
-                values.append(float(number.replace(",", ".")))
-        return np.array(values, dtype=np.float64)
+        return np.array([_parse_number(number) for number in numbers], dtype=np.float64)
+
+
+def _parse_number(number: str) -> float:
+    """Return the value of a number, such as 1.5, 1,5 or 'B010'."""
+    if number.startswith("'"):
+        digits = number.removeprefix("'B").strip(" '")
+        return float(int(digits, 2))
+    return float(number.replace(",", "."))
 
 
 _CELL: Final = r"(?:^|[;\t])[ \"]*+{}[ \"]*+(?=[;\t\r\n]|\Z)"
@@ -368,7 +406,7 @@ def has_decimal_commas(table: str) -> bool:
 def format_new_numbers(
     characters: Characters, spans: Places, new: FloatArray, old: FloatArray, digits: IndexArray
 ) -> tuple[list[str], BoolArray]:
-    """Format new numbers like the old ones in a text.
+    """Format new numbers like the old ones in a text: with as many decimals at least, and with a plus sign.
 
     Args:
         characters: text with the old numbers, one byte per character.
@@ -382,11 +420,7 @@ def format_new_numbers(
         decimals.
     """
     digits = np.maximum(digits, _count_decimals(characters, spans))
-    texts = np.empty(len(new), dtype=object)
-    for count in np.unique(digits).tolist():
-        rows = np.flatnonzero(digits == count)
-        texts[rows] = _format_numbers(new[rows], count)
-    numbers: list[str] = texts.tolist()
+    numbers = _format_numbers(new, digits)
     differ = np.ones(len(new), dtype=np.bool_)
     # Only numbers near the old number or near zero need a comparison of texts.
     distance = np.minimum(np.abs(new - old), np.abs(new))
@@ -394,7 +428,7 @@ def format_new_numbers(
         old_number = f"{old[i]:.{digits[i]}f}"
         are_both_zero = float(numbers[i]) == float(old_number) == 0.0
         differ[i] = numbers[i] != old_number and not are_both_zero
-        if float(numbers[i]) == 0.0:
+        if float(numbers[i]) == 0.0:  # no `-0.00`
             numbers[i] = numbers[i].removeprefix("-")
     had_plus_sign = characters[spans[:, 0]] == ord("+")
     for i in np.flatnonzero(had_plus_sign).tolist():
@@ -403,9 +437,18 @@ def format_new_numbers(
     return numbers, differ
 
 
-def _format_numbers(numbers: FloatArray, digits: int) -> list[str]:
-    """Return numbers as texts with `digits` decimals; one format for all numbers is faster than many."""
-    return ("\n".join([f"%.{digits}f"] * len(numbers)) % tuple(numbers.tolist())).split("\n")
+def _format_numbers(numbers: FloatArray, digits: IndexArray) -> list[str]:
+    """Return m numbers as texts, with the counts of decimals `digits` (m,).
+
+    All numbers with the same count are formatted at once, because many formats would be slower.
+    """
+    texts = np.empty(len(numbers), dtype=object)
+    for count in np.unique(digits).tolist():
+        rows = np.flatnonzero(digits == count)
+        format_of_all = "\n".join([f"%.{count}f"] * len(rows))
+        joined_texts = format_of_all % tuple(numbers[rows].tolist())
+        texts[rows] = joined_texts.split("\n")
+    return list(texts)
 
 
 def _count_decimals(characters: Characters, spans: Places) -> IndexArray:
@@ -423,8 +466,13 @@ def _count_decimals(characters: Characters, spans: Places) -> IndexArray:
 
 
 def _find_next(places: IndexArray, starts: Places, length: int) -> IndexArray:
-    """Return for each start (m,) the next of some places in a text; without one the length of the text."""
-    return np.asarray(np.append(places, length)[np.searchsorted(places, starts)])
+    """Return for each start (m,) the next one of some sorted places in a text.
+
+    Behind the last place, it is the length of the text.
+    """
+    places_and_end = np.append(places, length)
+    index_of_next = np.searchsorted(places, starts)
+    return np.asarray(places_and_end[index_of_next])
 
 
 def pad_number(characters: Characters, start: int, end: int, number: str) -> Edit:
@@ -458,7 +506,9 @@ def splice_texts(characters: Characters, spans: Places, texts: Sequence[str]) ->
     """
     starts, ends = spans.T
     # Gaps of unchanged text and replaced parts alternate; a gap comes first and last.
-    gaps = np.append(starts, len(characters)) - np.concatenate([[0], ends])
+    ends_of_gaps = np.append(starts, len(characters))
+    starts_of_gaps = np.concatenate([[0], ends])
+    gaps = ends_of_gaps - starts_of_gaps
     old_lengths = ends - starts
     new_lengths = np.fromiter(map(len, texts), dtype=np.intp, count=len(texts))
     is_replaced = _mark_parts(gaps, old_lengths)  # mask of the old text
@@ -470,7 +520,10 @@ def splice_texts(characters: Characters, spans: Places, texts: Sequence[str]) ->
 
 
 def _mark_parts(gaps: IndexArray, parts: IndexArray) -> BoolArray:
-    """Return the mask of the characters in m parts of a text, from the lengths of gaps and parts."""
+    """Return a mask of a text that is true at its m parts, from the lengths of parts (m,) and gaps (m + 1,).
+
+    The text begins with a gap, and gaps and parts alternate.
+    """
     lengths = np.empty(len(gaps) + len(parts), dtype=np.intp)
     lengths[::2], lengths[1::2] = gaps, parts
     is_part = np.arange(len(lengths)) % 2 == 1

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from robotprograms.errors import encode_text
 from robotprograms.language import Language
@@ -21,25 +21,26 @@ _LONGEST: Final = 1000
 _VARIABLE: Final = re.compile(r"(?<![\w.#'\"])[^\W\d]\w*\s*[,\]}]")
 """A value that is not a number: at another place, the same word may mean another variable."""
 _DEPTH: Final = {"[": 1, "{": 1, "]": -1, "}": -1}
+"""Brackets more that are open behind a character."""
 
 
-def find_name(language: Language, source: Source, line: int, name: str) -> tuple[int, int] | None:
+class NamePlace(NamedTuple):
+    """Place of a name in the text of a file."""
+
+    begin: int  # first character
+    end: int  # last character + 1
+
+
+def find_name(language: Language, source: Source, line: int, name: str) -> NamePlace | None:
     """Find a name in the statement that begins on a line of a file.
 
-    Returns:
-        First and last + 1 character of the name in the file; None if the place is not certain: the name
-        occurs twice or not at all, or the line has several statements.
+    Return None if the place is not certain: the name occurs twice or not at all, or the line has several
+    statements.
     """
     begin = int(source.starts[line - 1])
-    text = source.text[begin : begin + _LONGEST]
-    line_break = re.search(r"[\r\n]|\Z", text)
-    end_of_line = line_break.start() if line_break else len(text)
-    end = text.find(language.end_of_statement) if language.end_of_statement else end_of_line
-    has_end = end >= 0
-    has_further_statements = language.blank_comments(text[end:end_of_line]).strip() != ""
-    if not has_end or (end < end_of_line and has_further_statements):
+    statement = _find_statement(language, source.text[begin : begin + _LONGEST])
+    if statement is None:
         return None
-    statement = language.blank_comments(text[: max(end, end_of_line)])
     array, bracket, index = name.partition("[")
     pattern = re.escape(name)
     if bracket:  # an element of an array, such as `P[3]`, may be written with blanks
@@ -49,7 +50,24 @@ def find_name(language: Language, source: Source, line: int, name: str) -> tuple
     if len(places) != 1:
         return None
     ((first, last),) = places
-    return begin + first, begin + last
+    return NamePlace(begin + first, begin + last)
+
+
+def _find_statement(language: Language, text: str) -> str | None:
+    """Return the statement at the beginning of a text, with blanks in place of comments.
+
+    Return None if the statement does not end in the text, or if further statements follow on its last line.
+    """
+    line_break = re.search(r"[\r\n]|\Z", text)
+    end_of_line = line_break.start() if line_break else len(text)
+    end = text.find(language.end_of_statement) if language.end_of_statement else end_of_line
+    has_end = end >= 0
+    if not has_end:
+        return None
+    text_behind_end = language.blank_comments(text[end:end_of_line])
+    if end < end_of_line and text_behind_end.strip():
+        return None
+    return language.blank_comments(text[: max(end, end_of_line)])
 
 
 def copy_numbers(language: Language, source: Source, first: int) -> str | None:
@@ -62,20 +80,24 @@ def copy_numbers(language: Language, source: Source, first: int) -> str | None:
     if opening is None:
         return None
     begin = first - len(opening[0])
-    text = source.text[begin : begin + _LONGEST]
-    depth = 0  # of brackets within one another
-    for index, character in enumerate(text):
-        depth += _DEPTH.get(character, 0)
-        if depth == 0 and character in "]}":
-            target = text[: index + 1]
-            break
-    else:
+    target = _cut_behind_brackets(source.text[begin : begin + _LONGEST])
+    if target is None:
         return None
     has_comment = language.blank_comments(target) != target
     if has_comment or _VARIABLE.search(target):
         return None
     has_line_break = re.search(r"[\r\n]", target) is not None
     return " ".join(target.split()) if has_line_break else target
+
+
+def _cut_behind_brackets(text: str) -> str | None:
+    """Return a text up to the bracket that closes the first one; None if that bracket does not close."""
+    depth = 0  # of brackets within one another
+    for index, character in enumerate(text):
+        depth += _DEPTH.get(character, 0)
+        if depth == 0 and character in "]}":
+            return text[: index + 1]
+    return None
 
 
 def insert_numbers(source: Source, own: Iterable[OwnNumbers]) -> tuple[Source, tuple[OwnNumbers, ...]]:

@@ -15,6 +15,7 @@ import numpy as np
 from robotprograms.arrays import BoolArray, FloatArray, IndexArray
 from robotprograms.errors import Fault, ReadMove, decode_text, encode_text
 from robotprograms.notation import (
+    Characters,
     Edit,
     Notation,
     Places,
@@ -68,8 +69,8 @@ class Source:
         is_line_end = characters == ord("\r")
         is_line_end[:-1] &= ~is_line_feed[1:]  # CR LF is one end of a line
         is_line_end |= is_line_feed
-        starts = np.concatenate([[0], np.flatnonzero(is_line_end) + 1])
-        return cls(name, decode_text(content), starts)
+        first_line, further_lines = [0], np.flatnonzero(is_line_end) + 1
+        return cls(name, decode_text(content), np.concatenate([first_line, further_lines]))
 
     @property
     def ends(self) -> IndexArray:
@@ -146,10 +147,13 @@ class Targets:
         return np.array(notation_of_literal, dtype=np.intp)[self.literal]
 
     def group_by_notation(self, rows: IndexArray) -> Iterator[tuple[Notation, IndexArray]]:
-        """Yield each notation, and the positions in `rows` (indices) of the targets with this notation."""
+        """Yield each notation, and which targets have it.
+
+        `rows` (m,) are indices of targets. Those with a notation are given by their positions in `rows`.
+        """
         notation_of_row = self.notation[rows]
-        for i, notation in enumerate(self.notations):
-            yield notation, np.flatnonzero(notation_of_row == i)
+        for index, notation in enumerate(self.notations):
+            yield notation, np.flatnonzero(notation_of_row == index)
 
     @cached_property
     def given_as_joints(self) -> BoolArray:
@@ -162,10 +166,18 @@ class Targets:
         return np.array([each.angle for each in self.notations])[self.notation]
 
     def select(self, rows: IndexArray) -> Targets:
-        """Return the targets of these indices (n,), in their order."""
-        columns = ("source", "line", "literal", "base", "tool", "values", "spans")
-        selected = {name: getattr(self, name)[rows] for name in columns}
-        return replace(self, names=[self.names[i] for i in rows.tolist()], **selected)
+        """Return the targets of these indices (n,), in their order; literals and frames stay all."""
+        return replace(
+            self,
+            names=[self.names[row] for row in rows.tolist()],
+            source=self.source[rows],
+            line=self.line[rows],
+            literal=self.literal[rows],
+            base=self.base[rows],
+            tool=self.tool[rows],
+            values=self.values[rows],
+            spans=self.spans[rows],
+        )
 
     def __len__(self) -> int:
         return len(self.line)
@@ -197,9 +209,11 @@ class Moves:
     def is_middle_of_arc(self) -> BoolArray:
         """Mask (v,) of the visits at which a circular move passes a target on its way to its end."""
         is_circular_move = np.asarray(self.motion == _MOTIONS.index(Motion.CIRCULAR))
-        is_end = np.zeros(len(self.visits), dtype=np.bool_)
-        is_end[self.ends[self.ends > 0] - 1] = True
-        return is_circular_move[self.move_of_visit] & ~is_end
+        # A move without visits ends where the move before it does; before the first visit, no move ends.
+        counts_up_to_end = self.ends[self.ends > 0]
+        is_end_of_move = np.zeros(len(self.visits), dtype=np.bool_)
+        is_end_of_move[counts_up_to_end - 1] = True
+        return is_circular_move[self.move_of_visit] & ~is_end_of_move
 
     def __len__(self) -> int:
         return len(self.line)
@@ -235,6 +249,36 @@ class Program:
     faults: tuple[Fault, ...] = ()  # why these moves cannot be corrected
     own_numbers: tuple[OwnNumbers, ...] = ()  # numbers in the first file that take the place of names
 
+    @classmethod
+    def from_rows(cls, name: str, numbers: FloatArray, notation: Notation) -> Program:
+        """Build the program of a table that has no text: a linear move to each row of numbers.
+
+        Args:
+            name: name of the table.
+            numbers: (N, 3 + count) numbers of the poses of the tool `tool` in the base `part`.
+            notation: meaning of the numbers.
+        """
+        count = len(numbers)
+        rows, zeros = np.arange(count), np.zeros(count, dtype=np.intp)
+        values = np.full((count, NUMBERS + WORDS), np.nan)
+        values[:, : numbers.shape[1]] = numbers
+        line = rows + 2  # the header of a table is line 1
+        targets = Targets(
+            names=[""] * count,
+            source=zeros,
+            line=line,
+            literal=zeros,
+            literals=(Literal(notation, tuple(range(numbers.shape[1]))),),
+            base=zeros,
+            tool=zeros + 1,
+            frames=(FrameName("part"), FrameName("tool")),
+            values=values,
+            spans=np.full((*values.shape, 2), -1, dtype=np.int32),
+        )
+        motion = np.full(count, _MOTIONS.index(Motion.LINEAR))
+        moves = Moves(line, motion, ends=rows + 1, visits=rows, feed=np.full(count, np.nan))
+        return cls("csv", (Source.from_bytes(name, b""),), targets, moves, ())
+
     @property
     def common_names(self) -> frozenset[str]:
         """Names in capitals that several targets have because they are own numbers of one declared target.
@@ -242,15 +286,15 @@ class Program:
         Own numbers are numbers that a move gets in place of the name of a declared target. A name is left out
         if other targets have the name, too.
         """
-        labels: dict[str, set[str]] = {}  # declared targets by their names in capitals
+        labels_of_name: dict[str, set[str]] = {}  # declared targets by their names in capitals
         for own in self.own_numbers:
-            labels.setdefault(own.name.upper(), set()).add(own.label)
+            labels_of_name.setdefault(own.name.upper(), set()).add(own.label)
         count_of_own = Counter(own.name.upper() for own in self.own_numbers)
         count_of_targets = Counter(name.upper() for name in self.targets.names)
         common = set[str]()
-        for name, labels_of_name in labels.items():
+        for name, labels in labels_of_name.items():
             has_other_targets = count_of_targets[name] > count_of_own[name]
-            if len(labels_of_name) == 1 and not has_other_targets:
+            if len(labels) == 1 and not has_other_targets:
                 common.add(name)
         return frozenset(common)
 
@@ -258,6 +302,14 @@ class Program:
     def files(self) -> tuple[bytes, ...]:
         """Bytes of the program's files."""
         return tuple(encode_text(source.text) for source in self.sources)
+
+
+class _NewNumbers(NamedTuple):
+    """New numbers of m targets; n numbers differ from those in the text."""
+
+    written: FloatArray  # (m, 7) numbers as they are written
+    spans: Places  # (n, 2) first and last + 1 character of each number that differs
+    texts: list[str]  # new text of each of them
 
 
 class Rewriting:
@@ -286,16 +338,22 @@ class Rewriting:
             digits[: len(notation.decimals)] = notation.decimals
 
     def blocks(self, indices: IndexArray) -> Iterator[IndexArray]:
-        """Divide targets into blocks that `replace` can write one after the other.
+        """Divide targets into blocks of at most `BLOCK` that `replace` can write one after the other.
 
-        `indices` are indices of targets. Each yielded array has positions in `indices`, of targets of one
-        file in the order of the file's text.
+        The targets of a block are in one file, and in the order of the file's text.
+
+        Args:
+            indices: (m,) indices of targets of the program.
+
+        Yields:
+            (b,) positions in `indices` of the targets of a block.
         """
-        sources = self._targets.source[indices]
-        places = self._targets.spans[indices, 0, 0]  # first character of each target's first number
-        for source in range(len(self._characters)):
-            in_file = np.flatnonzero(sources == source)
-            in_order = in_file[np.argsort(places[in_file], kind="stable")]
+        file_of_target = self._targets.source[indices]
+        first_numbers = self._targets.spans[indices, 0]  # (m, 2) first and last + 1 character
+        begin_in_text = first_numbers[:, 0]
+        for file in range(len(self._characters)):
+            in_file = np.flatnonzero(file_of_target == file)
+            in_order = in_file[np.argsort(begin_in_text[in_file], kind="stable")]
             for start in range(0, len(in_order), BLOCK):
                 yield in_order[start : start + BLOCK]
 
@@ -316,6 +374,31 @@ class Rewriting:
         source = int(self._targets.source[rows[0]])
         begin, end = self._rewritten[source], self._find_end(source, rows)
         characters = self._characters[source][begin:end]
+        written, spans, texts = self._format_changed_numbers(characters, begin, rows, values)
+        edits = [(start - begin, stop - begin, text) for _, (start, stop, text) in words]
+        starts_of_edits = [start for start, _, _ in edits]
+        self._keep_own_numbers(source, begin + np.array([*spans[:, 0].tolist(), *starts_of_edits], np.intp))
+        edits += self._restore_names(source, begin, end)
+        if self._keeps_columns:  # edits with blanks take the place of all new numbers
+            for (start, stop), text in zip(spans.tolist(), texts, strict=True):
+                edits.append(pad_number(characters, start, stop, text))
+            spans, texts = spans[:0], []
+        spans, texts = _merge_edits(spans, texts, edits)
+        self._pieces[source].append(splice_texts(characters, spans, texts))
+        self._rewritten[source] = end
+        return written
+
+    def _format_changed_numbers(
+        self, characters: Characters, begin: int, rows: IndexArray, values: FloatArray
+    ) -> _NewNumbers:
+        """Return the text of each new number of some targets that differs from the number in the file.
+
+        Args:
+            characters: text of the file from the index `begin` on.
+            begin: index of its first character in the file.
+            rows: (m,) indices of the targets.
+            values: (m, 7) new numbers; NaN where the text stays as it is.
+        """
         written = self._targets.values[rows, :NUMBERS]
         row, column = np.nonzero(np.isfinite(values) & (values != written))
         spans = self._targets.spans[rows[row], column] - begin
@@ -326,28 +409,30 @@ class Rewriting:
             old=written[row, column],
             digits=self._digits[self._targets.notation[rows[row]], column],
         )
-        texts, spans = list(compress(texts, differ)), spans[differ]
-        written[row[differ], column[differ]] = np.fromiter(map(float, texts), np.float64, count=len(texts))
+        changed_texts = list(compress(texts, differ))
+        written[row[differ], column[differ]] = np.fromiter(
+            map(float, changed_texts), np.float64, count=len(changed_texts)
+        )
         if self._has_decimal_commas:
-            texts = [text.replace(".", ",") for text in texts]
-        edits = [(start - begin, stop - begin, text) for _, (start, stop, text) in words]
-        starts = [*spans[:, 0].tolist(), *(start for start, _, _ in edits)]
-        self._is_own_replaced[self._find_own(source, begin + np.array(starts, dtype=np.intp))] = True
-        edits += self._restore_names(source, begin, end)
-        if self._keeps_columns:  # edits with blanks take the place of all new numbers
-            for (start, stop), text in zip(spans.tolist(), texts, strict=True):
-                edits.append(pad_number(characters, start, stop, text))
-            texts, spans = [], spans[:0]
-        spans, texts = _merge_edits(spans, texts, edits)
-        self._pieces[source].append(splice_texts(characters, spans, texts))
-        self._rewritten[source] = end
-        return written
+            changed_texts = [text.replace(".", ",") for text in changed_texts]
+        return _NewNumbers(written, spans[differ], changed_texts)
+
+    def _keep_own_numbers(self, source: int, places: IndexArray) -> None:
+        """Note that the own numbers around some characters of a file stay, because a part of them is new.
+
+        In place of all other own numbers, the name that they replaced comes back.
+        """
+        self._is_own_replaced[self._find_own(source, places)] = True
 
     def _find_end(self, source: int, rows: IndexArray) -> int:
-        """Return the index behind the last number of targets of a file, and behind own numbers around it."""
+        """Return the index of the character behind the last number of some targets of a file.
+
+        If own numbers, which take the place of a name, contain that number, return the index behind them.
+        `rows` (m,) are the indices of the targets.
+        """
         end = int(self._targets.spans[rows].max())
-        last_own = self._find_own(source, np.array([end - 1]))
-        ends_of_own: list[int] = self._own_spans[last_own, 1].tolist()
+        own_at_end = self._find_own(source, np.array([end - 1]))
+        ends_of_own: list[int] = self._own_spans[own_at_end, 1].tolist()
         return max([end, *ends_of_own])
 
     def _find_own(self, source: int, places: IndexArray) -> IndexArray:
@@ -365,7 +450,12 @@ class Rewriting:
     def _restore_names(self, source: int, begin: int, end: int) -> list[Edit]:
         """Return the edits that put the names of declared targets back in place of unchanged own numbers.
 
-        The edits concern the text of a file between two indices, and count characters from `begin`.
+        Own numbers are a copy of a declared target's numbers, which took the place of its name at a move.
+
+        Args:
+            source: index of the file.
+            begin: first character of the text in the file; the edits count characters from there.
+            end: last character + 1 of the text.
         """
         if source > 0:  # own numbers are in the first file only
             return []
@@ -378,7 +468,11 @@ class Rewriting:
         return edits
 
     def files(self) -> list[bytes]:
-        """Return the bytes of all files, with the numbers that were replaced so far."""
+        """Return the bytes of all files, with the numbers that were replaced so far.
+
+        The rest of each file, behind the last target that was replaced, keeps its text; own numbers in it,
+        which took the place of a name, become the name again.
+        """
         files = list[bytes]()
         for source, characters in enumerate(self._characters):
             begin_of_rest = self._rewritten[source]
@@ -390,9 +484,16 @@ class Rewriting:
 
 
 def _merge_edits(spans: Places, texts: list[str], edits: list[Edit]) -> tuple[Places, list[str]]:
-    """Add edits to spans (m, 2) of characters and their m new texts, and sort all of them by their places."""
+    """Return spans (n, 2) of characters and their new texts, with further edits, in order of their places.
+
+    Args:
+        spans: (m, 2) first and last + 1 character of each text that is replaced.
+        texts: m new texts.
+        edits: further edits, each with its first and last + 1 character and its new text.
+    """
     if edits:
-        spans = np.vstack([spans, np.array([(start, stop) for start, stop, _ in edits], dtype=np.int32)])
+        spans_of_edits = np.array([(start, stop) for start, stop, _ in edits], dtype=np.int32)
+        spans = np.vstack([spans, spans_of_edits])
         texts = [*texts, *(text for _, _, text in edits)]
     starts = spans[:, 0]
     is_sorted = bool((np.diff(starts) >= 0).all())

@@ -14,7 +14,7 @@ from robotprograms import language as ir
 from robotprograms.calls import Calls, Work
 from robotprograms.columns import Cause
 from robotprograms.control_flow import ControlFlow
-from robotprograms.declarations import NEVER, UNKNOWN, State
+from robotprograms.declarations import NOT_SET, UNKNOWN, UNREACHED, Content, State
 from robotprograms.effects import Effects
 from robotprograms.errors import quote_text
 from robotprograms.language import Op
@@ -30,7 +30,10 @@ Record: TypeAlias = Callable[["ir.Move | ir.MoveToStored", int, "State | None"],
 
 
 def _explain_change(name: str, at: At) -> Cause:
-    """Return the cause why a name is unknown whose contents differ where paths meet."""
+    """Return the cause why the content of a name is unknown: paths with different contents meet.
+
+    `at` is the place of the statement on one of the paths that set the content.
+    """
     subject = "a value that an unknown routine may change" if name == UNKNOWN else name
     reason = f"{subject} changes while the program runs, in a branch, a loop or a call"
     return Cause(at.line, reason, "set the value once, before branches, loops and calls", at.source)
@@ -81,49 +84,71 @@ class Propagation:
         """Pass states through routines until none changes, and then once more to record the moves.
 
         Args:
-            bodies: operations of each routine.
-            callers: callers of each routine.
+            bodies: indices of the operations of each routine.
+            callers: routines that call each routine.
         """
         self._enter_routines(callers)
-        for name, body in bodies.items():
+        for routine, body in bodies.items():
             kept = [i for i in body if not isinstance(self._ops[i], ir.Move | ir.MoveToStored)]
-            self._state_operations[name] = kept
+            self._state_operations[routine] = kept
         order = list(bodies)
         while self._state_changed:
             self._state_changed = False
-            for name in order:
-                self._propagate_through(name, self._state_operations[name])
+            for routine in order:
+                self._propagate_through(routine, self._state_operations[routine])
             order.reverse()  # callers first carries states into routines, callees first carries them back
         self._find_what_outlasts_routines()
-        for name, body in bodies.items():
-            self._propagate_through(name, body)
+        for routine, body in bodies.items():
+            self._propagate_through(routine, body)
 
     def _enter_routines(self, callers: Mapping[str, Set[str]]) -> None:
-        """Set the states in which the main routine, and routines that other programs may call, begin.
+        """Set the states in which routines begin that are not called by other routines of the program only.
 
-        `callers` are the names of the routines that call each routine.
+        The main routine, and each routine that the controller can start, begins with what the program
+        declares. A routine that no routine calls, or that other programs may call, begins with unknown
+        values.
+
+        `callers` are the routines that call each routine.
         """
         self._contents.forget_judgements()  # from here on, all changes are known
         main = next((name for name in self._flow.begins if name not in self._flow.anytime_routines), "")
         # The program does not show when statements outside of its routines run: they may run at any time.
         if main and (self._language.callable_from_outside or main not in callers):
             self._changes.anytime.update(self._changes.of_routine[""])
-        for name, begin in self._flow.begins.items():
-            calls_itself_at_most = callers.get(name, set()) <= {name}
-            is_entry = name == main and calls_itself_at_most
-            may_be_called = name in self._flow.anytime_routines | self._flow.shared_routines
-            if self._language.callable_from_outside or is_entry:
-                self._incoming[begin] = {}
-            elif calls_itself_at_most or may_be_called:
-                reason = f"another program may call {quote_text(name)} while other frames are active"
-                cause = Cause(0, reason, "set the frames in the routine, before its moves")
-                self._incoming[begin] = {UNKNOWN: (cause, At())}
+        for routine, begin in self._flow.begins.items():
+            is_called = bool(callers.get(routine, set()) - {routine})
+            state = self._find_entry_state(routine, is_main=routine == main, is_called=is_called)
+            if state is not None:
+                self._incoming[begin] = state
+
+    def _find_entry_state(self, routine: str, *, is_main: bool, is_called: bool) -> State | None:
+        """Return the state in which a routine begins if it may be started otherwise than by the program.
+
+        Return None if only other routines of the program call it.
+
+        Args:
+            routine: name of the routine.
+            is_main: whether the program begins with this routine, unless others call it.
+            is_called: whether another routine of the program calls it.
+        """
+        if self._language.callable_from_outside or (is_main and not is_called):
+            return {}
+        may_other_programs_call = routine in self._flow.anytime_routines | self._flow.shared_routines
+        if is_called and not may_other_programs_call:
+            return None
+        reason = f"another program may call {quote_text(routine)} while other frames are active"
+        cause = Cause(0, reason, "set the frames in the routine, before its moves")
+        return {UNKNOWN: (cause, At())}
 
     def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
-        """Propagate states through the operations `indices` of a routine once; record their moves.
+        """Pass states through operations of a routine once, and record their moves.
 
         A state has the content of each variable, as it is on all paths to an operation; it is None where no
         path leads to the operation.
+
+        Args:
+            routine: name of the routine; empty for statements outside of routines.
+            indices: indices of the routine's operations, in their order.
         """
         state: State | None = {}
         if not routine and routine in self._flow.faulty_routines:
@@ -138,9 +163,9 @@ class Propagation:
             self._work.count(1)
             unread_names = self._liveness.dead.get(i)  # nothing reads them from here on
             if state is not None and unread_names:
-                left = self._leave_out(unread_names, state)
-                is_shared = is_shared and left is state
-                state = left
+                kept = _leave_out(unread_names, state)
+                is_shared = is_shared and kept is state
+                state = kept
             if isinstance(op, ir.Flow):
                 state = self._pass_to_successors(op, i, state)
                 is_shared = True
@@ -148,95 +173,129 @@ class Propagation:
                 state, is_shared = self._operate(op, i, state, shared=is_shared)
         self._entered_routines.pop()
         if state is not None:
-            state = self._keep_live(self._liveness.at_exit.get(routine, set()), state)
+            state = self._keep_read_names(self._liveness.at_exit.get(routine, set()), state)
         self._state_changed |= self.exits.get(routine) != state
         self.exits[routine] = state
 
-    def _keep_live(self, live: Collection[str], state: State) -> State:
-        """Return a state without names that nothing reads, where these names are live."""
-        followed = self._liveness.followed
-        return self._leave_out([name for name in state if name in followed and name not in live], state)
+    def _keep_read_names(self, read_names: Collection[str], state: State) -> State:
+        """Return a state without the names that nothing reads any more.
 
-    def _leave_out(self, names: Collection[str], state: State) -> State:
-        """Return a state without names that nothing reads; the same object if the state has none of them."""
-        gone = state.keys() & names
-        if not gone:
-            return state
-        return {name: each for name, each in state.items() if name not in gone}
+        `read_names` may still be read, and so may each name for which this was not found out.
+        """
+        unread = []
+        for name in state:
+            may_be_read = name in read_names or name not in self._liveness.followed
+            if not may_be_read:
+                unread.append(name)
+        return _leave_out(unread, state)
 
     def _operate(self, op: Op, i: int, state: State, *, shared: bool) -> tuple[State | None, bool]:
-        """Return the state behind operation i, which is no `Flow`, and whether the state is stored elsewhere.
+        """Return the state behind operation i, and whether this state is stored elsewhere, too.
 
-        `shared` tells whether the state before the operation is.
+        A state that is stored elsewhere is copied before a change; any other state is changed in place. The
+        state behind a call is None if the end of the called routines was not reached yet.
+
+        Args:
+            op: the operation; it neither moves the robot nor begins, ends or leaves a block.
+            i: its index.
+            state: content of each variable before the operation.
+            shared: whether `state` is stored elsewhere.
         """
-        after: State | None = state
-        if isinstance(op, ir.Call) and (called := self._calls.list_called(op)):
-            after, shared = self._follow_calls(op, i, called, state), True
+        after: State | None
+        called = self._calls.list_called(op) if isinstance(op, ir.Call) else []
+        if isinstance(op, ir.Call) and called:
+            after, is_shared = self._follow_calls(op, i, called, state), True
         else:
             if shared:
                 self._work.count(len(state))
-                after = state = dict(state)
+                state = dict(state)
             self._effects.apply(state, i)
-            shared = False
-        for place in self._flow.successors.get(i, ()):  # an error or interrupt may end the routine here
-            self._join_into(place, after)
-            shared = True
-        return after, shared
+            after, is_shared = state, False
+        for successor in self._flow.successors.get(i, ()):  # an error or interrupt may end the routine here
+            self._join_into(successor, after)
+            is_shared = True
+        return after, is_shared
 
     def _pass_to_successors(self, op: ir.Flow, i: int, state: State | None) -> State | None:
-        """Join a state into the successors of operation i; return the state after the operation."""
+        """Pass a state on to all operations to which a branch, loop or jump may lead.
+
+        Args:
+            op: beginning or end of a branch, loop or routine, or a jump.
+            i: its index.
+            state: state before it; None if no path leads there.
+
+        Returns:
+            The state before the next operation of the text; None if no path leads there.
+        """
         fault = self._flow.uncertain.get(i)
         state = self._add_fault(fault, state)
-        # A round that ends with a jump to the next one may have been the last.
-        leaving = self._join_states(self._incoming.get(i), state) if op.kind in ir.LOOPS else state
-        for place in self._flow.successors.get(i, ()):
-            self._join_into(place, leaving)
-        # What follows these operations is reached by jumps alone.
-        if op.kind in ir.ROUTINES | {"switch", "branch", "default"}:
+        arriving_by_jump = self._incoming.get(i)
+        leaving = state
+        if op.kind in ir.LOOPS:  # a round that ends with a jump to the next one may have been the last
+            leaving = self._join_states(arriving_by_jump, state)
+        for successor in self._flow.successors.get(i, ()):
+            self._join_into(successor, leaving)
+        is_reached_by_jumps_alone = op.kind in ir.ROUTINES | {"switch", "branch", "default"}
+        never_goes_on = op.kind in ir.JUMPS or i in self._flow.endless
+        if is_reached_by_jumps_alone:
             state = None
-        elif state is not None and (op.kind in ir.JUMPS or i in self._flow.endless):
-            state = {**state, NEVER: ("", At())}
-        return self._add_fault(fault, self._join_states(self._incoming.get(i), state))
+        elif state is not None and never_goes_on:
+            state = {**state, UNREACHED: NOT_SET}
+        joined = self._join_states(self._incoming.get(i), state)
+        return self._add_fault(fault, joined)
 
     def _add_fault(self, fault: int | None, state: State | None) -> State | None:
         """Return a state in which no move is certain because of a fault of the program.
 
-        Without a fault, or if no move is certain already, the state itself is returned. `fault` is the index
-        of an operation that does not fit, such as an end without a beginning.
+        The state itself is returned if there is no fault, no path leads here, or no move is certain already.
+
+        Args:
+            fault: index of an operation that does not fit, such as an end without a beginning; None without.
+            state: content of each variable.
         """
-        if fault is None or state is None:
-            return state
-        content, _ = self._contents.look_up(state, ir.MODE)
-        is_uncertain_already = isinstance(content, Cause)
-        if is_uncertain_already:
+        if fault is None or state is None or self._makes_moves_uncertain(state):
             return state
         cause = self._faults[fault]
         return {**state, ir.MODE: (cause, find_place(cause))}
 
+    def _makes_moves_uncertain(self, state: State) -> bool:
+        """Return whether no move is certain in a state: `ir.MODE` has a cause in place of a known content."""
+        content, _ = self._contents.look_up(state, ir.MODE)
+        return isinstance(content, Cause)
+
     def _follow_calls(self, op: ir.Call, i: int, routines: list[str], state: State) -> State | None:
-        """Return the state after operation i, which calls one of these routines of the program.
+        """Return the state behind a call of one of several routines of the program.
 
         The state is None if the end of the called routines was not reached yet.
+
+        Args:
+            op: the call.
+            i: its index.
+            routines: routines of the program that the call may mean; several if the name is computed.
+            state: content of each variable before the call.
         """
+        is_computed = op.prefix is not None
         end: State | None = None
         for routine in routines:
-            self._work.count(len(state) if op.prefix is not None else 0)
-            entering = self._keep_live(self._liveness.at_begin.get(routine, set()), state)
-            is_new = self._join_into(self._flow.begins[routine], entering)
-            if is_new and routine not in self._entered_routines and len(self._entered_routines) < _MAX_CALLS:
+            self._work.count(len(state) if is_computed else 0)
+            entering = self._keep_read_names(self._liveness.at_begin.get(routine, set()), state)
+            brings_new_contents = self._join_into(self._flow.begins[routine], entering)
+            is_entered_already = routine in self._entered_routines
+            can_enter = not is_entered_already and len(self._entered_routines) < _MAX_CALLS
+            if brings_new_contents and can_enter:
                 self._propagate_through(routine, self._state_operations[routine])
-            returned = self.exits.get(routine)
-            if returned is not None:
-                returned = self._return_from(routine, i, state, returned)
-            end = self._join_states(end, returned)
+            at_exit = self.exits.get(routine)
+            behind_call = None if at_exit is None else self._return_from(routine, i, state, at_exit)
+            end = self._join_states(end, behind_call)
         if op.name in routines:
             return end
-        other = dict(state)  # a routine of another file, too, may have the name that is computed
-        self._effects.apply(other, i)
-        return self._join_states(other, end)
+        # The name is computed: it may also be that of a routine of another file.
+        behind_other_routine = dict(state)
+        self._effects.apply(behind_other_routine, i)
+        return self._join_states(behind_other_routine, end)
 
-    def _return_from(self, routine: str, i: int, state: State, returned: State) -> State:
-        """Return the state behind operation i, which calls a routine.
+    def _return_from(self, routine: str, i: int, state: State, at_exit: State) -> State:
+        """Return the state behind the call of a routine: the caller's, with what the routine may change.
 
         A state has the content of each variable.
 
@@ -244,7 +303,7 @@ class Propagation:
             routine: the called routine.
             i: index of the call.
             state: state before the call.
-            returned: state at the end of the routine.
+            at_exit: state at the end of the routine.
         """
         changed = self._changes.of_routine[routine]
         read_behind_call = [name for name in self._liveness.returned.get(i, ()) if name in changed]
@@ -252,24 +311,28 @@ class Propagation:
         self._work.count(len(names))
         may_change_all = UNKNOWN in changed
         if may_change_all:
-            after = dict(returned)
+            after = dict(at_exit)
         else:
             after = dict(state)
             for name in names:
-                after[name] = self._contents.look_up(returned, name)
-        if NEVER in state or NEVER in returned:
-            after[NEVER] = ("", At())
+                after[name] = self._contents.look_up(at_exit, name)
+        if UNREACHED in state or UNREACHED in at_exit:
+            after[UNREACHED] = NOT_SET
         return after
 
-    def _join_into(self, place: int, state: State | None) -> bool:
-        """Join a state into the state at operation `place`; return whether the latter changed."""
-        known = self._incoming.get(place)
-        if state is not None and (dead := self._liveness.dead.get(place)):
-            state = self._leave_out(dead, state)
+    def _join_into(self, i: int, state: State | None) -> bool:
+        """Join a state into the one in which jumps reach operation i; return whether the joined state is new.
+
+        A state has the content of each variable. Contents that nothing reads from there on are left out.
+        """
+        known = self._incoming.get(i)
+        unread_names = self._liveness.dead.get(i)
+        if state is not None and unread_names:
+            state = _leave_out(unread_names, state)
         joined = self._join_states(known, state)
         if joined is None or joined is known:
             return False
-        self._incoming[place] = joined
+        self._incoming[i] = joined
         self._state_changed = True
         return True
 
@@ -283,36 +346,51 @@ class Propagation:
             return second
         if second is None or first == second:
             return first
-        is_first_never, is_second_never = NEVER in first, NEVER in second  # behind a jump
-        if is_first_never != is_second_never:
-            return second if is_first_never else first
+        is_first_unreached, is_second_unreached = UNREACHED in first, UNREACHED in second
+        if is_first_unreached != is_second_unreached:
+            return second if is_first_unreached else first
         joined = dict(first)
         self._work.count(len(second) + len(first))
         for name in {**first, **second}:
-            if name in first and name in second and first[name] == second[name]:
+            is_same_entry = name in first and name in second and first[name] == second[name]
+            if is_same_entry:
                 continue
             first_content, first_place = self._contents.look_up(first, name)
             second_content, second_place = self._contents.look_up(second, name)
-            are_equal = first_content == second_content or self._contents.have_equal_frames(
-                name, first_content, second_content
-            )
-            if are_equal or isinstance(first_content, Cause):
+            is_known_unknown = isinstance(first_content, Cause)
+            if is_known_unknown or self._are_equal(name, first_content, second_content):
                 continue
             at = max(first_place, second_place)
             cause = second_content if isinstance(second_content, Cause) else _explain_change(name, at)
             joined[name] = (cause, at)
         return first if joined == first else joined
 
-    def _find_what_outlasts_routines(self) -> None:
-        """Let force control and the like, if it is on where a routine ends, be on at any time.
+    def _are_equal(self, name: str, first: Content, second: Content) -> bool:
+        """Return whether two contents of a name are the same, or the same numbers of an active frame."""
+        return first == second or self._contents.have_equal_frames(name, first, second)
 
-        The next routine may then be called from outside of the program.
+    def _find_what_outlasts_routines(self) -> None:
+        """Let force control and the like be on at any time if it is on where a routine ends.
+
+        The next routine may then be called from outside of the program. In a language without such calls,
+        nothing outlasts routines unseen.
         """
         if not self._language.callable_from_outside:
             return
-        _, *names_with_end = self._changes.lasting  # the first one is of what no statement ends
+        # The first name is of what no statement ends: it is on from its beginning anyway.
+        _, *names_with_end = self._changes.lasting
         for name in names_with_end:
-            for state in self.exits.values():
-                content, _ = (state or {}).get(name, ("", At()))
+            for state_at_exit in self.exits.values():
+                if state_at_exit is None:
+                    continue
+                content, _ = state_at_exit.get(name, NOT_SET)
                 if isinstance(content, Cause):
                     self._changes.anytime[name] = content
+
+
+def _leave_out(names: Collection[str], state: State) -> State:
+    """Return a state without some names; the same object if the state has none of them."""
+    left_out = state.keys() & names
+    if not left_out:
+        return state
+    return {name: entry for name, entry in state.items() if name not in left_out}

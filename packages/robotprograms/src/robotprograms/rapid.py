@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import partial
-from itertools import pairwise
+from itertools import islice, pairwise, zip_longest
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -99,13 +99,18 @@ _ZONE: Final = r"FINE|Z\d{1,3}+"  # names of the controller's zones
 _N3, _N4, _N6 = (rf"\[\0(?:,\0){{{n - 1}}}\]" for n in (3, 4, 6))
 _POSE_PATTERN: Final = rf"\[{_N3},{_N4}\]"
 _LITERALS: Final = {
-    "ROBTARGET": re.compile(rf"\[{_N3},{_N4},({_N4}|{_WORD}),(?:{_N6}|(?P<axes>{_WORD}))\]"),
+    "ROBTARGET": re.compile(rf"\[{_N3},{_N4},(?P<configuration>{_N4}|{_WORD}),(?:{_N6}|(?P<axes>{_WORD}))\]"),
     "JOINTTARGET": re.compile(rf"\[{_N6},(?:{_N6}|(?P<axes>{_WORD}))\]"),
     "EXTJOINT": re.compile(_N6),
     "WOBJDATA": re.compile(rf'\[FALSE,TRUE,"[^"]*",{_POSE_PATTERN},{_POSE_PATTERN}\]'),
-    "TOOLDATA": re.compile(rf"\[TRUE,{_POSE_PATTERN},(.*)\]"),
+    "TOOLDATA": re.compile(rf"\[TRUE,{_POSE_PATTERN},(?P<load>.*)\]"),
     "SPEEDDATA": re.compile(_N4),
 }
+_NUMBERS_OF_POSE: Final = 7
+"""Three of the position and four of the quaternion."""
+_NUMBERS_OF_JOINTS: Final = 6
+_CONFIGURATION: Final = ("cf1", "cf4", "cf6", "cfx")
+"""Names of the numbers that state the arm's configuration."""
 _NUMBERS: Final = Notation(Orientation.NONE)  # of a speed, whose first number is that of the tool's centre
 _SPEED: Final = re.compile(r"V(\d{1,5})")
 """Name of the controller's data of a speed [mm/s]."""
@@ -126,19 +131,18 @@ def _translate_routine(line: Line) -> list[Op]:
 
 
 def _translate_test(line: Line) -> list[Op]:
-    """Translate TEST (the switch statement of RAPID) up to its first CASE, DEFAULT or ENDTEST."""
-    subject = ir.pass_uses(line.read_expression(line["subject"]), ir.CONDITION)
-    first_case = list[Op]()
-    if line["first"]:
-        values = ir.mark_anytime(line.read_expression(line["first"]))
-        first_case = ir.pass_uses(values, ir.CONDITION)
-    if not line.text.endswith(":"):  # ENDTEST
-        kind = "close"
-    elif line["first"]:  # CASE
-        kind = "branch"
-    else:
-        kind = "default"
-    return [*subject, ir.Flow("if"), *first_case, ir.Flow(kind)]
+    """Translate TEST, the switch statement of RAPID, up to its first CASE, DEFAULT or ENDTEST.
+
+    The condition of the first CASE may be computed more than once, as in a loop.
+    """
+    ops = [*ir.pass_uses(line.read_expression(line["subject"]), ir.CONDITION), ir.Flow("if")]
+    ends_here = not line.text.endswith(":")
+    if ends_here:
+        return [*ops, ir.Flow("close")]
+    if not line["first"]:
+        return [*ops, ir.Flow("default")]
+    values_of_case = ir.mark_anytime(line.read_expression(line["first"]))
+    return [*ops, *ir.pass_uses(values_of_case, ir.CONDITION), ir.Flow("branch")]
 
 
 _END_OF_OPERAND: Final = re.compile(
@@ -156,67 +160,68 @@ def _translate_compact_if(line: Line) -> list[Op]:
     Raises:
         Misread: there is no condition, or no statement behind the condition.
     """
-    begin, _ = line.span("rest")
-    end = _END_OF_OPERAND.search(line.text, begin)
+    rest = line.part("rest")
+    gap = _END_OF_OPERAND.search(rest.text)  # between the condition and the statement
     # An IF within an IF is not read, because such statements would nest without end.
-    if end is None or line.text.startswith("IF", end.end()):
+    if gap is None or rest.text.startswith("IF", gap.end()):
         raise Misread(UNKNOWN_STATEMENT)
-    condition = line.read_expression(line.text[begin : end.start()])
-    branch = Line(line.language, line.text[end.end() :], line.ordinals_in(end.end(), len(line.text)))
-    return [
-        *ir.pass_uses(condition, ir.CONDITION),
-        ir.Flow("if"),
-        *line.language.apply_rules(branch),
-        ir.Flow("close"),
-    ]
+    condition = rest.cut(0, gap.start()).read_expression()
+    statement = rest.cut(gap.end())
+    branch = ir.make_skippable(line.language.apply_rules(statement))
+    return [*ir.pass_uses(condition, ir.CONDITION), *branch]
 
 
 def _translate_instruction(line: Line) -> list[Op]:
-    """Translate an instruction of the controller, or the call of a routine."""
+    """Translate an instruction that is no plain move: one of the controller, or the call of a routine."""
     name = line["name"]
-    found = _read_arguments(line)
-    names = _find_names(found)
+    uses = _read_arguments(line)
+    names = _find_names(uses)
     if _CHANGES_ARGUMENTS.fullmatch(name):
-        return [*found, ir.MakeUnknown(names, f"{name} changes the value while the program runs", _REMEDY)]
+        return [*uses, ir.MakeUnknown(names, f"{name} changes the value while the program runs", _REMEDY)]
     if name == "SINGAREA" and "WRIST" in line["arguments"]:
         note = "SingArea \\Wrist: near singularities the tool turns away from its stated orientation"
-        return [*found, ir.Note(note)]
+        return [*uses, ir.Note(note)]
     if re.fullmatch(_HARMLESS, name):
-        uses = ir.pass_uses(found, ir.CONDITION) if name == "WAITUNTIL" else ir.omit_uses(found)
-        return [*uses, ir.Call(name, names, harmless=True)]
+        is_condition = name == "WAITUNTIL"
+        kept_uses = ir.pass_uses(uses, ir.CONDITION) if is_condition else ir.omit_uses(uses)
+        return [*kept_uses, ir.call_if_defined(name, names)]
     if process_move := _PROCESS_MOVE.fullmatch(name):
         letter = process_move["letter"] or process_move["first"] or "L"
-        return _translate_process_move(line, letter, found)
+        return _translate_process_move(line, letter, uses)
     if search := _SEARCH.fullmatch(name):
         index_of_result = 0 if search["smart"] else 1
-        return _translate_search(line, found, index_of_result)
+        return _translate_search(line, uses, index_of_result)
     if _FORCE_MOVE.fullmatch(name):
-        return _translate_force_move(line, found)
+        return _translate_force_move(line, uses)
     if lasting := _translate_lasting(name, names):
-        return [*found, *lasting]
-    # If a routine of the program has the name, the program states what the routine changes. A routine that
-    # the program does not define may change its arguments, apart from tool and work object.
-    own_routine = ir.Call(name, names, harmless=True)
-    other_routine = ir.Call(name, names - _find_frames_of_move(line))
-    return [*ir.pass_uses(found, name), own_routine, other_routine]
+        return [*uses, *lasting]
+    return [*ir.pass_uses(uses, name), *_call_routine(line, name, names)]
+
+
+def _call_routine(line: Line, name: str, arguments: frozenset[str]) -> list[Op]:
+    """Return the operations of the call of a routine, with the names of its arguments.
+
+    If a routine of the program has the name, the program states what the routine changes. A routine that the
+    program does not define may change its arguments, apart from the tool and the work object of a move.
+    """
+    own_routine = ir.call_if_defined(name, arguments)
+    other_routine = ir.Call(name, arguments - _find_frames_of_move(line))
+    return [own_routine, other_routine]
 
 
 def _translate_speeds(line: Line) -> list[Op]:
     """Translate VelSet, which sets a percentage of the speeds and the greatest speed of moves behind it."""
-    found = _read_arguments(line)
-    ops = [*ir.omit_uses(found), ir.Call("VELSET", _find_names(found), harmless=True)]
-    spans = list(split_outside_brackets(line.text, line.span("arguments")[0]))
-    for index, name in enumerate((_PERCENTAGE, _GREATEST)):
+    uses = _read_arguments(line)
+    ops = [*ir.omit_uses(uses), ir.call_if_defined("VELSET", _find_names(uses))]
+    for name, argument in zip_longest((_PERCENTAGE, _GREATEST), line.part("arguments").split()[:2]):
         value: ir.Value = ir.Unknown("VelSet is computed", _REMEDY)
-        if index < len(spans):
-            start, end = spans[index]
-            is_number = line.text[start:end].strip() == ir.A_NUMBER
-            if is_number:
-                value = Literal(_NUMBERS, line.ordinals_in(start, end))
+        if argument is not None and argument.is_number:
+            value = Literal(_NUMBERS, argument.ordinals)
         ops.append(ir.Assign(name, value))
     return ops
 
 
+_ANY_OPTION: Final = re.compile(r"\w*")
 _MOVE_NAME: Final = re.compile(r"(?!.*(?:CAL|MEAS|TCP|TOOL|WOBJ))\w*[LJC](?:START|END)?\d?+")
 
 
@@ -224,18 +229,20 @@ def _find_frames_of_move(line: Line) -> frozenset[str]:
     """Return tool and work object of an unknown instruction in the form of a move, which only uses them.
 
     The instruction has the form of a move if its name ends as those of moves do, and its last arguments are
-    a speed, a zone and the tool. For any other instruction the set is empty.
+    a speed, a zone and the tool. For any other instruction, and if the work object is computed, the set is
+    empty.
     """
-    any_option = re.compile(r"\w*")
     try:
-        spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], any_option)
+        arguments = _split_arguments(line, _ANY_OPTION)
     except Misread:  # the work object is computed
         return frozenset()
-    arguments = [line.text[begin:end] for begin, end in spans]
-    if len(arguments) < 4 or not _MOVE_NAME.fullmatch(line["name"]):
+    has_form_of_move = len(arguments.values) >= 4 and _MOVE_NAME.fullmatch(line["name"]) is not None
+    if not has_form_of_move:
         return frozenset()
-    zone, tool = arguments[-2:]
-    return frozenset({tool, work_object}) if re.fullmatch(_ZONE, zone) else frozenset()
+    zone, tool = arguments.values[-2:]
+    if not re.fullmatch(_ZONE, zone.text):
+        return frozenset()
+    return frozenset({tool.text, arguments.work_object})
 
 
 def _read_arguments(line: Line) -> list[Op]:
@@ -245,175 +252,201 @@ def _read_arguments(line: Line) -> list[Op]:
         Misread: the arguments are not expressions.
     """
     # Options such as \WObj:=frame become arguments of their own.
-    text = re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])
-    found = list[Op]()
-    for begin, end in split_outside_brackets(text):
-        argument = text[begin:end].strip()
+    arguments_and_options = re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])
+    ops = list[Op]()
+    for begin, end in split_outside_brackets(arguments_and_options):
+        argument = arguments_and_options[begin:end].strip()
         if argument:
-            found += line.read_expression(argument)
-    return found
+            ops += line.read_expression(argument)
+    return ops
 
 
-def _find_names(found: list[Op]) -> frozenset[str]:
+def _find_names(ops: list[Op]) -> frozenset[str]:
     """Return the names that operations of expressions use, apart from elements of arrays."""
     names = set[str]()
-    for op in found:
+    for op in ops:
         if isinstance(op, ir.Use):
             names.update(name for name in op.names if isinstance(name, str))
     return frozenset(names)
 
 
+class _RoutineName(NamedTuple):
+    """Name of a routine that a text states, as in `%"sub"%` or `CallByVar "sub",n`."""
+
+    name: str  # the name, or the expression that computes it
+    prefix: str | None  # with what a computed name begins; None if the text is the whole name
+
+
 def _translate_late_call(line: Line) -> list[Op]:
-    """Translate a call of a routine whose name is computed: `%"sub"+name%` or `CallByVar "sub",number`."""
-    routine = line["routine"] or f"{line['variable']}+N"  # CallByVar "sub",n calls sub1, sub2 and so on
-    name, prefix = _read_routine(routine)
-    is_computed = prefix is not None
-    found = line.read_expression(routine) if is_computed else []
-    found = [*found, *_read_arguments(line)]
-    if line["more"]:
-        found += line.read_expression(line["more"])
-    return [*found, ir.Call(name, _find_names(found), prefix=prefix)]
+    """Translate a call of a routine whose name is a text or is computed.
 
-
-def _read_routine(text: str) -> tuple[str, str | None]:
-    """Return the name of a routine that is called by a text, and with what the name begins if it is computed.
-
-    For `"sub"` the result is `sub` and None; for the computed `"sub"+n` it is the expression and `sub`.
+    `%"sub"+name%` computes the name; `CallByVar "sub",number` calls sub1, sub2 and so on.
     """
-    if re.fullmatch(rf'"{_WORD}"', text):
-        return text.strip('"'), None
+    text = line["routine"] or f"{line['variable']}+N"
+    routine = _read_routine_name(text)
+    ops = list[Op]()
+    is_computed = routine.prefix is not None
+    if is_computed:
+        ops += line.read_expression(text)
+    ops += _read_arguments(line)
+    if line["more"]:
+        ops += line.read_expression(line["more"])
+    return [*ops, ir.Call(routine.name, _find_names(ops), prefix=routine.prefix)]
+
+
+def _read_routine_name(text: str) -> _RoutineName:
+    """Read the name of a routine: that of `"sub"` is certain, that of `"sub"+n` begins with `sub`."""
+    is_whole_name = re.fullmatch(rf'"{_WORD}"', text) is not None
+    if is_whole_name:
+        return _RoutineName(text.strip('"'), None)
     beginning = re.match(r'"(\w*)"', text)
     prefix = beginning[1] if beginning else ""
-    return text.replace("\0", "n"), prefix
+    return _RoutineName(text.replace(ir.A_NUMBER, "n"), prefix)
 
 
-def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op]:
+def _translate_process_move(line: Line, letter: str, uses: list[Op]) -> list[Op]:
     """Translate a move of a process such as welding, whose last argument is the tool.
 
-    The move is not corrected if it has an option that may move the target, such as the one of tracking.
+    The move is not corrected if an option, such as the one of tracking, may move the target; or if target,
+    tool or another argument is computed.
 
     Args:
         line: the move.
-        letter: kind of the motion: L, J or C.
-        found: operations of the arguments.
+        letter: kind of the motion: L (line), J (joints) or C (arc).
+        uses: operations of its arguments.
     """
-    name = line["name"]
-    remedy = "write the move as MoveL, MoveJ or MoveC"
+    name, remedy = line["name"], "write the move as MoveL, MoveJ or MoveC"
     try:
-        spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], _PROCESS_OPTIONS)
+        arguments = _split_arguments(line, _PROCESS_OPTIONS)
     except Misread as fault:
-        return _leave_instruction(line, found, f"{name}: {fault.reason}", remedy)
-    arguments = [line.text[begin:end] for begin, end in spans]
+        return _leave_instruction(line, uses, f"{name}: {fault.reason}", remedy)
     count = 2 if letter == "C" else 1  # count of the targets
-    targets = _read_targets(line, spans[:count])
+    targets = _read_targets(arguments.values[:count])
     # Behind the targets come at least speed, data of the process or zone, and the tool.
-    is_complete = len(arguments) >= count + 3 and re.fullmatch(_WORD, arguments[-1]) is not None
-    if not is_complete or len(targets) < count:
+    is_complete = len(targets) == count and len(arguments.values) >= count + 3
+    tool = arguments.values[-1].text if arguments.values else ""
+    if not (is_complete and re.fullmatch(_WORD, tool)):
         reason = f"{name}: target or tool is not given by numbers"
-        return _leave_instruction(line, found, reason, remedy)
-    uses = [op for argument in arguments[count:] for op in line.read_expression(argument)]
-    if ir.calls_routine(found):
-        return ir.make_uncorrected_move(found, f"{name}: an argument of the move is computed", remedy)
-    base = _multiply_frames(work_object, "WOBJDATA")
-    tool = _multiply_frames(arguments[-1], "TOOLDATA")
+        return _leave_instruction(line, uses, reason, remedy)
+    speed, *others = arguments.values[count:]
+    uses_behind_targets = [op for argument in (speed, *others) for op in argument.read_expression()]
+    if ir.calls_routine(uses):
+        return ir.make_uncorrected_move(uses, f"{name}: an argument of the move is computed", remedy)
     # With the option \On, the move approaches the begin of the process at its own speed.
     is_approach = re.search(r"\\ON\b", line["arguments"]) is not None
     has_process_speed = _HAS_PROCESS_SPEED.fullmatch(name) and not is_approach
-    feed = None if has_process_speed else _read_feed(line, *spans[count])
-    move = ir.Move(_MOTIONS[letter], targets, (base,) * count, (tool,) * count, feed=feed)
-    return [*uses, move]
+    feed = None if has_process_speed else _read_feed(line, speed)
+    bases = (_multiply_frames(arguments.work_object, "WOBJDATA"),) * count
+    tools = (_multiply_frames(tool, "TOOLDATA"),) * count
+    return [*uses_behind_targets, ir.Move(_MOTIONS[letter], targets, bases, tools, feed=feed)]
 
 
-def _read_targets(line: Line, spans: list[tuple[int, int]]) -> tuple[Literal | ir.Name, ...]:
-    """Return the targets in the text at these spans, names or numbers; other forms are left out."""
+def _read_targets(arguments: list[Line]) -> tuple[Literal | ir.Name, ...]:
+    """Return the targets that arguments state by names or in numbers; other arguments are left out."""
     targets: list[Literal | ir.Name] = []
-    for begin, end in spans:
-        argument = line.text[begin:end]
-        is_name = re.fullmatch(_WORD, argument) is not None
-        target = argument if is_name else _read_target(line, begin, end)
+    for argument in arguments:
+        is_name = re.fullmatch(_WORD, argument.text) is not None
+        target = argument.text if is_name else _read_target(argument)
         if target is not None:
             targets.append(target)
     return tuple(targets)
 
 
-def _translate_search(line: Line, found: list[Op], index: int) -> list[Op]:
+def _translate_search(line: Line, uses: list[Op], index_of_result: int) -> list[Op]:
     """Translate a search, which moves until a signal comes and writes the place to one of its arguments.
 
     Args:
         line: the instruction.
-        found: operations of its arguments.
-        index: index of the argument that gets the place, counted without options.
+        uses: operations of its arguments.
+        index_of_result: index of the argument that gets the place, counted without options.
     """
     reason, remedy = f"{line['name']} moves until a signal comes", "omit the statement"
-    arguments = [part for part in line["arguments"].split(",") if not part.lstrip().startswith("\\")]
-    result = re.match(_WORD, arguments[index].strip()) if index < len(arguments) else None
-    changed_names = frozenset({result[0]}) if result else _find_names(found)
-    return [ir.MakeUnknown(changed_names, reason, remedy), *_leave_instruction(line, found, reason, remedy)]
+    parts = line["arguments"].split(",")
+    arguments = [part.strip() for part in parts if not part.lstrip().startswith("\\")]
+    changed_names = _find_names(uses)  # any of them, unless the argument is a name
+    if index_of_result < len(arguments):
+        result = re.match(_WORD, arguments[index_of_result])
+        changed_names = frozenset({result[0]}) if result else changed_names
+    return [ir.MakeUnknown(changed_names, reason, remedy), *_leave_instruction(line, uses, reason, remedy)]
 
 
-def _translate_force_move(line: Line, found: list[Op]) -> list[Op]:
+def _translate_force_move(line: Line, uses: list[Op]) -> list[Op]:
     """Translate a move under force control (FCPress...), which FCPressEnd ends.
 
-    `found` are the operations of its arguments.
+    `uses` are the operations of its arguments.
     """
     reason, remedy = f"{line['name']} may move targets or frames", "omit the statement"
     ends_control = line["name"] == "FCPRESSEND"
     change = ir.end_lasting("FC") if ends_control else ir.begin_lasting("FC", reason, remedy)
-    return [*_leave_instruction(line, found, reason, remedy), change]
+    return [*_leave_instruction(line, uses, reason, remedy), change]
 
 
-def _leave_instruction(line: Line, found: list[Op], reason: str, remedy: str) -> list[Op]:
+def _leave_instruction(line: Line, uses: list[Op], reason: str, remedy: str) -> list[Op]:
     """Translate an instruction that moves the robot and is not corrected; its last argument is the tool.
 
-    `found` are the operations of its arguments.
+    `uses` are the operations of its arguments.
     """
-    any_option = re.compile(r"\w*")
     try:
-        spans, work_object, uses = _split_arguments(line, line.span("arguments")[0], any_option)
+        arguments = _split_arguments(line, _ANY_OPTION)
     except Misread:  # the work object is computed
-        return ir.make_uncorrected_move(found, reason, remedy)
-    arguments = [line.text[begin:end] for begin, end in spans] or [""]
-    *others, tool = arguments
-    return [*uses, *_leave_move(line, others, tool, work_object, (reason, remedy))]
+        return ir.make_uncorrected_move(uses, reason, remedy)
+    *others, tool = arguments.values or [line.cut(0, 0)]
+    left_move = _leave_move(others, tool, arguments.work_object, reason=reason, remedy=remedy)
+    return [*arguments.uses, *left_move]
 
 
-_OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\(({_WORD}),(.+)\)")
+_OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\((?P<point>{_WORD}),(?P<numbers>.+)\)")
 
 
 def _leave_move(
-    line: Line,
-    arguments: list[str],
-    tool: str,
+    arguments: list[Line],
+    tool: Line,
     work_object: str,
-    words: tuple[str, str],
+    *,
+    reason: str,
+    remedy: str,
     motion: Motion = Motion.LINEAR,
 ) -> list[Op]:
-    """Translate a move that is not corrected; `words` are reason and remedy.
+    """Translate a move that is not corrected, for a reason.
 
     The move ends at the points that its arguments name, or at offsets from them such as `Offs(p1,0,0,50)`:
     corrections of these points shift the move.
     """
-    reason, remedy = words
-    points = set[str]()
-    texts = list[str]()  # expressions of the arguments, apart from the points
-    for argument in arguments:
-        if offset := _OFFSET.fullmatch(argument):
-            point, numbers = offset[1], offset[2]
-            points.add(point)
-            texts.append(numbers)
-        elif re.fullmatch(_WORD, argument):
-            points.add(argument)
-        else:
-            texts.append(argument)
+    points, expressions = _split_points(arguments)
     uses = list[Op]()
-    for text in (*texts, tool):
+    for text in (*expressions, tool.text):
         if text and text not in points:
-            uses += line.read_expression(text)
-    if not re.fullmatch(_WORD, tool):
-        return ir.make_uncorrected_move([*uses, ir.Use(frozenset(points))], reason, remedy, motion)
-    base_frame, tool_frame = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(tool, "TOOLDATA")
-    move = ir.Move(motion, (), (base_frame,), (tool_frame,), reason=reason, remedy=remedy)
-    return [*uses, move._replace(offset_from=tuple(sorted(points)))]
+            uses += tool.read_expression(text)
+    is_tool_a_name = re.fullmatch(_WORD, tool.text) is not None
+    if not is_tool_a_name:
+        return ir.make_uncorrected_move([*uses, ir.Use(points)], reason, remedy, motion)
+    move = ir.Move(
+        motion,
+        (),
+        (_multiply_frames(work_object, "WOBJDATA"),),
+        (_multiply_frames(tool.text, "TOOLDATA"),),
+        reason=reason,
+        remedy=remedy,
+        offset_from=tuple(sorted(points)),
+    )
+    return [*uses, move]
+
+
+def _split_points(arguments: list[Line]) -> tuple[frozenset[str], list[str]]:
+    """Return the points that the arguments of a move name, and the expressions in the arguments.
+
+    `Offs(p1,0,0,50)` has the point p1 and the expression `0,0,50`.
+    """
+    points, expressions = set[str](), list[str]()
+    for argument in arguments:
+        if offset := _OFFSET.fullmatch(argument.text):
+            points.add(offset["point"])
+            expressions.append(offset["numbers"])
+        elif re.fullmatch(_WORD, argument.text):
+            points.add(argument.text)
+        else:
+            expressions.append(argument.text)
+    return frozenset(points), expressions
 
 
 def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
@@ -426,10 +459,7 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
         return [ir.end_lasting(_END_OF_LASTING[name])]
     may_move = f"{name} may move targets or frames"
     if _WRITES_DATA.fullmatch(name):
-        return [
-            ir.MakeUnknown(names, may_move, remedy),
-            ir.MakeUnknown(frozenset({ir.MODE}), may_move, remedy),
-        ]
+        return [ir.MakeUnknown(names, may_move, remedy), ir.make_targets_uncertain(may_move, remedy)]
     if control := _LASTING.fullmatch(name):
         return [ir.begin_lasting(control[1], may_move, remedy)]
     shift = _SHIFT.match(name)
@@ -441,53 +471,68 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
     return [ir.begin_lasting(shift[0], moves, remedy)]
 
 
-def _read_target(line: Line, start: int, end: int) -> Literal | None:
-    """Return the robtarget or jointtarget between two indices of the text; None if neither is there.
+def _read_target(part: Line) -> Literal | None:
+    """Return the robtarget or jointtarget that a text states in numbers; None for any other text.
 
-    The numbers of a robtarget are position (3), quaternion (4), configuration (4) and axes (6); those
-    of a jointtarget angles (6) and external axes (6). A variable may hold configuration or external axes.
+    A robtarget has the numbers of a pose (position 3, quaternion 4), of the configuration (4) and of external
+    axes (6); a jointtarget has joint angles (6) and external axes (6). In place of the numbers of the
+    configuration or of the external axes there may be a variable.
     """
-    ordinals = line.ordinals_in(start, end)
-    if robtarget := _LITERALS["ROBTARGET"].fullmatch(line.text, start, end):
-        has_configuration = robtarget[1].startswith("[")
-        begin_of_axes = 11 if has_configuration else 7
-        configuration = tuple(zip(("cf1", "cf4", "cf6", "cfx"), ordinals[7:begin_of_axes], strict=False))
-        axes_name = robtarget["axes"] or ""
-        return Literal(POSE, ordinals[:7], ordinals[begin_of_axes:], configuration, axes_name=axes_name)
-    if jointtarget := _LITERALS["JOINTTARGET"].fullmatch(line.text, start, end):
-        return Literal(JOINTS, ordinals[:6], ordinals[6:], axes_name=jointtarget["axes"] or "")
+    if robtarget := _LITERALS["ROBTARGET"].fullmatch(part.text):
+        numbers = iter(part.ordinals)
+        pose = tuple(islice(numbers, _NUMBERS_OF_POSE))
+        has_configuration = robtarget["configuration"].startswith("[")
+        configuration = tuple(zip(_CONFIGURATION, numbers, strict=False)) if has_configuration else ()
+        external_axes = tuple(numbers)
+        return Literal(POSE, pose, external_axes, configuration, axes_name=robtarget["axes"] or "")
+    if jointtarget := _LITERALS["JOINTTARGET"].fullmatch(part.text):
+        numbers = iter(part.ordinals)
+        angles = tuple(islice(numbers, _NUMBERS_OF_JOINTS))
+        external_axes = tuple(numbers)
+        return Literal(JOINTS, angles, external_axes, axes_name=jointtarget["axes"] or "")
     return None
 
 
-def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> list[ir.Assign]:
-    """Translate the assignment of numbers between two indices of the text to data of one of these kinds.
+def _assign_data(name: str, value: Line, kinds: Collection[str]) -> list[ir.Assign]:
+    """Translate the assignment of numbers to a name, if the name's type is one of these kinds.
 
     `kinds` are types of RAPID, such as ROBTARGET and TOOLDATA. A target and a tool give one assignment; a
     work object gives two, one for each of its frames. The list is empty if the text is not data in numbers.
     """
-    ordinals = line.ordinals_in(start, end)
-    target = _read_target(line, start, end)
+    target = _read_target(value)
     # A variable with external axes may change, or mean another one, before the target is used.
     is_fixed = target is not None and not target.axes_name
-    if target is not None and is_fixed and {"ROBTARGET", "JOINTTARGET"} & set(kinds):
+    if target is not None and is_fixed and not {"ROBTARGET", "JOINTTARGET"}.isdisjoint(kinds):
         return [ir.Assign(name, target)]
-    if "EXTJOINT" in kinds and _LITERALS["EXTJOINT"].fullmatch(line.text, start, end):
-        return [ir.Assign(name, Literal(_AXES, ordinals))]
-    if "SPEEDDATA" in kinds and _LITERALS["SPEEDDATA"].fullmatch(line.text, start, end):
-        return [ir.Assign(name, Literal(_NUMBERS, ordinals[:1]))]
-    if "WOBJDATA" in kinds and _LITERALS["WOBJDATA"].fullmatch(line.text, start, end):
-        return _assign_frames(name, "WOBJDATA", ordinals)
-    tool = _LITERALS["TOOLDATA"].fullmatch(line.text, start, end) if "TOOLDATA" in kinds else None
-    if tool and not ir.calls_routine(line.read_expression(tool[1])):  # group 1 is the load of the tool
-        return _assign_frames(name, "TOOLDATA", ordinals)
+    if "EXTJOINT" in kinds and _LITERALS["EXTJOINT"].fullmatch(value.text):
+        return [ir.Assign(name, Literal(_AXES, value.ordinals))]
+    if "SPEEDDATA" in kinds and _LITERALS["SPEEDDATA"].fullmatch(value.text):
+        return [ir.Assign(name, _speed_of_tool(value))]
+    if "WOBJDATA" in kinds and _LITERALS["WOBJDATA"].fullmatch(value.text):
+        return _assign_frames(name, "WOBJDATA", value.ordinals)
+    tool = _LITERALS["TOOLDATA"].fullmatch(value.text) if "TOOLDATA" in kinds else None
+    if tool and not ir.calls_routine(value.read_expression(tool["load"])):
+        return _assign_frames(name, "TOOLDATA", value.ordinals)
     return []
 
 
+def _speed_of_tool(speed: Line) -> Literal:
+    """Return the speed of the tool's centre, which is the first number of a speed (speeddata)."""
+    return Literal(_NUMBERS, speed.ordinals[:1])
+
+
 def _assign_frames(name: str, kind: str, ordinals: tuple[int, ...]) -> list[ir.Assign]:
-    """Return the assignments to the frames of a work object or a tool, which have seven numbers each."""
+    """Return the assignments to the frames of a work object or a tool, which begins with their numbers.
+
+    Args:
+        name: name of the work object or tool.
+        kind: WOBJDATA (work object) or TOOLDATA.
+        ordinals: indices of its numbers among those of the statement.
+    """
     assignments = list[ir.Assign]()
-    for index, frame in enumerate(_FRAMES_OF[kind]):
-        pose = ordinals[7 * index : 7 * (index + 1)]
+    numbers = iter(ordinals)
+    for frame in _FRAMES_OF[kind]:
+        pose = tuple(islice(numbers, _NUMBERS_OF_POSE))
         assignments.append(ir.Assign(name + frame, Literal(POSE, pose)))
     return assignments
 
@@ -503,7 +548,7 @@ def _translate_declaration(line: Line) -> list[Op]:
     ops: list[Op] = [ir.Local(frozenset({name})), *line.read_expression(line["array"])]
     assignments = []
     if value and not is_array:
-        assignments = _assign_data(line, name, *line.span("value"), line["type"])
+        assignments = _assign_data(name, line.part("value"), {line["type"]})
     if assignments:
         declares = "constant" if line["kind"] == "CONST" else "variable"
         is_private = line["scope"] == "LOCAL"
@@ -516,21 +561,21 @@ def _translate_declaration(line: Line) -> list[Op]:
 
 def _translate_assignment(line: Line) -> list[Op]:
     """Translate an assignment, which gives numbers or an unknown value to a name or to one of its parts."""
-    name, part, value = line["name"], line["part"], line["value"]
-    is_frame = part in {".UFRAME", ".OFRAME", ".TFRAME"}
-    if not part and (assignments := _assign_data(line, name, *line.span("value"), *_LITERALS)):
+    name, part, value = line["name"], line["part"], line.part("value")
+    if not part and (assignments := _assign_data(name, value, _LITERALS)):
         return [*assignments]
-    if is_frame and re.fullmatch(_POSE_PATTERN, value):
-        return [ir.Assign(name + part, Literal(POSE, line.ordinals_in(*line.span("value"))))]
+    is_frame = part in {".UFRAME", ".OFRAME", ".TFRAME"}
+    if is_frame and re.fullmatch(_POSE_PATTERN, value.text):
+        return [ir.Assign(name + part, Literal(POSE, value.ordinals))]
     # The index of an array, `{i,j}`, is an expression as well.
     index = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
-    uses = [*line.read_expression(index), *line.read_expression(value)]
+    uses = [*line.read_expression(index), *value.read_expression()]
     reason = f"{name} changes while the program runs"
     return [*ir.pass_uses(uses, name), ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Translate a move; it is not corrected without target in numbers or with other options.
+    """Translate a move; without a target in numbers, or with unknown options, it is not corrected.
 
     Raises:
         Misread: its arguments are not expressions.
@@ -538,12 +583,13 @@ def _translate_move(line: Line) -> list[Op]:
     calls = list[Op]()
     if line["process"] == "SYNC":  # the last argument is the name of a routine that is called at the target
         last_argument = line["arguments"].rsplit(",", 1)[-1].strip()
-        name, prefix = _read_routine(last_argument)
-        calls.append(ir.Call(name, anytime=True, event="\0target", prefix=prefix))
+        routine = _read_routine_name(last_argument)
+        calls.append(ir.Call(routine.name, anytime=True, event="\0target", prefix=routine.prefix))
     try:
         return [*calls, *_translate_plain_move(line)]
     except Misread as fault:
-        if not fault.remedy:  # the text is no move at all
+        is_no_move = not fault.remedy
+        if is_no_move:
             raise
         uncorrected = _leave_instruction(line, _read_arguments(line), fault.reason, fault.remedy)
         return [*calls, *uncorrected]
@@ -558,101 +604,127 @@ def _translate_plain_move(line: Line) -> list[Op]:
     letter = line["letter"] or line["trigger"] or "J"  # MoveAbsJ has no letter of its own
     motion = _MOTIONS[letter]
     count = 2 if letter == "C" else 1  # count of the targets
+    arguments = _split_arguments(line, _OPTIONS)
+    values, work_object = arguments.values, arguments.work_object
     # Behind the targets come speed, perhaps a trigger, zone and tool.
-    tool_index = count + (3 if line["trigger"] else 2)
-    count_after_tool = _ARGUMENTS_AFTER_TOOL.get(line["process"], 0)
-    if "\\VALUE:=" in line.text:  # this option takes the place of the second argument
-        count_after_tool -= 1
-    spans, work_object, found = _split_arguments(line, line.span("arguments")[0])
-    arguments = [line.text[begin:end] for begin, end in spans]
-    is_complete = len(arguments) == tool_index + 1 + count_after_tool
-    if not is_complete or not re.fullmatch(_WORD, arguments[tool_index]):
+    index_of_tool = count + (3 if line["trigger"] else 2)
+    is_complete = len(values) == index_of_tool + 1 + _count_arguments_after_tool(line)
+    if not is_complete or not re.fullmatch(_WORD, values[index_of_tool].text):
         reason = "the target is not given by numbers, or the move names no speed, zone and tool"
         remedy = "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
         raise Misread(reason, remedy)
-    targets = _read_targets(line, spans[:count])
-    tool_name = arguments[tool_index]
+    tool = values[index_of_tool]
+    targets = _read_targets(values[:count])
     if len(targets) < count:
-        words = "the target is not given by numbers", _REMEDY
-        return [*found, *_leave_move(line, arguments[:count], tool_name, work_object, words, motion)]
-    for argument in arguments[count:]:
-        found += line.read_expression(argument)
-    if ir.calls_routine(found):
+        reason = "the target is not given by numbers"
+        left_move = _leave_move(
+            values[:count], tool, work_object, reason=reason, remedy=_REMEDY, motion=motion
+        )
+        return [*arguments.uses, *left_move]
+    uses = [*arguments.uses]
+    for value in values[count:]:
+        uses += value.read_expression()
+    if ir.calls_routine(uses):
         raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
-    base, tool = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(tool_name, "TOOLDATA")
-    feed = _read_feed(line, *spans[count])
-    return [*found, ir.Move(motion, targets, (base,) * count, (tool,) * count, feed=feed)]
+    bases = (_multiply_frames(work_object, "WOBJDATA"),) * count
+    tools = (_multiply_frames(tool.text, "TOOLDATA"),) * count
+    speed = values[count]
+    return [*uses, ir.Move(motion, targets, bases, tools, feed=_read_feed(line, speed))]
 
 
-def _read_feed(line: Line, start: int, end: int) -> ir.Feed | None:
-    """Return the feed of a move; None if it is computed.
+def _count_arguments_after_tool(line: Line) -> int:
+    """Return the count of arguments that the form of a move has behind the tool, such as two in MoveLDO."""
+    count = _ARGUMENTS_AFTER_TOOL.get(line["process"], 0)
+    has_value_as_option = "\\VALUE:=" in line.text  # it takes the place of the second argument
+    return count - 1 if has_value_as_option else count
 
-    The speed of the move (speeddata) is the text between two indices. VelSet limits the feeds of all moves.
+
+def _read_feed(line: Line, speed: Line) -> ir.Feed | None:
+    """Return the feed of a move, whose speed (speeddata) is an argument; None if the feed is computed.
+
+    VelSet, elsewhere in the program, changes the feeds of all moves: names stand for what it sets.
     """
-    feed = _read_own_feed(line, start, end)
+    feed = _read_own_feed(line, speed)
     if feed is None:
         return None
     return feed._replace(percentage=_PERCENTAGE, greatest=_GREATEST)
 
 
-def _read_own_feed(line: Line, start: int, end: int) -> ir.Feed | None:
-    r"""Return the feed of a move, without what VelSet sets for all moves; None if the feed is computed.
+def _read_own_feed(line: Line, speed: Line) -> ir.Feed | None:
+    r"""Return the feed that a move itself states; None if the feed is computed.
 
-    The speed of the move (speeddata) is the text between two indices: numbers, or a name such as `v100`. The
-    option `\V` takes its place, and so does `\T`, the time of the move, which gives no feed.
+    The argument `speed` (speeddata) is numbers, or a name such as `v100`. The option `\V` takes its place,
+    and so does `\T`, the time of the move, which gives no feed.
     """
-    option = _OWN_SPEED.search(line.text, line.span("arguments")[0])
+    arguments = line.part("arguments")
+    option = _OWN_SPEED.search(arguments.text)
     if option is not None:
-        is_speed = option["option"] == "V" and option["number"]
-        numbers = line.ordinals_in(*option.span("number")) if is_speed else ()
-        return ir.Feed(Literal(_NUMBERS, numbers)) if numbers else None
-    speed = line.text[start:end]
-    if _LITERALS["SPEEDDATA"].fullmatch(speed):
-        speed_of_tool = line.ordinals_in(start, end)[:1]
-        return ir.Feed(Literal(_NUMBERS, speed_of_tool))
-    if not re.fullmatch(_WORD, speed):
+        is_speed_in_numbers = option["option"] == "V" and option["number"]
+        if not is_speed_in_numbers:
+            return None
+        number = arguments.cut(*option.span("number"))
+        return ir.Feed(Literal(_NUMBERS, number.ordinals))
+    if _LITERALS["SPEEDDATA"].fullmatch(speed.text):
+        return ir.Feed(_speed_of_tool(speed))
+    if not re.fullmatch(_WORD, speed.text):
         return None
-    of_controller = _SPEED.fullmatch(speed)  # v100 is 100 mm/s, unless the program declares the name
-    return ir.Feed(ir.Copy(speed), otherwise=float(of_controller[1]) if of_controller else np.nan)
+    # v100 is 100 mm/s, unless the program declares the name.
+    of_controller = _SPEED.fullmatch(speed.text)
+    default = float(of_controller[1]) if of_controller else np.nan
+    return ir.Feed(ir.Copy(speed.text), otherwise=default)
 
 
-def _split_arguments(
-    line: Line, start: int, known_options: re.Pattern[str] = _OPTIONS
-) -> tuple[list[tuple[int, int]], str, list[Op]]:
+class _Arguments(NamedTuple):
+    """Arguments of a move."""
+
+    values: list[Line]  # without their options
+    work_object: str  # name of the work object
+    uses: list[Op]  # operations of the values of options
+
+
+def _split_arguments(line: Line, known_options: re.Pattern[str]) -> _Arguments:
     r"""Split the arguments of a move such as `p1,v100\T:=3,z10,tool1\WObj:=wobj1`.
 
-    Args:
-        line: the move.
-        start: index of its first argument.
-        known_options: pattern of the names of options that do not move the target.
-
-    Returns:
-        First and last + 1 character of each argument; name of the work object; operations of the options.
+    `known_options` are names of options that do not move the target.
 
     Raises:
         Misread: an option may move the target, or the work object is computed.
     """
-    text, work_object = line.text, "WOBJ0"
-    spans, found = list[tuple[int, int]](), list[Op]()
-    for number, (first, last) in enumerate(split_outside_brackets(text, start)):
-        (begin, end), *options = split_outside_brackets(text[:last], first, "\\")
-        is_blank = not text[begin:end].strip()
+    values = list[Line]()
+    options = list[_Option]()
+    for index, part in enumerate(line.part("arguments").split()):
+        value, *options_of_value = part.split("\\")
+        options += map(_read_option, options_of_value)
+        is_blank = not value.text.strip()
         # A part that has only options is not an argument; nor is an empty text before the first comma.
-        is_no_argument = is_blank and (number == 0 or bool(options))
+        is_no_argument = is_blank and (index == 0 or bool(options_of_value))
         if not is_no_argument:
-            begin += text[begin : begin + 1] == " "
-            spans.append((begin, end))
-        for option_begin, option_end in options:
-            name, _, value = text[option_begin:option_end].partition(":=")
-            if not known_options.fullmatch(name):
-                reason = f"the argument \\{name} moves the target, or is not known"
-                raise Misread(reason, "omit the statement")
-            found += line.read_expression(value)
-            if name == "WOBJ":
-                if not re.fullmatch(_WORD, value):
-                    raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
-                work_object = value
-    return spans, work_object, found
+            values.append(value.cut(1) if value.text.startswith(" ") else value)
+    work_object = "WOBJ0"
+    uses = list[Op]()
+    for option in options:
+        if not known_options.fullmatch(option.name):
+            reason = f"the argument \\{option.name} moves the target, or is not known"
+            raise Misread(reason, "omit the statement")
+        uses += line.read_expression(option.value)
+        if option.name == "WOBJ":
+            if not re.fullmatch(_WORD, option.value):
+                raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
+            work_object = option.value
+    return _Arguments(values, work_object, uses)
+
+
+class _Option(NamedTuple):
+    r"""Option behind an argument, such as `\WObj:=wobj1` or `\Conc`."""
+
+    name: str
+    value: str  # empty if the option has none
+
+
+def _read_option(text: Line) -> _Option:
+    """Return the option that a text behind a backslash states."""
+    name, _, value = text.text.partition(":=")
+    return _Option(name, value)
 
 
 _ENDS: Final = re.compile(
@@ -675,17 +747,22 @@ def read_rapid(statements: Statements, sources: tuple[Source, ...]) -> None:
     Further modules, in the same file or in further files, are parts of the same program; moves of further
     files are not corrected.
     """
-    statements.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
+    statements.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")  # as messages name them
     modules = [module for index, source in enumerate(sources) for module in _split_modules(index, source)]
-    for module, renamed in zip(modules, _rename_local_names(modules), strict=True):
-        translate = partial(_translate_renamed, renamed=renamed) if renamed else None
+    for module, new_names in zip(modules, _rename_local_names(modules), strict=True):
+        translate = partial(_translate_renamed, renamed=new_names) if new_names else None
         statements.add_statements(module.source, module.starts, module.ends, translate=translate)
+    _leave_moves_if_ambiguous(statements, modules)
+
+
+def _leave_moves_if_ambiguous(statements: Statements, modules: Iterable[_Module]) -> None:
+    """Leave all moves if a routine of the program has the name of a move of a process, such as ArcL."""
     routines = [routine for module in modules for routine in re.findall(_ROUTINE, module.text)]
     ambiguous = [routine for routine in routines if _PROCESS_MOVE.fullmatch(routine)]
     if ambiguous:
         name = min(ambiguous)
         reason = f"the program has its own routine {name}, but a move of a process has the same name"
-        statements.forget_anytime(frozenset({ir.MODE}), reason, "give the routine another name")
+        statements.forget_anytime(ir.ALL_TARGETS, reason, "give the routine another name")
 
 
 class _Module(NamedTuple):
@@ -699,11 +776,13 @@ class _Module(NamedTuple):
 
 def _split_modules(index: int, source: Source) -> Iterator[_Module]:
     """Yield the modules of a file, which has the given index among the files."""
-    starts, ends, heads = _find_statements(source.text)
+    found = _find_statements(source.text)
     # Text before the second head belongs to the first module.
-    for begin, end in pairwise((0, *heads[1:], len(source.text))):
-        first, last = np.searchsorted(starts, (begin, end)).tolist()
-        yield _Module(index, capitalise(source.text[begin:end]), starts[first:last], ends[first:last])
+    borders = (0, *found.heads[1:], len(source.text))
+    for begin, end in pairwise(borders):
+        first, last = np.searchsorted(found.starts, (begin, end)).tolist()
+        text = capitalise(source.text[begin:end])
+        yield _Module(index, text, found.starts[first:last], found.ends[first:last])
 
 
 def _rename_local_names(modules: list[_Module]) -> list[dict[str, str]]:
@@ -714,15 +793,16 @@ def _rename_local_names(modules: list[_Module]) -> list[dict[str, str]]:
     """
     if len(modules) < 2:
         return [{} for _ in modules]
-    local = [set(re.findall(_LOCAL, _TEXT_OR_COMMENT.sub(" ", module.text))) for module in modules]
+    local_names = [set(re.findall(_LOCAL, _TEXT_OR_COMMENT.sub(" ", module.text))) for module in modules]
     words = [set(re.findall(_WORD, module.text)) for module in modules]
-    modules_with = Counter(word for words_of_module in words for word in words_of_module)
+    count_of_modules = Counter(word for words_of_module in words for word in words_of_module)
     renamed: list[dict[str, str]] = [{}]
     for k in range(1, len(modules)):
-        new_names = {name: f"{name}{IN_MODULE}0" for name in local[0] & words[k]}
-        for name in local[k]:
-            is_elsewhere = modules_with[name] > 1
-            if is_elsewhere:
+        # What is LOCAL in the first module is a name of its own here; so is what is LOCAL here elsewhere.
+        new_names = {name: f"{name}{IN_MODULE}0" for name in local_names[0] & words[k]}
+        for name in local_names[k]:
+            is_used_elsewhere = count_of_modules[name] > 1
+            if is_used_elsewhere:
                 new_names[name] = f"{name}{IN_MODULE}{k}"
         renamed.append(new_names)
     return renamed
@@ -750,27 +830,33 @@ def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, 
     return LANGUAGE.translate(_TEXT_OR_NAME.sub(rename, masked))
 
 
-def _find_statements(text: str) -> tuple[IndexArray, IndexArray, list[int]]:
-    """Return the first and the last + 1 character of each statement of a file, and where modules begin."""
-    starts, ends, heads = list[int](), list[int](), list[int]()
-    place = 0  # behind the last statement
+class _StatementsOfFile(NamedTuple):
+    """Places of the statements and modules of a file."""
 
-    def end_statement(end: int) -> int:
-        """Add the statement that ends before a character, unless it is blank; return the character."""
-        start = end - len(text[place:end].lstrip())
+    starts: IndexArray  # (n,) first character of each statement
+    ends: IndexArray  # (n,) last character + 1 of each statement
+    heads: list[int]  # first character of the head of each module
+
+
+def _find_statements(text: str) -> _StatementsOfFile:
+    """Find the statements and the heads of modules in the text of a file; blank statements are left out."""
+    heads = list[int]()
+    borders = [0]  # between statements
+    for match in _ENDS.finditer(text):
+        is_head, is_end = match["head"] is not None, match[1] is not None
+        if is_head:  # the head of a module also ends the statement before it
+            heads.append(match.start())
+            borders.append(match.start())
+        if is_end:
+            borders.append(match.end())
+    borders.append(len(text))
+    starts, ends = list[int](), list[int]()
+    for begin, end in pairwise(borders):
+        start = end - len(text[begin:end].lstrip())
         if start < end:
             starts.append(start)
             ends.append(end)
-        return end
-
-    for match in _ENDS.finditer(text):
-        if match["head"]:
-            heads.append(match.start())
-            place = end_statement(match.start())
-        if match[1]:
-            place = end_statement(match.end())
-    end_statement(len(text))
-    return np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp), heads
+    return _StatementsOfFile(np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp), heads)
 
 
 LANGUAGE: Final = ir.Language(

@@ -38,42 +38,53 @@ def matrices_from_quaternions(quaternions: FloatArray) -> FloatArray:
 
 
 def quaternions_from_matrices(matrices: FloatArray) -> FloatArray:
-    """Return unit quaternions (m, 4), scalar first, of rotation matrices (m, 3, 3).
+    """Return unit quaternions q = (w, x, y, z), as (m, 4), of rotation matrices R (m, 3, 3).
 
-    The matrix 4 q qᵀ of a quaternion q follows from sums and differences of the rotation matrix' entries.
-    Each of its rows is a multiple of q; the row of q's greatest component is the most exact one.
+    Shepperd: the entries of R give the matrix 4 q qᵀ, whose rows are multiples of q:
+
+        4 w² = 1 + trace R,    4 w x = R₂₁ - R₁₂ (and so on in turn),
+        4 x² = 1 - trace R + 2 R₀₀,    4 x y = R₁₀ + R₀₁.
+
+    The row of q's greatest component is the most exact one, and is normalised.
     """
     r = matrices
     products = np.empty((len(r), 4, 4))  # 4 q qᵀ
     trace = np.trace(r, axis1=1, axis2=2)
     products[:, 0, 0] = 1 + trace
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # x, y, z in turn
         products[:, i + 1, i + 1] = 1 - trace + 2 * r[:, i, i]
         products[:, 0, i + 1] = products[:, i + 1, 0] = r[:, k, j] - r[:, j, k]
         products[:, i + 1, j + 1] = products[:, j + 1, i + 1] = r[:, j, i] + r[:, i, j]
     sizes = np.stack([r[:, 0, 0], r[:, 1, 1], r[:, 2, 2], trace], axis=1)  # rise with those of x, y, z, w
-    greatest = (np.argmax(sizes, axis=1) + 1) % 4
+    greatest = (np.argmax(sizes, axis=1) + 1) % 4  # in the order w, x, y, z
     return normalise(products[np.arange(len(r)), greatest])
 
 
 def matrices_from_vectors(vectors: FloatArray) -> FloatArray:
-    """Return the rotation matrices (m, 3, 3) of rotation vectors (m, 3) [rad]."""
+    """Return the rotation matrices (m, 3, 3) of rotation vectors (m, 3) [rad].
+
+    A rotation by the angle α about the unit axis u, with the vector α u, has the quaternion
+    (cos(α/2), sin(α/2) u). Near zero, sin(α/2) / α is calculated by its Taylor series.
+    """
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
-    # The quaternion has the vector part sin(angle / 2) / angle · vector; near zero by its Taylor series.
     is_small = angle <= _SMALL
     series = 0.5 - angle**2 / 48 + angle**4 / 3840
-    scale = np.where(is_small, series, np.sin(angle / 2) / np.where(is_small, 1.0, angle))
-    return matrices_from_quaternions(np.hstack([np.cos(angle / 2), scale * vectors]))
+    sine_by_angle = np.where(is_small, series, np.sin(angle / 2) / np.where(is_small, 1.0, angle))
+    return matrices_from_quaternions(np.hstack([np.cos(angle / 2), sine_by_angle * vectors]))
 
 
 def vectors_from_matrices(matrices: FloatArray) -> FloatArray:
-    """Return the rotation vectors (m, 3) [rad], of angles up to π, of rotation matrices (m, 3, 3)."""
+    """Return the rotation vectors (m, 3) [rad], of angles up to π, of rotation matrices (m, 3, 3).
+
+    The quaternion (cos(α/2), sin(α/2) u) belongs to the rotation by the angle α about the unit axis u, whose
+    vector is α u. Near zero, α / sin(α/2) is calculated by its Taylor series.
+    """
     quaternions = quaternions_from_matrices(matrices)
+    # A quaternion and its negative state the same rotation; that with cos(α/2) ≥ 0 has the smaller angle.
     quaternions = np.where(quaternions[:, :1] < 0.0, -quaternions, quaternions)
-    scalar, vector = quaternions[:, :1], quaternions[:, 1:]
-    angle = 2 * np.arctan2(np.linalg.norm(vector, axis=1, keepdims=True), scalar)
-    # The rotation vector is angle / sin(angle / 2) · vector part; near zero by its Taylor series.
+    cosine, axis_part = quaternions[:, :1], quaternions[:, 1:]
+    angle = 2 * np.arctan2(np.linalg.norm(axis_part, axis=1, keepdims=True), cosine)
     is_small = angle <= _SMALL
     series = 2 + angle**2 / 12 + 7 * angle**4 / 2880
-    scale = np.where(is_small, series, angle / np.where(is_small, 1.0, np.sin(angle / 2)))
-    return np.asarray(scale * vector)
+    angle_by_sine = np.where(is_small, series, angle / np.where(is_small, 1.0, np.sin(angle / 2)))
+    return np.asarray(angle_by_sine * axis_part)

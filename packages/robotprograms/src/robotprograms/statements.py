@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Final, NoReturn, TypeAlias
+from typing import Final, NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from robotprograms import language as ir
 from robotprograms.arrays import IndexArray
 from robotprograms.columns import Columns, get_array_name, get_structure_name
 from robotprograms.contents import Contents
-from robotprograms.declarations import Changes, Declarations, Uses
+from robotprograms.declarations import Changes, Declarations, State, Uses
 from robotprograms.errors import Fault, ProgramError
 from robotprograms.language import Language, Misread, Op
 from robotprograms.notation import Numerals, iterate_integers
@@ -28,16 +28,59 @@ _MAX_STATEMENT: Final = 16_384
 """Largest number of characters of a statement."""
 Operations: TypeAlias = "list[tuple[int, Op]]"
 """Operations of a statement, each with its number of lines below the first line."""
-Held: TypeAlias = "tuple[Operations, int, int]"
-"""Operations of a statement that acts behind the next move, its line, and the index of its first number."""
+
+
+class _Statement(NamedTuple):
+    """A statement after its translation."""
+
+    ops: Operations
+    source: int  # index of the file
+    line: int  # first line
+    first: int  # index of its first number among those of the file
+    declares: str = ""  # kind of the declarations, in a file of data; else empty
+
+    @property
+    def acts_behind_next_move(self) -> bool:
+        """True if the statement calls a routine that runs only behind the move that follows."""
+        return any(isinstance(op, ir.Call) and op.behind_next for _, op in self.ops)
+
+    @property
+    def single_move(self) -> ir.Move | None:
+        """The move of the statement, if it does nothing else; None otherwise."""
+        effects = self.effects
+        only_effect = effects[0] if len(effects) == 1 else None
+        return only_effect if isinstance(only_effect, ir.Move) else None
+
+    @property
+    def effects(self) -> list[Op]:
+        """Operations that can change later moves: all but uses of numbers, and changes of the feed."""
+        return [op for _, op in self.ops if not (isinstance(op, ir.Use) or ir.sets_feed_only(op))]
+
+    @property
+    def can_repeat(self) -> bool:
+        """True if the move of the next statement, with the same text, differs in numbers only."""
+        move = self.single_move
+        if move is None or self.declares:
+            return False
+        return len(self.ops) == 1 or move.differs_only_in_target
+
+
+class Repetition(NamedTuple):
+    """Statement that differs from a statement before it in its numbers only."""
+
+    line: int  # line of the statement
+    first: int  # index of its first number among those of the file
+
+
 _LEFT: Final = ir.Note("")
 """In place of a move of a further file, which is not corrected."""
 
 
 def _leave_moves(op: Op) -> list[Op]:
-    """Return what stays of an operation of a further file, whose moves are not corrected.
+    """Return what takes the place of an operation in a further file, whose moves are not corrected.
 
-    A move becomes a mark that it is left, and a use of its targets, whose numbers have to stay.
+    Only moves and notes are replaced. A move becomes the mark `_LEFT`, which is counted, and a use of its
+    named targets, whose numbers have to stay.
     """
     if isinstance(op, ir.MoveToStored | ir.Note):
         return []
@@ -46,6 +89,38 @@ def _leave_moves(op: Op) -> list[Op]:
     targets = (*op.targets, *op.offset_from)
     names = frozenset(target for target in targets if not isinstance(target, Literal))
     return [ir.Use(names), _LEFT] if names else [_LEFT]
+
+
+class _Translator:
+    """Translates statements, and keeps the translations: statements with the same text share one."""
+
+    def __init__(self, translate: Callable[[str], Operations], *, leaves_moves: bool) -> None:
+        """Begin without translations.
+
+        Args:
+            translate: function that translates the text of a statement.
+            leaves_moves: whether moves are replaced by marks that they are left without a correction.
+        """
+        self._translate, self._leaves_moves = translate, leaves_moves
+        self._translations: dict[str, Operations] = {}
+
+    def translate(self, masked_text: str) -> Operations:
+        """Return the operations of a statement, the same object for the same text.
+
+        `masked_text` is the text of the statement with `ir.A_NUMBER` in place of each number.
+
+        Raises:
+            Misread: the statement is not understood at all.
+        """
+        ops = self._translations.get(masked_text)
+        if ops is not None:
+            return ops
+        ops = self._translate(masked_text)
+        if self._leaves_moves:
+            ops = [(line_offset, each) for line_offset, op in ops for each in _leave_moves(op)]
+        if len(self._translations) < _MAX_TRANSLATIONS:
+            self._translations[masked_text] = ops
+        return ops
 
 
 class Statements:
@@ -77,6 +152,12 @@ class Statements:
         self.left_in_file: Counter[int] = Counter()  # moves of each further file, by its index
         self._scopes = [Scope("")]  # scopes of the routines and blocks whose end was not reached yet
         self._last_scope = Scope("")  # scope of the routine or block that ended last
+
+    def list_repetitions(self, move: int) -> Iterator[Repetition]:
+        """Yield the statements that share the move with this index, because only their numbers differ."""
+        numbers = self.repeats.get(move, array("q"))
+        for line, first in zip(numbers[::2], numbers[1::2], strict=True):
+            yield Repetition(line, first)
 
     def restore_spelling(self, place: Place, name: str) -> str:
         """Return a name in the spelling of the program near a place."""
@@ -113,106 +194,80 @@ class Statements:
             ProgramError: a statement is too long, or not understood at all.
         """
         self._scopes = [Scope("", owners=self.owners.get(source, {}))]
-        translate = translate or self.language.translate
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
-        masked_texts, first = self.numerals[source].masked_texts(starts, ends)
-        if (long := np.flatnonzero(ends - starts > _MAX_STATEMENT)).size:
-            reason = f"a statement has more than {_MAX_STATEMENT} characters"
-            self.refuse(int(lines[long[0]]), reason, "split the statement", source)
-        translations: dict[str, Operations] = {}
-        # operations of the last statement, if a repetition of this statement can differ in numbers only
+        self._refuse_long_statements(source, lines, ends - starts)
+        masked_texts, first_numbers = self.numerals[source].masked_texts(starts, ends)
+        is_further_program = source > 0 and not declares
+        translator = _Translator(translate or self.language.translate, leaves_moves=is_further_program)
+        # Operations of the last statement, if it is a move that a statement of the same text can repeat.
         repeatable: Operations | None = None
-        held: list[Held] = []  # statements that act behind the next move
-        for masked, line, number in zip(
-            masked_texts, iterate_integers(lines), iterate_integers(first), strict=True
+        held: list[_Statement] = []  # statements that act behind the next move
+        for masked_text, line, first in zip(
+            masked_texts, iterate_integers(lines), iterate_integers(first_numbers), strict=True
         ):
-            ops = translations.get(masked)
-            if ops is None:
-                ops = self._translate(translate, masked, line, source)
-                if source and not declares:
-                    ops = [(offset, each) for offset, op in ops for each in _leave_moves(op)]
-                if len(translations) < _MAX_TRANSLATIONS:
-                    translations[masked] = ops
+            try:
+                ops = translator.translate(masked_text)
+            except Misread as fault:
+                self.refuse(line, fault.reason, fault.remedy, source)
             is_repetition = ops is repeatable and not held
             if is_repetition:  # long programs are mostly such moves: they share one operation
                 line_offset, _ = ops[-1]
-                self.repeats[len(self.ops) - 1].extend((line + line_offset, number))
+                last_operation = len(self.ops) - 1
+                self.repeats[last_operation].extend((line + line_offset, first))
                 continue
-            acts_later = any(isinstance(op, ir.Call) and op.behind_next for _, op in ops)
-            if acts_later and not declares:
-                held.append((ops, line, number))
+            statement = _Statement(ops, source, line, first, declares)
+            if statement.acts_behind_next_move and not declares:
+                held.append(statement)
                 continue
-            repeatable = self._add_with_held(ops, source, line, number, declares, held)
-        self._add_held(held, source)
+            has_held = bool(held)
+            self._add_with_held(statement, held)
+            repeatable = ops if statement.can_repeat and not has_held else None
+        self._add_held(held)
 
-    def _add_with_held(
-        self, ops: Operations, source: int, line: int, number: int, declares: str, held: list[Held]
-    ) -> Operations | None:
-        """Add a statement, with the statements in `held`, which act behind the next move.
-
-        The held statements are added behind a move, or before any other statement that has an effect.
+    def _refuse_long_statements(self, source: int, lines: IndexArray, lengths: IndexArray) -> None:
+        """Refuse a file with a statement that is too long to be translated.
 
         Args:
-            ops: operations of the statement, each with its number of lines below the first line.
             source: index of the file.
-            line: first line of the statement.
-            number: index of the statement's first number.
-            declares: kind of the declarations in a file of data; else "".
-            held: statements that act behind the next move; the list is emptied where they are added.
-
-        Returns:
-            The operations, if a repetition of the statement can differ in numbers only.
-        """
-        effects = [op for _, op in ops if not (isinstance(op, ir.Use) or ir.sets_feed_only(op))]
-        move = effects[0] if len(effects) == 1 else None
-        if not isinstance(move, ir.Move):
-            if effects:
-                self._add_held(held, source)
-            self._add_operations(ops, source, line, number, declares)
-            return None
-        self._add_operations(ops, source, line, number, declares)
-        if held:
-            self._add_held(held, source)
-            return None
-        can_repeat = len(ops) == 1 or move.differs_only_in_target
-        return ops if can_repeat and not declares else None
-
-    def _translate(
-        self, translate: Callable[[str], Operations], masked: str, line: int, source: int
-    ) -> Operations:
-        """Translate a statement.
+            lines: (k,) first line of each statement.
+            lengths: (k,) count of the characters of each statement.
 
         Raises:
-            ProgramError: the statement is not understood at all.
+            ProgramError: a statement has more than `_MAX_STATEMENT` characters.
         """
-        try:
-            return translate(masked)
-        except Misread as fault:
-            self.refuse(line, fault.reason, fault.remedy, source)
+        too_long = np.flatnonzero(lengths > _MAX_STATEMENT)
+        if too_long.size:
+            reason = f"a statement has more than {_MAX_STATEMENT} characters"
+            self.refuse(int(lines[too_long[0]]), reason, "split the statement", source)
 
-    def _add_held(self, held: list[Held], source: int) -> None:
-        """Add the operations of statements that act behind the next move, and empty their list."""
-        for ops, line, number in held:
-            self._add_operations(ops, source, line, number, "")
+    def _add_with_held(self, statement: _Statement, held: list[_Statement]) -> None:
+        """Add a statement, and the statements in `held`, which act behind the next move.
+
+        The held statements are added behind a move, or before any other statement that has an effect; then
+        `held` is empty. They stay there if the statement has no effect.
+        """
+        if statement.single_move is not None:
+            self._add_operations(statement)
+            self._add_held(held)
+            return
+        if statement.effects:
+            self._add_held(held)
+        self._add_operations(statement)
+
+    def _add_held(self, held: list[_Statement]) -> None:
+        """Add the statements that act behind the next move to the program, and empty their list."""
+        for statement in held:
+            self._add_operations(statement)
         held.clear()
 
-    def _add_operations(
-        self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str
-    ) -> None:
-        """Add the operations of one statement to the program, or its declarations to the initial values.
-
-        Args:
-            ops: operations, each with its number of lines below the first line.
-            source: index of the file.
-            line: first line of the statement.
-            number: index of the statement's first number.
-            declares: kind of the declarations in a file of data; else "".
-        """
-        for line_offset, op in ops:
+    def _add_operations(self, statement: _Statement) -> None:
+        """Add the operations of a statement to the program, or its declarations to the initial values."""
+        source, declares = statement.source, statement.declares
+        for line_offset, op in statement.ops:
             if isinstance(op, ir.Flow):
                 self._enter_scope(op, self.owners.get(source, {}))
-            scope = self._scopes[-1]
-            place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
+            values = self.numerals[source].values
+            place = Place(source, statement.line + line_offset, statement.first, values, self._scopes[-1])
             if op is _LEFT:
                 self.left_in_file[source] += 1
             elif isinstance(op, ir.Use | ir.Note | ir.Offset | ir.Local):
@@ -224,7 +279,11 @@ class Statements:
                 self.ops.append(op)
 
     def _add_statement_about_names(self, place: Place, op: ir.Use | ir.Note | ir.Offset | ir.Local) -> None:
-        """Note uses of names, a remark, a pose at an offset from a target, or local names."""
+        """Note what a statement says about names, without an operation that runs.
+
+        The statement uses numbers of variables, deserves a remark, assigns a pose at an offset from a target,
+        or declares local variables of its routine; outside of routines, these are data of the program.
+        """
         if isinstance(op, ir.Use):
             self._note_use(place, op)
         elif isinstance(op, ir.Note):
@@ -237,14 +296,24 @@ class Statements:
             self.declarations.names.update(op.names)
 
     def _note_use(self, place: Place, op: ir.Use) -> None:
-        """Note that the numbers of names are used, or that another name gets what is calculated of them."""
-        result = place.scope.routine if op.into == ir.RESULT else place.qualify(op.into)
-        uses = self.uses.origins[result] if result else self.uses.used
-        for name in op.names:
-            uses[place.qualify(name)] = place.at
+        """Note a use of the numbers of variables for something else than the target of a move.
+
+        What is calculated of the numbers may go to another variable, `op.into`, or be the value that the
+        routine returns, whose name is that of the routine. Otherwise it is not known what becomes of them.
+        """
+        is_returned = op.into == ir.RESULT
+        result = place.scope.routine if is_returned else place.qualify(op.into)
+        used_names = {place.qualify(name): place.at for name in op.names}
+        if result:
+            self.uses.origins[result].update(used_names)
+        else:
+            self.uses.used.update(used_names)
 
     def forget_anytime(self, names: frozenset[str], reason: str, remedy: str) -> None:
-        """Make the values of names unknown anywhere in the program, for a reason."""
+        """Make the values of names unknown anywhere in the program, for a reason.
+
+        A statement that does so is added at the end of the program, outside of all routines.
+        """
         if names and self.places:
             self.places.append(replace(self.places[-1], scope=Scope("")))
             self.ops.append(ir.MakeUnknown(names, reason, remedy, anytime=True))
@@ -252,11 +321,16 @@ class Statements:
     def _enter_scope(self, op: ir.Flow, owners: Mapping[str, str]) -> None:
         """Enter the scope of a routine or block where it begins, and leave the scope where it ends.
 
-        `owners` are the owners of names in the file.
+        A scope has the local variables of a routine; a block shares the scope around it, and a handler
+        without a name that of the routine that ended last.
+
+        Args:
+            op: beginning or end of a routine or block; other operations of the control flow change nothing.
+            owners: owners of names in the file, for names that mean data of a single file.
         """
         if op.kind in ir.ROUTINES and op.name:
             self._scopes.append(Scope(str(op.name), owners=owners))
-        elif op.kind in ir.ROUTINES:  # a handler without a name shares the scope of its routine
+        elif op.kind in ir.ROUTINES:
             self._scopes.append(self._last_scope)
         elif op.kind in ir.BLOCKS:
             self._scopes.append(self._scopes[-1])
@@ -264,24 +338,33 @@ class Statements:
             self._last_scope = self._scopes.pop()
 
     def _declare(self, place: Place, op: ir.Assign, kind: str) -> None:
-        """Note the initial content of a declared name, and whether other programs may change this content."""
+        """Note the initial content of a declared name, and whether other programs may change this content.
+
+        Args:
+            place: place of the declaration.
+            op: assignment of the initial value.
+            kind: `variable`, `constant`, or `shared` for data that the controller stores for all programs.
+        """
         name = place.qualify(op.name)
-        is_shared = op.shared or kind == "shared" or get_array_name(name) in self.shared_names
         declarations, is_own = self.declarations, self.language.is_own(name)
+        is_shared = op.shared or kind == "shared" or get_array_name(name) in self.shared_names
         if is_shared:
             declarations.shared.add(name)
         if kind == "shared":
             declarations.stored.add(name)
         if op.private and not is_own:
             declarations.private.add(get_structure_name(name))
-        content = self.contents.evaluate(place, name, op.value, {})
+        state_before_program: State = {}
+        content = self.contents.evaluate(place, name, op.value, state_before_program)
         structure, _, ending = name.partition(".")
-        if ending and is_own:
+        is_field_of_position = ending and is_own
+        if is_field_of_position:
             declarations.add_field(structure, (ending, content))
             return
         if op.declares == "constant":
             declarations.fixed.add(name)
-        if declarations.initial.setdefault(name, content) != content:
+        is_declared_otherwise = declarations.initial.setdefault(name, content) != content
+        if is_declared_otherwise:
             declarations.initial[name] = place.make_cause(f"{name} is declared twice")
         if kind == "constant" and not is_own:
             declarations.constants.add(name)

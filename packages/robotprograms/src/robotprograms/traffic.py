@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from array import array
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import replace
 from itertools import chain
 
@@ -24,7 +23,7 @@ def _list_values(op: Op) -> tuple[Value | ir.Product, ...]:
         return (op.value,)
     if not isinstance(op, ir.Move):
         return ()
-    # The move that takes the place of this one if its target is at an offset from another target
+    # A move to an offset from a target is replaced by `near_target`, which has frames of its own.
     near = op.near_target or op
     return (*op.bases, *op.tools, *near.bases, *near.tools)
 
@@ -40,33 +39,54 @@ class TrafficFinder:
         self._calls, self._effects = calls, effects
 
     def find_liveness(self, bodies: Mapping[str, list[int]], flow: ControlFlow) -> Liveness:
-        """Return the names that states leave out, with the operations of each routine."""
-        kept = self._list_always_live()
-        writes = {name: at for name, at in self._find_writes(bodies).items() if get_base(name) not in kept}
+        """Find where nothing reads the content of a variable any more, so that states can leave it out.
+
+        Args:
+            bodies: indices of the operations of each routine.
+            flow: control flow of the program.
+        """
+        always_live = self._list_always_live()
+        writes = self._find_writes(bodies)
+        writes = {name: indices for name, indices in writes.items() if get_base(name) not in always_live}
         if not writes:  # most programs declare their points, and assign nothing to them
             return Liveness()
-        reads: dict[str, set[int]] = defaultdict(set)
-        for i in chain(*bodies.values()):
-            for name in self._list_read_names(i) & writes.keys():
-                reads[name].add(i)
-        moves = {i for i in set(chain(*reads.values())) if isinstance(self._ops[i], ir.Move)}
+        reads = self._find_reads(bodies, writes.keys())
+        reading_operations = set(chain(*reads.values()))
+        reading_moves = {i for i in reading_operations if isinstance(self._ops[i], ir.Move)}
+        changed_by = self._changes.of_routine
         traffic = Traffic(
-            bodies={name: self._leave_out_moves(body, moves) for name, body in bodies.items()},
-            moves=moves,
+            bodies={name: self._leave_out_moves(body, reading_moves) for name, body in bodies.items()},
+            moves=reading_moves,
             reads=reads,
             writes=writes,
             calls=self._find_calls(bodies),
-            changed=self._changes.of_routine,
-            forgetting={name for name, changed in self._changes.of_routine.items() if UNKNOWN in changed},
+            changed=changed_by,
+            forgetting={name for name, changed in changed_by.items() if UNKNOWN in changed},
         )
         return find_liveness(traffic, flow)
 
-    def _leave_out_moves(self, body: list[int], reading: set[int]) -> list[int]:
-        """Return operations without moves, unless these read names."""
-        return [i for i in body if i in reading or not isinstance(self._ops[i], ir.Move | ir.MoveToStored)]
+    def _find_reads(self, bodies: Mapping[str, list[int]], names: Set[str]) -> dict[str, set[int]]:
+        """Return the operations that read each of some names, by their indices."""
+        reads: dict[str, set[int]] = defaultdict(set)
+        for i in chain(*bodies.values()):
+            for name in self._list_read_names(i) & names:
+                reads[name].add(i)
+        return reads
+
+    def _leave_out_moves(self, body: list[int], reading_moves: set[int]) -> list[int]:
+        """Return the operations of a routine, by their indices, without moves that read no variable."""
+        kept = []
+        for i in body:
+            is_move = isinstance(self._ops[i], ir.Move | ir.MoveToStored)
+            if i in reading_moves or not is_move:
+                kept.append(i)
+        return kept
 
     def _find_writes(self, bodies: Mapping[str, list[int]]) -> dict[str, set[int]]:
-        """Return the operations that give each name a new content."""
+        """Return the operations that give each name a new content, by their indices.
+
+        `bodies` are the indices of each routine's operations.
+        """
         writes: dict[str, set[int]] = defaultdict(set)
         for i in chain(*bodies.values()):
             for name in self._effects.list_written(i):
@@ -74,27 +94,41 @@ class TrafficFinder:
         return writes
 
     def _find_calls(self, bodies: Mapping[str, list[int]]) -> dict[int, list[str]]:
-        """Return the routines of the program that each operation may call."""
+        """Return the routines of the program that each call may start, by the index of the call.
+
+        `bodies` are the indices of each routine's operations. Calls of other routines only are left out.
+        """
         calls: dict[int, list[str]] = {}
         for i in chain(*bodies.values()):
             op = self._ops[i]
-            if isinstance(op, ir.Call) and (called := self._calls.list_called(op)):
+            called = self._calls.list_called(op) if isinstance(op, ir.Call) else []
+            if called:
                 calls[i] = called
         return calls
 
     def _list_read_names(self, i: int) -> set[str]:
-        """Return the full names whose contents operation i looks up."""
+        """Return the full names of the variables whose contents operation i reads.
+
+        Statements that differ only in their numbers share one operation. They read other elements of an array
+        where the index is such a number, as in `P[1]` and `P[2]`.
+        """
         place = self._places[i]
         names = list_read_names(self._ops[i])
-        found = set(map(place.qualify, names))
-        numbered = [name for name in names if not isinstance(name, str)]
-        if numbered:  # repetitions have other numbers in these names
-            for number in self._statements.repeats.get(i, array("q"))[1::2]:
-                found.update(map(replace(place, first=number).qualify, numbered))
-        return found
+        full_names = set(map(place.qualify, names))
+        names_with_number = [name for name in names if isinstance(name, ir.NumberedName)]
+        if names_with_number:
+            for repetition in self._statements.list_repetitions(i):
+                place_of_repetition = replace(place, first=repetition.first)
+                full_names.update(map(place_of_repetition.qualify, names_with_number))
+        return full_names
 
     def _list_always_live(self) -> set[str]:
-        """Return the variables whose names are looked up by what other names contain."""
+        """Return the variables that count as read everywhere, without the routines they belong to.
+
+        They are found through the contents of other variables, so that no operation names them: the active
+        frames, what lasts (force control and the like), and all that declarations, assignments and offsets
+        contain.
+        """
         active = self._language.active
         names = {
             *self._changes.lasting,

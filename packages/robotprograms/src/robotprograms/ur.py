@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Iterable, Mapping
-from typing import Final
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from robotprograms import language as ir
-from robotprograms.language import Line, Misread, Op, split_outside_brackets
+from robotprograms.language import Line, Misread, Op
 from robotprograms.notation import Notation, Orientation
 from robotprograms.program import Literal, Motion, Source
 from robotprograms.statements import Statements
@@ -68,7 +69,7 @@ _REMEDY: Final = (
     "exactly once"
 )
 _WORD: Final = r"[^\W\d]\w*+"
-_COUNT: Final = 6  # numbers of a pose
+_NUMBERS_OF_POSE: Final = 6
 _SIX: Final = r"\[\0(?:,\0){5}\]"
 _OFFSET: Final = re.compile(
     rf"pose_(?:trans|add)\((?P<target>{_WORD}),(?P<offset>[^()]++(?:\([^()]*+\)[^()]*+)*)\)"
@@ -102,12 +103,11 @@ def _translate_calculated_tool(line: Line) -> list[Op]:
     Raises:
         Misread: the pose has not six numbers.
     """
-    begin, end = line.span("pose")
-    spans = split_outside_brackets(line.text[:end], begin)
-    expressions = tuple(line.text[first:last] for first, last in spans)
-    if len(expressions) != _COUNT:
+    pose = line.part("pose")
+    expressions = tuple(each.text for each in pose.split())
+    if len(expressions) != _NUMBERS_OF_POSE:
         return _refuse_unknown_tool(line)
-    tool = ir.Stated(_ACTIVE, POSE, expressions, line.ordinals_in(begin, end))
+    tool = ir.Stated(_ACTIVE, POSE, expressions, pose.ordinals)
     return [ir.Assign(_ACTIVE, tool)]
 
 
@@ -121,25 +121,29 @@ def _refuse_unknown_tool(_line: Line) -> list[Op]:
 
 
 def _translate_call(line: Line) -> list[Op]:
-    """Translate a call; that of a function of the controller which moves the robot is an uncorrected move."""
+    """Translate a call of a routine, which may be a function of the controller.
+
+    A function that moves the robot without a target becomes a move that is not corrected. If its effect
+    lasts, as that of `force_mode`, no later move is corrected, until another function ends the effect.
+    """
     name = line["name"]
-    found = line.read_expression(line.text)
-    # The program itself may define a routine with this name. No function of the controller sets the tool.
-    own_routine = ir.Call(name, harmless=True)
-    others = [op for op in found if not _is_call_of(name, op)]
-    if _END_OF_LASTING.fullmatch(name):
-        return [own_routine, *others, ir.end_lasting(_find_kind(name))]
-    if not _MOVES_WITHOUT_TARGET.fullmatch(name):
-        return found
+    operations = line.read_expression()
+    moves_robot = _MOVES_WITHOUT_TARGET.fullmatch(name) is not None
+    ends_effect = _END_OF_LASTING.fullmatch(name) is not None
+    if not (moves_robot or ends_effect):
+        return operations
+    ops: list[Op] = [ir.call_if_defined(name)]  # no function of the controller sets the tool
+    ops += [op for op in operations if not _is_call_of(name, op)]
+    if ends_effect:
+        return [*ops, ir.end_lasting(_find_kind(name))]
     reason, remedy = f"{name} moves the robot without a target", "use movej, movel, movep or movec"
-    ops: list[Op] = [own_routine, *others]
     if _LASTING.fullmatch(name):
         ops.append(ir.begin_lasting(_find_kind(name), reason, remedy))
     return ir.make_uncorrected_move(ops, reason, remedy)
 
 
 def _find_kind(name: str) -> str:
-    """Return the kind of what lasts behind a routine; the routine's own name if nothing ends it."""
+    """Return the kind of a routine's lasting effect, such as `force_mode`; else the routine's name."""
     kind = _KINDS.search(name)
     return kind[0] if kind else name
 
@@ -149,11 +153,11 @@ def _is_call_of(name: str, op: Op) -> bool:
     return isinstance(op, ir.Call) and op.name == name
 
 
-def _read_literal(line: Line, start: int, end: int) -> Literal | None:
-    """Return the pose `p[...]` or joint angles `[...]` between two indices; None if neither is there."""
+def _read_literal(part: Line) -> Literal | None:
+    """Return the pose `p[...]` or the joint angles `[...]` that a text states; None for any other text."""
     for notation, pattern in _LITERALS:
-        if pattern.fullmatch(line.text, start, end):
-            return Literal(notation, line.ordinals_in(start, end))
+        if pattern.fullmatch(part.text):
+            return Literal(notation, part.ordinals)
     return None
 
 
@@ -164,142 +168,179 @@ def _read_value(line: Line, text: str) -> list[Op]:
 
 def _translate_assignment(line: Line) -> list[Op]:
     """Translate an assignment: a name gets a target in numbers, one number or an unknown value."""
-    name, index, value = line["name"], line["index"], line["value"]
-    declaration: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
-    if not index:
-        literal = _read_literal(line, *line.span("value"))
-        if value == ir.A_NUMBER:  # pi, or a speed
-            literal = Literal(_NUMBER, line.ordinals_in(*line.span("value")))
-        if literal is not None:
-            return [*declaration, ir.Assign(name, literal)]
-    ops = declaration
+    name, index, value = line["name"], line["index"], line.part("value")
+    ops: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
+    is_whole_name = not index  # not an element such as `a[1]` or a field
+    literal = _read_literal(value)
+    if value.is_number:  # pi, or a speed
+        literal = Literal(_NUMBER, value.ordinals)
+    if is_whole_name and literal is not None:
+        return [*ops, ir.Assign(name, literal)]
     if "[" in index:
-        ops = [*ops, *line.read_expression(index.strip("[]").replace("][", ","))]
-    offset = _OFFSET.fullmatch(value) if not index else None  # such as pose_add(target, offset)
+        indices = index.strip("[]").replace("][", ",")
+        ops += line.read_expression(indices)
+    expression = value.text
+    offset = _OFFSET.fullmatch(expression) if is_whole_name else None  # such as pose_add(target, offset)
     if offset:
-        ops = [*ops, ir.Offset(name, offset["target"])]
-        value = offset["offset"]
+        ops.append(ir.Offset(name, offset["target"]))
+        expression = offset["offset"]
     unknown = ir.MakeUnknown(frozenset({name}), f"{name} gets a value that is not a number", _REMEDY)
-    return [*ops, *_read_value(line, value), unknown]
+    return [*ops, *_read_value(line, expression), unknown]
+
+
+class _Target(NamedTuple):
+    """Target of a move, as an argument states it."""
+
+    point: Literal | ir.Name  # its numbers, or the variable that has them
+    base: ir.Value  # frame in which the target is given
+    uses: list[Op]  # operations of the other expressions in the argument
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Translate a move, such as `movel(p[...], a=1.2, v=0.1)`; without known target it is not corrected.
+    """Translate a move, such as `movel(p[...], a=1.2, v=0.1)`.
+
+    The move is not corrected if a target is neither in numbers nor in a variable.
 
     Raises:
         Misread: a target is missing, or the move calls a routine.
     """
     motion = _MOTIONS[line["motion"]]
-    # Names of the arguments with the targets, which a call may state or omit
-    target_names = ("pose_via", "pose_to") if motion is Motion.CIRCULAR else ("pose|q",)
-    begin, end = line.span("arguments")
-    spans = list(split_outside_brackets(line.text[:end], begin))
-    found: list[Op] = []
-    targets: list[Literal | ir.Name] = []
-    bases: list[ir.Value] = []
-    for name, (start, stop) in zip(target_names, spans, strict=False):
-        prefix = re.compile(f"(?:{name})=").match(line.text, start, stop)
-        try:
-            target, base = _read_target(line, prefix.end() if prefix else start, stop, found)
-        except Misread as fault:
-            uses = _read_value(line, line["arguments"])
-            return ir.make_uncorrected_move(uses, fault.reason, _REMEDY, motion)
-        targets.append(target)
-        bases.append(base)
-    if len(targets) < len(target_names):
+    names_of_targets = ("pose_via", "pose_to") if motion is Motion.CIRCULAR else ("pose|q",)
+    count = len(names_of_targets)
+    arguments = line.part("arguments").split()
+    try:
+        targets = [
+            _read_target(_remove_name(argument, name))
+            for argument, name in zip(arguments, names_of_targets, strict=False)
+        ]
+    except Misread as fault:
+        uses = _read_value(line, line["arguments"])
+        return ir.make_uncorrected_move(uses, fault.reason, _REMEDY, motion)
+    if len(targets) < count:
         raise Misread("a target is not given by numbers")
-    arguments = _find_arguments(line, spans[len(target_names) :])
-    for _, (start, stop) in arguments:
-        found += line.read_expression(line.text[start:stop])
-    if ir.calls_routine(found):
+    settings = _name_arguments(line["motion"], arguments[count:])
+    uses = [op for target in targets for op in target.uses]
+    for _, value in settings:
+        uses += value.read_expression()
+    if ir.calls_routine(uses):
         raise Misread("the arguments of the move call a routine")
-    feed = _read_feed(line, dict(arguments))
-    tools = (ir.Copy(_ACTIVE),) * len(targets)
-    move = ir.Move(motion, tuple(targets), tuple(bases), tools, feed=feed)
-    near_targets = _find_named_bases(bases)
-    if near_targets:  # a base that is a target itself: the move goes near this target, and shifts with it
-        reason = "the target is at an offset from another one"
-        near = ir.Move(
-            motion, (), (_ROBOT_BASE,), tools[:1], reason=reason, remedy=_REMEDY, offset_from=near_targets
-        )
-        move = move._replace(near_target=near)
-    return [*found, move]
+    points = tuple(target.point for target in targets)
+    bases = tuple(target.base for target in targets)
+    tools = (ir.Copy(_ACTIVE),) * count
+    move = ir.Move(motion, points, bases, tools, feed=_read_feed(dict(settings)))
+    return [*uses, _provide_for_targets_as_bases(move)]
 
 
-def _find_arguments(line: Line, spans: list[tuple[int, int]]) -> list[tuple[str, tuple[int, int]]]:
-    """Return name and place of the value of each argument behind the targets of a move.
+def _provide_for_targets_as_bases(move: ir.Move) -> ir.Move:
+    """Return a move that is not corrected if one of its bases proves to be a target of another move.
+
+    `pose_trans(a, b)` is the target b in the frame a, or a place near the target a: only the whole program
+    shows whether a is a frame or a target. Near a target, the move shifts with the target's correction.
+    """
+    variables = _find_named_bases(move.bases)
+    if not variables:
+        return move
+    reason = "the target is at an offset from another one"
+    near_target = ir.Move(
+        move.motion,
+        (),
+        (_ROBOT_BASE,),
+        move.tools[:1],
+        reason=reason,
+        remedy=_REMEDY,
+        offset_from=variables,
+    )
+    return move._replace(near_target=near_target)
+
+
+def _remove_name(argument: Line, name: str) -> Line:
+    """Return the value of an argument, which may be stated with its name, as in `v=0.1`.
+
+    `name` is a pattern of the name.
+    """
+    prefix = re.match(f"(?:{name})=", argument.text)
+    return argument.cut(prefix.end()) if prefix else argument
+
+
+def _name_arguments(motion: str, arguments: list[Line]) -> list[tuple[str, Line]]:
+    """Return name and value of each argument behind the targets of a move.
 
     An argument has its name before it, as in `v=0.1`, or the name that belongs to its place.
     """
-    arguments = list[tuple[str, tuple[int, int]]]()
-    for (start, stop), name_of_place in zip(spans, _ARGUMENTS[line["motion"]], strict=False):
-        stated_name = re.compile("(a|v|t|r|mode)=").match(line.text, start, stop)
-        if stated_name:
-            arguments.append((stated_name[1], (stated_name.end(), stop)))
-        else:
-            arguments.append((name_of_place, (start, stop)))
-    return arguments
+    named = list[tuple[str, Line]]()
+    for argument, name_of_place in zip(arguments, _ARGUMENTS[motion], strict=False):
+        stated_name = re.match("(a|v|t|r|mode)=", argument.text)
+        name = stated_name[1] if stated_name else name_of_place
+        named.append((name, _remove_name(argument, name)))
+    return named
 
 
-def _read_feed(line: Line, arguments: Mapping[str, tuple[int, int]]) -> ir.Feed | None:
+def _read_feed(arguments: Mapping[str, Line]) -> ir.Feed | None:
     """Return the feed of a move; None if it states none in numbers or by a name.
 
-    `arguments` are the places of the values of the arguments, by their names.
-    URScript manual: a time `t` that is not zero counts in place of speed and acceleration.
+    `arguments` are the values of the arguments, by their names: `v` is the speed [m/s], `t` the time of the
+    move. URScript manual: a time that is not zero counts in place of the speed.
     """
-    if "v" not in arguments:
+    speed, time = arguments.get("v"), arguments.get("t")
+    if speed is None:
         return None
     ordinal_of_time = None
-    if "t" in arguments:
-        start, end = arguments["t"]
-        if line.text[start:end] != ir.A_NUMBER:  # the time is not a number
+    if time is not None:
+        if not time.is_number:
             return None
-        (ordinal_of_time,) = line.ordinals_in(start, end)
-    start, end = arguments["v"]
-    speed = line.text[start:end]
-    if speed == ir.A_NUMBER:
-        number = Literal(_NUMBER, line.ordinals_in(start, end))
-        return ir.Feed(number, _M_PER_S, time=ordinal_of_time)
-    is_name = re.fullmatch(_WORD, speed)
-    return ir.Feed(ir.Copy(speed), _M_PER_S, time=ordinal_of_time) if is_name else None
+        (ordinal_of_time,) = time.ordinals
+    if speed.is_number:
+        return ir.Feed(Literal(_NUMBER, speed.ordinals), _M_PER_S, time=ordinal_of_time)
+    is_name = re.fullmatch(_WORD, speed.text) is not None
+    return ir.Feed(ir.Copy(speed.text), _M_PER_S, time=ordinal_of_time) if is_name else None
 
 
-def _find_named_bases(bases: Iterable[ir.Value]) -> tuple[ir.Name, ...]:
+def _find_named_bases(bases: Iterable[ir.Value | ir.Product]) -> tuple[ir.Name, ...]:
     """Return the names of bases that are variables."""
     return tuple(each.name for each in bases if isinstance(each, ir.Copy) and each != _ROBOT_BASE)
 
 
-def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Literal | ir.Name, ir.Value]:
-    """Return a target, in numbers or as a variable, and the frame of the target.
+def _read_target(argument: Line) -> _Target:
+    """Read the target that an argument of a move states, in numbers or as a variable.
 
-    The target may be an argument of `get_inverse_kin` or `pose_trans`. Operations of the expressions in the
-    target are appended to `found`.
+    The target may be an argument of `get_inverse_kin` or `pose_trans`.
 
     Raises:
         Misread: the target is not given by numbers or a variable.
     """
-    text = line.text[start:end]
-    call = re.match(r"(get_inverse_kin|pose_trans)\(", text)
+    text = argument.text
+    call = re.match(r"(?P<function>get_inverse_kin|pose_trans)\(", text)
     if call and text.endswith(")"):
-        begin_of_arguments = start + call.end()
-        first, *others = list(split_outside_brackets(line.text[: end - 1], begin_of_arguments))
-        if call[1] == "get_inverse_kin":
-            if len(others) > 3 or "tcp=" in text:  # the fifth argument is a tool
-                raise Misread("the call of get_inverse_kin states a tool")
-            for begin, stop in others:  # angles near the answer, and tolerances
-                found += line.read_expression(line.text[begin:stop].removeprefix("qnear="))
-            return _read_target(line, *first, found)
+        arguments = argument.cut(call.end(), len(text) - 1).split()
+        if call["function"] == "get_inverse_kin":
+            return _read_inverse_kinematics(arguments)
         has_inner_call = "(" in text[call.end() :]
-        if len(others) == 1 and not has_inner_call:  # pose_trans(base, target in the base)
-            base, _ = _read_target(line, *first, found)
-            target, _ = _read_target(line, *others[0], found)
-            return target, base if isinstance(base, Literal) else ir.Copy(base)
-    literal = _read_literal(line, start, end)
-    if literal is not None:
-        return literal, _ROBOT_BASE
+        if len(arguments) == 2 and not has_inner_call:
+            outer, inner = map(_read_target, arguments)
+            base = outer.point if isinstance(outer.point, Literal) else ir.Copy(outer.point)
+            return _Target(inner.point, base, [*outer.uses, *inner.uses])
+    if (literal := _read_literal(argument)) is not None:
+        return _Target(literal, _ROBOT_BASE, [])
     if not re.fullmatch(_WORD, text):
         raise Misread("a target is not given by numbers")
-    return text, _ROBOT_BASE
+    return _Target(text, _ROBOT_BASE, [])
+
+
+def _read_inverse_kinematics(arguments: list[Line]) -> _Target:
+    """Read the target that is the first argument of `get_inverse_kin(pose, qnear, tolerances)`.
+
+    Raises:
+        Misread: the target is not given by numbers or a variable, or an argument is a tool.
+    """
+    pose, *others = arguments
+    states_tool = len(others) > 3 or any("tcp=" in each.text for each in arguments)
+    if states_tool:  # the tool is the fifth argument
+        raise Misread("the call of get_inverse_kin states a tool")
+    uses = list[Op]()
+    for angles_or_tolerance in others:
+        uses += angles_or_tolerance.read_expression(angles_or_tolerance.text.removeprefix("qnear="))
+    target = _read_target(pose)
+    return target._replace(uses=[*uses, *target.uses])
 
 
 _BRACKET_OR_LINE_END: Final = re.compile(r"\"[^\"\r\n]*+\"|#[^\r\n]*+|([(\[{])|([)\]}])|(\r\n?+|\n)")
@@ -309,25 +350,25 @@ _MAX_JOINED: Final = 8192
 
 
 def read_urscript(statements: Statements, sources: tuple[Source, ...]) -> None:
-    """Add the statements of a program: lines, which are joined while a bracket is open.
-
-    Where a word begins a statement before the bracket is closed, or the text is too long, each line is a
-    statement of its own: then only the line with the open bracket is not understood.
-    """
-    text = sources[0].text
+    """Add the statements of a program: lines, which are joined while a bracket is open."""
     starts, ends = array("q"), array("q")
-    lines = [0]  # first characters of the statement's lines
+    for lines in _group_lines(sources[0].text):
+        starts.extend(start for start, _ in lines)
+        ends.extend(end for _, end in lines)
+    statements.add_statements(
+        0, np.asarray(memoryview(starts), dtype=np.intp), np.asarray(memoryview(ends), dtype=np.intp)
+    )
+
+
+def _group_lines(text: str) -> Iterator[list[tuple[int, int]]]:
+    """Yield the spans of statements, each the first and the last + 1 character: one statement at a time.
+
+    A statement has one span, of a line or of several lines within open brackets. Where a word begins a
+    statement before the bracket is closed, or the text is too long, each line has a span of its own: then
+    only the line with the open bracket is not understood.
+    """
+    line_starts = [0]  # of the lines of the present statement
     depth = 0  # count of its open brackets
-
-    def end_statement(end: int) -> None:
-        """Add the statement that ends before a character; its lines one by one if a bracket is open."""
-        if depth > 0:
-            starts.extend(lines)
-            ends.extend([*lines[1:], end])
-        else:
-            starts.append(lines[0])
-            ends.append(end)
-
     for match in _BRACKET_OR_LINE_END.finditer(text):
         opening, closing, line_end = match[1], match[2], match[3]
         if opening:
@@ -336,16 +377,21 @@ def read_urscript(statements: Statements, sources: tuple[Source, ...]) -> None:
             depth = max(depth - 1, 0)
         elif line_end:
             end = match.end()
-            is_short = end - lines[0] <= _MAX_JOINED
-            if depth > 0 and is_short and not _BEGINS_STATEMENT.match(text, end):
-                lines.append(end)  # the statement goes on
-                continue
-            end_statement(end)
-            lines, depth = [end], 0
-    end_statement(len(text))
-    statements.add_statements(
-        0, np.asarray(memoryview(starts), dtype=np.intp), np.asarray(memoryview(ends), dtype=np.intp)
-    )
+            is_short = end - line_starts[0] <= _MAX_JOINED
+            goes_on = depth > 0 and is_short and not _BEGINS_STATEMENT.match(text, end)
+            if goes_on:
+                line_starts.append(end)
+            else:
+                yield _find_spans(line_starts, end, is_closed=depth == 0)
+                line_starts, depth = [end], 0
+    yield _find_spans(line_starts, len(text), is_closed=depth == 0)
+
+
+def _find_spans(line_starts: list[int], end: int, *, is_closed: bool) -> list[tuple[int, int]]:
+    """Return the span of all lines of a statement; or of each of them if a bracket is not closed."""
+    if is_closed:
+        return [(line_starts[0], end)]
+    return [*pairwise([*line_starts, end])]
 
 
 LANGUAGE: Final = ir.Language(
@@ -386,7 +432,7 @@ LANGUAGE: Final = ir.Language(
         (r"halt", "stop"),
         (
             rf"set_tcp\((?:pose=)?p{_SIX}(?:,.*)?\)",
-            lambda line: [ir.Assign(_ACTIVE, Literal(POSE, line.ordinals[:6]))],
+            lambda line: [ir.Assign(_ACTIVE, Literal(POSE, line.ordinals[:_NUMBERS_OF_POSE]))],
         ),
         (rf"(run {_WORD}\(.*\))", ""),
         (

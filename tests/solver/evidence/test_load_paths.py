@@ -1,0 +1,152 @@
+"""Causes of the load's path and of the arm: named, fitted and mended, by springs in exact balance."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.campaigns import estimate
+from support.springs import SpringCampaign, robot_of
+
+from jointstiff.schemas.options import RunOptions
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.campaign import TARGETS, plan_experiment
+from jointstiff.simulator.equilibrium import equilibrium
+from jointstiff.solver.evidence.causes import screen_estimate
+from jointstiff.solver.evidence.fitted_causes import fit_causes
+from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.mechanics.block import fitted_errors
+from jointstiff.solver.mechanics.terms import STIFFNESS, limit_to_later
+from jointstiff.solver.text import unknowns_text
+
+ARM = default_arm()
+ROBOT = robot_of(ARM)
+POINTS = np.array(list(TARGETS.values()))
+COUNT = 28
+
+
+def plan_of(sizes=(1.0,)):
+    """Return pulls of 1500 N in all directions, times the sizes in turn."""
+    plan = plan_experiment(ARM, configurations=COUNT, load="pull", force=1500.0, seed=11)
+    factors = np.resize(sizes, COUNT)[:, None]
+    return replace(plan, forces=factors * plan.forces)
+
+
+def read(campaign, motion=0.0):
+    """Return readings of a campaign whose targets also move by a motion (N, T, 3) under load [m]."""
+    return next(replace(campaign, loaded=campaign.loaded + motion).measured(1, seed=5))
+
+
+def tool(campaign):
+    """A tool of 2e7 N/m and 1e6 N·m/rad between flange and targets."""
+    plan = campaign.experiment
+    rotation = ARM.posture(plan.joints).flange_rotation
+    forces, moments, _ = (np.asarray(each) for each in plan.wrenches)
+    moment = moments + np.cross(np.einsum("nij,nj->ni", rotation, plan.load_points), forces)
+    levers = np.einsum("nij,tj->nti", rotation, POINTS)
+    return read(campaign, forces[:, None] / 2e7 + np.cross(moment[:, None] / 1e6, levers))
+
+
+def growth(campaign):
+    return read(campaign, 6e-5 * campaign.loaded)
+
+
+def growth_over_time(campaign):
+    return read(campaign, 5e-6 * np.arange(COUNT)[:, None, None] * campaign.loaded)
+
+
+def softer(campaign):
+    """Joints 2 and 3 are softer by half from the thirteenth observation on."""
+    plan = campaign.experiment
+    factors = np.array([1.0, 1.5, 1.5, 1.0, 1.0, 1.0])
+    bent = equilibrium(replace(ARM, stiffnesses=ARM.stiffnesses / factors), plan.joints, *plan.wrenches)
+    motion = ARM.posture(plan.joints + bent).targets_to_base(POINTS) - campaign.loaded
+    motion[:12] = 0.0
+    return read(campaign, motion)
+
+
+def hook(campaign):
+    measured = read(campaign)
+    return replace(measured, force=measured.force + np.array([0.0, 0.0, 30.0]))
+
+
+def along_rope(campaign):
+    measured = read(campaign)
+    along = measured.force / np.linalg.norm(measured.force, axis=1, keepdims=True)
+    return replace(measured, force=measured.force + 70.0 * along)
+
+
+THREE = (0.5, 0.75, 1.0)
+EXPECTED = {
+    "tool": (tool, (1.0,), [5e-8, 1e-6]),
+    "growth": (growth, (1.0,), [6e-5]),
+    "growth_over_time": (growth_over_time, (1.0,), [5e-6]),
+    "hook_weight": (hook, (1.0,), [30.0]),
+    "rope_zero": (along_rope, THREE, [-70.0]),
+}
+
+
+def screened(measurements):
+    found = estimate(ROBOT, measurements, complementary_stiffness="included")
+    return screen_estimate(Rows(ROBOT, measurements), found)
+
+
+def named(measurements):
+    return [(cause.suspect.name, cause.suspect.first) for cause in screened(measurements).causes]
+
+
+def assert_mended(measurements, causes):
+    """Assert that with the causes fitted each joint is within 3.5 standard uncertainties of the truth."""
+    settings = Settings.from_options(RunOptions(), ROBOT)
+    mended = JointsAlone(Rows(ROBOT, fit_causes(Rows(ROBOT, measurements), causes)), settings).estimate
+    for joint, truth in zip(mended.joints, ARM.compliances, strict=True):
+        assert abs(joint.compliance - truth) < 3.5 * joint.standard_uncertainty, joint.name
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_a_cause_of_the_loads_path_is_named_alone_with_its_size_and_mended(name):
+    plant, sizes, expected = EXPECTED[name]
+    measurements = plant(SpringCampaign.by(ARM, plan_of(sizes)))
+    assert named(measurements) == [(name, None)]
+    fitted = fitted_errors(fit_causes(Rows(ROBOT, measurements), [(name, None)]))
+    uncertainties = np.linalg.norm(fitted.root, axis=1)
+    assert (np.abs(fitted.unknowns[0] - expected) < 4.0 * uncertainties).all()
+    assert (uncertainties < 0.5 * np.abs(expected)).all()
+    assert_mended(measurements, [(name, None)])
+
+
+def test_another_stiffness_is_named_with_the_observation_since_which_it_acts():
+    measurements = softer(SpringCampaign.by(ARM, plan_of()))
+    first = measurements.labels[12]
+    assert named(measurements) == [("stiffness", first)]
+    assert_mended(measurements, [("stiffness", first)])
+
+
+def test_another_stiffness_also_moves_what_encoders_see_since_that_observation_only():
+    measurements = read(SpringCampaign.by(ARM, plan_of()))
+    block = Rows(ROBOT, measurements).block
+    later = limit_to_later(STIFFNESS, measurements.labels, measurements.labels[12])
+    motion, whole = later.motion(block, ARM.compliances), STIFFNESS.motion(block, ARM.compliances)
+    assert not motion.joints[:12].any()
+    np.testing.assert_array_equal(motion.joints[12:], whole.joints[12:])
+    np.testing.assert_array_equal(motion.targets[12:], block.jacobian[12:] * block.torque[12:, None, None])
+
+
+def test_loads_of_one_size_cannot_show_a_zero_along_the_rope():
+    measurements = along_rope(SpringCampaign.by(ARM, plan_of()))
+    assert "rope_zero" not in {test.name for test in screened(measurements).tests}
+
+
+def test_of_two_sizes_a_zero_along_the_rope_and_scales_of_the_loads_are_a_tie():
+    measurements = along_rope(SpringCampaign.by(ARM, plan_of((0.5, 1.0))))
+    assert {name for name, _ in named(measurements)} >= {"rope_zero", "load_scale"}
+
+
+def test_a_clean_campaign_of_three_sizes_names_nothing():
+    assert named(read(SpringCampaign.by(ARM, plan_of(THREE)))) == []
+
+
+def test_sizes_are_in_units_that_people_read():
+    assert unknowns_text("m/N, rad/(N·m)", [5e-8, 1e-6]) == "(50) µm/kN and (1) µrad/(N·m)"
+    assert unknowns_text("m/m", [6e-5]) == "(60) µm/m"
