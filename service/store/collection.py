@@ -249,7 +249,10 @@ class Collection(Generic[Record, Entry]):
         if is_indexable(identifier):
             by_id = self._by_id_with_deleted if include_deleted else self._by_id
             with self._database.writing() as connection:
-                for row in connection.execute(by_id.with_for_update(), {"id": identifier}).all():
+                # The lock of an UPDATE (`FOR NO KEY UPDATE`) lets others refer to the row. A stronger lock
+                # deadlocks with one who has changed a referring row twice: PostgreSQL checks its reference.
+                locked_row = by_id.with_for_update(key_share=True)
+                for row in connection.execute(locked_row, {"id": identifier}).all():
                     values = find_values(self._make_record(row._mapping))
                     if values:
                         own_row = self._table.c.id == identifier
