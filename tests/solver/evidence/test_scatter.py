@@ -47,8 +47,48 @@ def test_the_repeatability_of_the_joints_is_found(planted, sigma):
 @pytest.mark.parametrize("sigma", [SIGMA, None])
 def test_joints_that_repeat_show_no_scatter(sigma):
     for seed in range(6):
-        measurements = scattered(0.0, seed=seed, sigma=sigma)
-        assert JointsAlone(Rows(ROBOT, measurements), SETTINGS).measurements is measurements
+        joints = JointsAlone(Rows(ROBOT, scattered(0.0, seed=seed, sigma=sigma)), SETTINGS)
+        assert not joints.shows_scatter
+        assert Repeatability.from_rows(joints.rows, joints.estimate.sigma) is None
+
+
+def test_a_scatter_that_is_only_assumed_never_excuses_or_doubts_a_stated_sigma():
+    """The residuals are tested under the stated noise alone, whatever errors the intervals allow for."""
+    for factor in (1.0, 1.6, 1.0 / 1.6):
+        measurements = scattered(0.0, sigma=factor * SIGMA)
+        joints = JointsAlone(Rows(ROBOT, measurements), SETTINGS)
+        assert not joints.shows_scatter
+        alone = identify(Rows(ROBOT, measurements), SETTINGS)
+        assert joints.estimate.sigma_test == alone.sigma_test
+
+
+def test_a_repeatability_that_is_not_significant_widens_the_intervals():
+    measurements = scattered(0.0, count=6)
+    joints = JointsAlone(Rows(ROBOT, measurements), SETTINGS)
+    assert not joints.shows_scatter
+    exact = identify(Rows(ROBOT, measurements), SETTINGS)
+    ratio = np.sqrt(np.diag(joints.estimate.covariance) / np.diag(exact.covariance))
+    assert (ratio > 1.0).all()
+    assert np.median(ratio) < 1.3
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, None])
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_readings_correct_a_stated_repeatability(factor, sigma):
+    """Twenty-four postures know the repeatability better than a figure that is wrong by a factor of two."""
+    found = []
+    for seed in range(4):
+        measurements = replace(scattered(3e-5, seed=seed, sigma=sigma), repeatability=factor * 3e-5)
+        if sigma:
+            measurements = replace(measurements, scatter=Scatter(factor * 3e-5 / sigma))
+        joints = JointsAlone(Rows(ROBOT, measurements), SETTINGS)
+        found.append(joints.measurements.scatter.joints * joints.estimate.sigma)
+    assert np.mean(found) == pytest.approx(3e-5, rel=0.2)
+
+
+def test_a_repeatability_that_is_stated_as_zero_is_exact():
+    joints = JointsAlone(Rows(ROBOT, replace(scattered(0.0), repeatability=0.0)), SETTINGS)
+    assert joints.measurements.scatter.joints == 0.0
 
 
 def test_the_error_of_a_station_is_not_taken_for_that_of_three_targets():
@@ -165,7 +205,7 @@ def test_noise_of_one_target_that_is_stated_too_small_is_no_scatter():
         one = replace(measurements, present=np.arange(3) == np.zeros((30, 1)))
         one = replace(one, deflection=np.where(one.present[..., None], one.deflection, 0.0))
         joints = JointsAlone(Rows(ROBOT, one), SETTINGS)
-        assert not joints.measurements.scatter
+        assert not joints.shows_scatter
         assert joints.estimate.sigma_test.result == "residuals_too_large"
 
 
