@@ -336,32 +336,43 @@ class RestrictedLikelihood:
             turns = np.zeros(1)
         if not self._can_show_station:
             station = np.zeros(1)
-        encoders = self._encoders.logarithms(most_likely)
+        motions = self._decompose_motions(most_likely)
         for _ in range(_NARROWINGS):
-            posterior = self._compute_posterior(turns, station, encoders)
+            posterior = self._compute_posterior(turns, station, motions)
             turns = _narrow(turns, posterior.by_turns)
             station = _narrow(station, posterior.by_station)
-        return self._compute_posterior(turns, station, encoders)
+        return self._compute_posterior(turns, station, motions)
+
+    def _decompose_motions(self, scatter: Scatter) -> _Motions:
+        """Return the motions by shared errors, with the noise of the encoders that the scatter has."""
+        logarithms = np.array([self._encoders.logarithms(scatter)])
+        motion_products, motion_rows, row_products, log_noise = self._encoders.add(
+            logarithms, self._motion_products, self._motion_rows, self._row_products
+        )
+        return _Motions.decompose(
+            motion_products[0],
+            motion_rows[0],
+            row_products.reshape(self._row_products.shape),
+            self._joint_count,
+            float(log_noise[0]),
+            self._degrees_of_freedom,
+        )
 
     @staticmethod
     def _list_nodes(count: int) -> FloatArray:
         """Return so many ratios from zero to the greatest, relative to the noise of the readings."""
         return np.concatenate([[0.0], np.geomspace(_LEAST_RATIO, _GREATEST_RATIO, count - 1)])
 
-    def _compute_posterior(
-        self, turns: FloatArray, station: FloatArray, encoders: Sequence[float]
-    ) -> Posterior:
+    def _compute_posterior(self, turns: FloatArray, station: FloatArray, motions: _Motions) -> Posterior:
         """Compute the posterior on a grid of ratios.
 
         Args:
             turns: (S,) ratios ρ of the joints' turns to sigma [rad/m].
             station: (U,) ratios τ of the station's shift to sigma.
-            encoders: (m,) logarithms of the variances of the encoders' noise.
+            motions: motions of the targets by turns of the joints and by the station.
         """
         rho, tau = (each.ravel() for each in np.meshgrid(turns, station, indexing="ij"))  # (K,)
-        of_encoders = np.broadcast_to(encoders, (len(rho), len(encoders)))
-        variances = np.column_stack([(rho / self._turns_like_noise) ** 2, tau**2, of_encoders])
-        fit = self._fit(variances)
+        fit = motions.fit(turns, station)
         freedom = self._degrees_of_freedom
         sigma = np.full((len(rho), 1), self._measurements.sigma or 0.0)  # (K, 1), or (K, Z) if not stated
         measure = np.zeros(1)  # logarithm of the volume ds du dσ/σ of a node, relative to dρ dτ
@@ -536,14 +547,8 @@ class RestrictedLikelihood:
         root = np.linalg.cholesky(covariance)
         shared = np.linalg.solve(root, scale * motion_rows)
         products = row_products - (shared.mT @ shared).sum(axis=1)
-        factor = np.linalg.cholesky(products[:, :-1, :-1])
-        explained = np.square(np.linalg.solve(factor, products[:, :-1, -1:])).sum(axis=(1, 2))
-        return _Fit(
-            squares=np.maximum(products[:, -1, -1] - explained, 0.0)
-            + self._degrees_of_freedom * _RESOLUTION**2,
-            half_log_determinant=np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1),
-            log_variance=log_noise + 2.0 * np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=(1, 2)),
-        )
+        log_variance = log_noise + 2.0 * np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=(1, 2))
+        return _Fit.solve(products, log_variance, self._degrees_of_freedom)
 
 
 @dataclass(frozen=True, eq=False)
@@ -708,3 +713,99 @@ class _Fit(NamedTuple):
     squares: FloatArray  #: (K,) sum of squared residuals, with an allowance for rounding
     half_log_determinant: FloatArray  #: (K,) ½ log|Σ A_iᵀ V_i⁻¹ A_i|
     log_variance: FloatArray  #: (K,) Σ log|V_i|
+
+    @classmethod
+    def solve(cls, products: FloatArray, log_variance: FloatArray, degrees_of_freedom: int) -> _Fit:
+        """Fit the k unknowns from products (K, k + 1, k + 1) of whitened rows, those of the residual last."""
+        factor = np.linalg.cholesky(products[:, :-1, :-1])
+        explained = np.square(np.linalg.solve(factor, products[:, :-1, -1:])).sum(axis=(1, 2))
+        left = np.maximum(products[:, -1, -1] - explained, 0.0)
+        return cls(
+            squares=left + degrees_of_freedom * _RESOLUTION**2,
+            half_log_determinant=np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1),
+            log_variance=log_variance,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Motions:
+    """Motions of the targets by shared errors in B postures, for fits on a grid of ratios.
+
+    The eigenvalues λ and eigenvectors of ``JᵀJ`` of each posture give the inverse of ``W = I + ρ² J Jᵀ`` for
+    all ρ in closed form; those of ``1ᵀ W⁻¹ 1`` (3, 3) give the inverse of ``W + τ² 1 1ᵀ`` for all τ.
+    """
+
+    eigenvalues: FloatArray  # (B, n) λ of JᵀJ
+    station_by_turns: FloatArray  # (B, n, 3) J along each eigenvector times the motion 1 of the station
+    rows_by_turns: FloatArray  # (B, n, k + 1) J along each eigenvector times the rows
+    station_products: FloatArray  # (B, 3, 3) 1ᵀ1
+    rows_by_station: FloatArray  # (B, 3, k + 1) 1ᵀ times the rows
+    row_products: FloatArray  # (k + 1, k + 1) products of the rows
+    log_noise: float  # sum of the logarithms of the variances of the encoders' noise
+    degrees_of_freedom: int
+
+    @classmethod
+    def decompose(
+        cls,
+        motion_products: FloatArray,
+        motion_rows: FloatArray,
+        row_products: FloatArray,
+        joint_count: int,
+        log_noise: float,
+        degrees_of_freedom: int,
+    ) -> _Motions:
+        """Decompose the motion of each posture.
+
+        Args:
+            motion_products: (B, n + 3, n + 3) ``GᵀG`` of the motion G by shared errors, of joints first.
+            motion_rows: (B, n + 3, k + 1) Gᵀ times the rows.
+            row_products: (k + 1, k + 1) products of the rows.
+            joint_count: number n of joints.
+            log_noise: sum of the logarithms of the variances of the encoders' noise.
+            degrees_of_freedom: of the residuals.
+        """
+        n = joint_count
+        eigenvalues, vectors = np.linalg.eigh(motion_products[:, :n, :n])
+        return cls(
+            eigenvalues=np.maximum(eigenvalues, 0.0),
+            station_by_turns=vectors.mT @ motion_products[:, :n, n:],
+            rows_by_turns=vectors.mT @ motion_rows[:, :n],
+            station_products=motion_products[:, n:, n:],
+            rows_by_station=motion_rows[:, n:],
+            row_products=row_products,
+            log_noise=log_noise,
+            degrees_of_freedom=degrees_of_freedom,
+        )
+
+    def fit(self, turns: FloatArray, station: FloatArray) -> _Fit:
+        """Fit the unknowns for all pairs of S ratios of turns and U ratios of the station, S U fits."""
+        k = len(self.row_products)
+        by_turns = _reduce(turns, self.eigenvalues)  # (S, B, n)
+        weighted = by_turns[..., None] * self.station_by_turns  # (S, B, n, 3)
+        station_products = self.station_products - weighted.mT @ self.station_by_turns
+        rows_by_station = self.rows_by_station - weighted.mT @ self.rows_by_turns  # (S, B, 3, k + 1)
+        squares_by_turns = _square(self.rows_by_turns)  # (B n, (k + 1)²)
+        row_products = self.row_products.ravel() - by_turns.reshape(len(turns), -1) @ squares_by_turns
+        log_of_turns = np.log1p(np.square(turns)[:, None, None] * self.eigenvalues).sum(axis=(1, 2))
+        products, log_variances = list[FloatArray](), list[FloatArray]()
+        eigenvalues, vectors = np.linalg.eigh(station_products)  # (S, B, 3)
+        eigenvalues = np.maximum(eigenvalues, 0.0)
+        along_vectors = vectors.mT @ rows_by_station
+        for s in range(len(turns)):
+            by_station = _reduce(station, eigenvalues[s]).reshape(len(station), -1)  # (U, 3 B)
+            products.append(row_products[s] - by_station @ _square(along_vectors[s]))
+            log_of_station = np.log1p(np.square(station)[:, None, None] * eigenvalues[s]).sum(axis=(1, 2))
+            log_variances.append(log_of_turns[s] + log_of_station)
+        log_variance = self.log_noise + np.concatenate(log_variances)
+        return _Fit.solve(np.concatenate(products).reshape(-1, k, k), log_variance, self.degrees_of_freedom)
+
+
+def _reduce(ratios: FloatArray, eigenvalues: FloatArray) -> FloatArray:
+    """Return ``ρ² / (1 + ρ² λ)`` for each ratio ρ and each eigenvalue λ."""
+    squared = np.square(ratios)[(slice(None), *(None,) * eigenvalues.ndim)]
+    return np.asarray(squared / (1.0 + squared * eigenvalues))
+
+
+def _square(rows: FloatArray) -> FloatArray:
+    """Return the outer product of each of the rows (..., k + 1) with itself, as a row of (k + 1)² numbers."""
+    return (rows[..., :, None] * rows[..., None, :]).reshape(-1, rows.shape[-1] ** 2)

@@ -4,18 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 from support.springs import SIGMA, SpringCampaign, robot_of
 
 from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import TARGETS, default_arm, deflections
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.evidence.joints import JointsAlone
-from jointstiff.solver.evidence.scatter import Repeatability, compute_target_motion
+from jointstiff.solver.evidence.scatter import (
+    ASSUMED_REPEATABILITY,
+    ASSUMED_STATION_ERROR,
+    Repeatability,
+    RestrictedLikelihood,
+    compute_target_motion,
+)
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import get_whole_block
 from jointstiff.solver.mechanics.measurements import Scatter
+from jointstiff.solver.mechanics.springs import JOINTS
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)
@@ -123,6 +131,32 @@ def test_a_fit_with_scatter_is_generalised_least_squares():
     expected = np.linalg.solve(N, (A.mT @ np.linalg.solve(V, d[..., None])).sum(axis=0))[:, 0]
     np.testing.assert_allclose(found.compliance, expected, rtol=1e-9)
     np.testing.assert_allclose(found.covariance, SIGMA**2 * np.linalg.inv(N), rtol=1e-8)
+
+
+def test_the_posterior_is_the_restricted_likelihood_of_whole_covariances_times_the_priors():
+    """Independent of eigenvectors: each node by the inverse and the determinant of the whole covariance."""
+    measurements = scattered(2e-5, count=8)
+    rows = Rows(ROBOT, measurements)
+    compliance = identify(rows, SETTINGS).compliance
+    likelihood = RestrictedLikelihood.from_rows(rows, [JOINTS], compliance, np.ones(ROBOT.n, dtype=bool))
+    posterior = likelihood.compute_posterior(likelihood.find_significant()[0])
+    block = get_whole_block(ROBOT, measurements)
+    A, J = (each.reshape(len(measurements), -1, ROBOT.n) for each in (block.A, block.jacobian))
+    d = measurements.deflection.reshape(len(measurements), -1, 1)
+    ones = np.tile(np.eye(3), (len(POINTS), 1))
+    expected = np.empty((len(posterior.turns), len(posterior.station)))
+    for s, turn in enumerate(posterior.turns):
+        for u, shift in enumerate(posterior.station):
+            V = SIGMA**2 * (2.0 * np.eye(d.shape[1]) + turn**2 * J @ J.mT + shift**2 * ones @ ones.T)
+            N = (A.mT @ np.linalg.solve(V, A)).sum(axis=0)
+            fit = np.linalg.solve(N, (A.mT @ np.linalg.solve(V, d)).sum(axis=0))
+            r = d - A @ fit
+            squares = (r.mT @ np.linalg.solve(V, r)).sum()
+            log_likelihood = -0.5 * (np.linalg.slogdet(V)[1].sum() + squares + np.linalg.slogdet(N)[1])
+            sizes = np.array([turn * SIGMA / ASSUMED_REPEATABILITY, shift * SIGMA / ASSUMED_STATION_ERROR])
+            expected[s, u] = log_likelihood + stats.t(4).logpdf(sizes).sum()
+    found = posterior.density.reshape(expected.shape)
+    np.testing.assert_allclose(found, np.exp(expected - expected.max()), rtol=1e-6, atol=1e-9)
 
 
 def test_complete_and_partial_pose_agree_with_scatter():
