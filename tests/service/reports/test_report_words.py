@@ -223,16 +223,16 @@ def test_the_tables_of_a_run_have_its_lines_and_its_evidence(laboratory, weighed
     assert table["legend"] == f"{table['title']}; {table['caption']}"
     assert table["head"] == ["joint", "stiffness", "95 % interval", "verdict"]
     assert table["rows"][0] == ["joint_1", "—", "—", "not observable"]
-    assert table["rows"][1] == ["joint_2", "3.109", "3.078 … 3.141", "well determined"]
+    assert table["rows"][1] == ["joint_2", "3.110", "3.078 … 3.143", "well determined"]
     assert table["texts"] == [0, 3]
     assert answer["lines"] == [
         "joint_1: the load never twists this joint: add loads that twist the joint",
-        "explains 98.8 % of the mean deflection, residual 44.1 µm rms (3-D), sigma of a reading 20 µm "
+        "explains 98.8 % of the mean deflection, residual 44.2 µm rms (3-D), sigma of a reading 20 µm "
         "(given)",
     ]
     assert answer["evidence"][:3] == [
         "χ²/dof 0.85: consistent with sigma (1 if model and sigma are right; 103 degrees of freedom)",
-        "uncertainty from readings (type B): ± 0.93 to 9.2 % of a compliance",
+        "uncertainty from readings (type B): ± 0.97 to 9.7 % of a compliance",
         "uncertainty from scale of the force (type B): ± 0.39 % of a compliance",
     ]
 
