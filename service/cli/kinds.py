@@ -60,7 +60,7 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             str,
             typer.Argument(
                 metavar="ROBOT_OR_CAMPAIGN",
-                help="To begin a campaign: file of a robot, or name of an arm of the catalogue. To "
+                help="To begin a campaign: file of a robot, URDF, or name of an arm of the catalogue. To "
                 "continue a campaign: its file.",
             ),
         ]

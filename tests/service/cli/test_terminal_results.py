@@ -14,6 +14,7 @@ from support.terminal import terminal
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
+from jointstiff.simulator.urdf import urdf_text
 
 POSTURES = (
     "label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz "
@@ -403,3 +404,22 @@ def test_an_urdf_that_is_no_xml_is_refused_by_its_line(folder):
     assert refused("import postures.csv --robot bad.urdf") == (
         "robot.line 1: not well-formed XML: unclosed token remedy: check the document with an XML tool"
     )
+
+
+class TestUrdf:
+    """A URDF begins a plan at the terminal; commands that need readings name the way to them."""
+
+    @pytest.fixture(autouse=True)
+    def urdf(self, folder):
+        (folder / "arm.urdf").write_text(urdf_text(default_arm()))
+
+    def test_a_plan_begins_with_it(self):
+        options = "--load any_direction:800 --target A=0,0,100 --load-point 0,0,120 --readings 6"
+        assert_said(typed(f"plan arm.urdf {options} --candidates 50"), "Readings, in order", "p1 ")
+
+    def test_a_command_that_needs_readings_names_plan_and_import(self):
+        assert_said(
+            refused("identify arm.urdf"),
+            "arm.urdf is a URDF, not a campaign remedy:",
+            "`jointstiff plan arm.urdf` plans them, and `jointstiff import FILE --robot arm.urdf` reads them",
+        )
