@@ -31,6 +31,7 @@ import { Fragment } from "preact";
 import { useState } from "preact/hooks";
 import { useSettings } from "../../state/session";
 import { type RunContext, isElastic } from "../../state/run_context";
+import { chooseJoint } from "./chosen";
 import { nextWords, partWords } from "./words";
 
 /** A value with its interval. */
@@ -258,7 +259,10 @@ function One({ piece: { advice, posture }, joint, context: { run, set } }: OnePr
         <p class="angles">
           {angles.map((angle, i) => (
             <span>
-              <small>{names[i]}</small> {angle}
+              <small>
+                <Name>{names[i] ?? ""}</Name>
+              </small>{" "}
+              {angle}
               {positionUnit(kinds[i])}
             </span>
           ))}
@@ -318,6 +322,8 @@ interface TableProps {
   result: RunResult;
   /** Without an axis: there is nothing to draw on it. */
   bare: boolean;
+  /** Name of the joint that the arm shows. */
+  chosen: string | null;
 }
 
 /** The stiffness of a joint with its interval, in the unit of the page. */
@@ -343,7 +349,7 @@ export function JointTable(shown: TableProps) {
 
 const markIn = ({ run }: RunContext): string => (run.request.positive ? "positive" : "free");
 
-function Rows({ context, result, bare }: TableProps) {
+function Rows({ context, result, bare, chosen }: TableProps) {
   const { joints, contributions, identifiability, assessment, gearboxes, structures } = result;
   const { run, robot } = context;
   const { unit } = useSettings();
@@ -352,10 +358,14 @@ function Rows({ context, result, bare }: TableProps) {
   const marks = joints.map((joint) => markOf(joint, markIn(context), unit));
   const drawn = width > 0 && !bare;
   const phone = usePhone();
+  const hasArm = result.residuals.length > 0;
   /** Joints of which a phone shows more than one line. */
   const [opened, setOpened] = useState<ReadonlySet<string>>(new Set());
-  const toggle = (name: string) =>
-    setOpened((before) => new Set(before.has(name) ? [...before].filter((one) => one !== name) : [...before, name]));
+  const toggle = (name: string) => {
+    const isOpen = opened.has(name);
+    setOpened(new Set(isOpen ? [...opened].filter((one) => one !== name) : [...opened, name]));
+    if (hasArm && isOpen === (chosen === name)) chooseJoint(name);
+  };
   const axis = logarithmic(...bounds(marks), 10, Math.max(60, width) - 18, width < 160 ? 2 : width < 320 ? 4 : 7);
   const parts = new Map(contributions.map((one) => [one.joint, one]));
   const shares = !bare && contributions.some(({ mean }) => mean !== 0);
@@ -402,10 +412,19 @@ function Rows({ context, result, bare }: TableProps) {
           const open = !phone || opened.has(joint.name);
           return (
             <Fragment key={joint.name}>
-              <div class={`joint ${verdict}${open ? "" : " closed"}${shown.unusable ? " unusable" : ""}`} role="row">
+              <div class={classOf(verdict, open, shown.unusable, joint.name === chosen)} role="row">
                 <span role="rowheader">
                   {phone ? (
                     <button type="button" class="opens" aria-expanded={open} onClick={() => toggle(joint.name)}>
+                      <Name>{joint.name}</Name>
+                    </button>
+                  ) : hasArm ? (
+                    <button
+                      type="button"
+                      class="chooses"
+                      aria-pressed={joint.name === chosen}
+                      onClick={() => chooseJoint(joint.name)}
+                    >
                       <Name>{joint.name}</Name>
                     </button>
                   ) : (
@@ -473,6 +492,11 @@ function Rows({ context, result, bare }: TableProps) {
       </div>
     </div>
   );
+}
+
+function classOf(verdict: Verdict, isOpen: boolean, isUnusable: boolean, isChosen: boolean): string {
+  const states = { closed: !isOpen, unusable: isUnusable, chosen: isChosen };
+  return ["joint", verdict, ...Object.entries(states).flatMap(([name, holds]) => (holds ? [name] : []))].join(" ");
 }
 
 /** Gearboxes and structure of joints with encoders between the two: a line for each joint. */
