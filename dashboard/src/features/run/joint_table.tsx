@@ -358,6 +358,7 @@ function Rows({ context, result, bare, chosen }: TableProps) {
   const marks = joints.map((joint) => markOf(joint, markIn(context), unit));
   const drawn = width > 0 && !bare;
   const phone = usePhone();
+  const areLong = joints.some(({ name }) => name.length > SHORT_NAME);
   const hasArm = result.residuals.length > 0;
   /** Joints of which a phone shows more than one line. */
   const [opened, setOpened] = useState<ReadonlySet<string>>(new Set());
@@ -379,7 +380,7 @@ function Rows({ context, result, bare, chosen }: TableProps) {
   return (
     <div class="joint-rows">
       <div
-        class={shares ? "joints shares" : bare ? "joints bare" : "joints"}
+        class={`joints${shares ? " shares" : bare ? " bare" : ""}${areLong ? " long-names" : ""}`}
         role="table"
         aria-label={runWords.stiffness}
       >
@@ -416,7 +417,7 @@ function Rows({ context, result, bare, chosen }: TableProps) {
                 <span role="rowheader">
                   {phone ? (
                     <button type="button" class="opens" aria-expanded={open} onClick={() => toggle(joint.name)}>
-                      <Name>{joint.name}</Name>
+                      <BrokenName of={joint.name} />
                     </button>
                   ) : hasArm ? (
                     <button
@@ -494,6 +495,18 @@ function Rows({ context, result, bare, chosen }: TableProps) {
   );
 }
 
+/** A name that takes several lines, parted after its marks. */
+const BrokenName = ({ of: name }: { of: string }) => (
+  <bdi class="name">
+    {name.split(/(?<=[_.:-])/).map((piece, i) => (
+      <Fragment key={i}>
+        {i > 0 && <wbr />}
+        {piece}
+      </Fragment>
+    ))}
+  </bdi>
+);
+
 function classOf(verdict: Verdict, isOpen: boolean, isUnusable: boolean, isChosen: boolean): string {
   const states = { closed: !isOpen, unusable: isUnusable, chosen: isChosen };
   return ["joint", verdict, ...Object.entries(states).flatMap(([name, holds]) => (holds ? [name] : []))].join(" ");
@@ -552,6 +565,9 @@ function Reasons({ of }: { of: Map<string, JointResult[]> }) {
 /** Whether the lamp says enough of a joint: its bar shows how well it is known, or its verdict is that of the run. */
 const isPlain = (verdict: Verdict, cap: Usability | null, ofRun: Usability): boolean =>
   cap === null ? verdict === "firm" || verdict === "fair" : cap === ofRun;
+
+/** Most letters of a name for which a phone has room in a line. */
+const SHORT_NAME = 8;
 
 /** Height of a row with its mark, and width of the longest share [px]. */
 const [ROW, SHARE_WIDTH] = [40, 64];
