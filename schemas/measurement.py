@@ -136,14 +136,14 @@ LoadPointGround = Literal["tracker", "drawing", "hand"]
 
 
 class Grounds(Message):
-    """How the user knows what a campaign states; each ground has a least uncertainty in the fit.
+    """Grounds of a campaign's statements; each ground has a least uncertainty in the fit.
 
     A field that is absent is an open question: then the assumptions of a campaign without `noise` remain.
     """
 
     load_point: LoadPointGround | None = Field(
         default=None,
-        description="How the load point is known, with the least standard uncertainty of each coordinate in "
+        description="Ground of the load point, with the least standard uncertainty of each coordinate in "
         "the fit: measured by `tracker` at the hook 1 mm, from a `drawing` 3 mm, by `hand` 10 mm. Absent: "
         "10 mm.",
         examples=["tracker"],
@@ -204,7 +204,7 @@ class Noise(Message):
         description="Uncertainty of the robot's geometry; if absent, the geometry counts as exact.",
     )
     grounds: Grounds | None = Field(
-        default=None, description="How the statements about the load are known; absent: not stated."
+        default=None, description="Grounds of the statements about the load; absent: not stated."
     )
     refuted: StrictBool = Field(
         default=False,

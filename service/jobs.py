@@ -50,7 +50,7 @@ from jointstiff.service.runs.numbers import extract_numbers
 from jointstiff.service.runs.trend import Trends, extract_trend_json
 from jointstiff.service.store.database import BUSY_SECONDS
 from jointstiff.service.store.jobs import JOB, JobStatus
-from jointstiff.service.store.layouts import SCHEMA
+from jointstiff.service.store.layouts import BASELINE, SCHEMA, number_of
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, AccessKey, IdempotencyKey, JobEntry, JobRecord
 from jointstiff.solver.comparison.campaigns import check_same_cell, check_same_load
@@ -476,7 +476,7 @@ def make_record(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
         summary=summary.model_dump(mode="json", exclude_defaults=True, exclude=set(_ROW_FIELDS)),
         robot_id=robot_id,
         # An older program may end a job that has not ended, and would store the document in its own form.
-        schema=SCHEMA - 1 if job.state in OPEN_STATES else SCHEMA,
+        schema=number_of(BASELINE) if job.state in OPEN_STATES else SCHEMA,
         key_name=job.key_name,
         numbers=extract_numbers(job) if isinstance(job, Run) else None,
         trend=extract_trend_json(job) if isinstance(job, Run) else None,

@@ -73,7 +73,7 @@ class _Outcome:
 
     @property
     def is_wrong_use(self) -> bool:
-        """Whether the verdict is *use* although a joint is wrong."""
+        """Return whether the verdict is *use* although a joint is wrong."""
         return self.verdict == "use" and self.worst > BEYOND
 
 

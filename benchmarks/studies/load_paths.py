@@ -91,7 +91,7 @@ def _hang_hook(planted: Planted, generator: Generator) -> Planted:
 
 @dataclass(frozen=True)
 class _Case:
-    """What is planted, and how often of fifteen campaigns it must be named."""
+    """Planted error, and the number of campaigns of fifteen that must name it."""
 
     plant: Callable[[Planted, Generator], Planted]
     least: int

@@ -40,7 +40,7 @@ ACCUSING = {"alternative_explains_better", "residuals_exceed_sigma", "links_bend
 
 @dataclass(frozen=True)
 class Pair:
-    """What is the same in two campaigns, in truth; a study states it, or states nothing."""
+    """Two campaigns and what is the same in both, in truth; a study states it, or states nothing."""
 
     name: str
     same_postures: bool

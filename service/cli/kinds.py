@@ -503,13 +503,32 @@ def _write_paper(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
     if path.suffix in {".csv", ".svg"}:
         job.save(path)
     else:
-        document = build_paper(job)
+        document = build_paper(job, geometry=_read_geometry(values["geometry"]))
         path.write_bytes(render_pdf(document) if path.suffix == ".pdf" else render_html(document))
     return job
 
 
+def _read_geometry(path: Path | None) -> Any:  # noqa: ANN401 - a Geometry or None
+    """Return the saved geometry in a file, for Table I of the paper; None without a file.
+
+    Raises:
+        CampaignError: the file is the result of another kind of work, or has no wrist centre by targets.
+    """
+    from jointstiff.service.library.saved import load
+    from jointstiff.service.reports.paper import require_wrist
+
+    if path is None:
+        return None
+    geometry = load(path, "geometry")
+    require_wrist(geometry)
+    return geometry
+
+
 def _check_paper(values: _Values, _sources: Sequence[Any]) -> Sequence[Path | None]:
-    """Return the path of the file of --paper; refuse another ending, and a PDF without Typst."""
+    """Return the path of the file of --paper; refuse another ending, a PDF without Typst, or no such file."""
+    if values["geometry"] is not None and values["paper"] is None:
+        raise typer.BadParameter("is for Table I of --paper: add --paper", param_hint="--geometry")
+    _read_geometry(values["geometry"])
     if values["paper"] is not None:
         cli.check_ending(values["paper"], [".pdf", ".html", ".svg", ".csv"])
         if values["paper"].suffix == ".pdf":
@@ -650,7 +669,10 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                     "File to write the paper's Tables I and II and figures 7 and 8 to: .pdf or .html; .svg "
                     "has the figures, .csv Table II.",
                 )
-            )
+            ),
+            "geometry": _make_optional_parameter(
+                cli.file_option("Result of `jointstiff geometry --save`, for Table I of --paper.")
+            ),
         },
         finish=_write_paper,
         list_paths=_check_paper,

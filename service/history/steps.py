@@ -298,9 +298,9 @@ STEPS: Final[tuple[Step, ...]] = (
     Step(18, 19, ("process",), dropped=("request.step", "request.smoothness")),
     Step(18, 19, ("run",), _set_absolute_loss_aside, ("request.absolute_loss",)),
     Step(18, 19, ("trend",), _state_verdicts_of_campaigns),
-    Step(19, 20, tuple(kind for kind in KINDS if kind not in {"run", "comparison"})),
-    Step(19, 20, ("comparison",), _name_the_same_load),
-    Step(19, 20, ("run",), dropped=_LEAST_MISTAKES),
+    Step(19, 21, tuple(kind for kind in KINDS if kind not in {"run", "comparison"})),
+    Step(19, 21, ("comparison",), _name_the_same_load),
+    Step(19, 21, ("run",), dropped=_LEAST_MISTAKES),
 )
 """All steps; those from one version come after those to that version."""
 

@@ -7,6 +7,7 @@ safely: no field may contain a character that begins a text between fields, so a
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -480,21 +481,28 @@ class TimesAndRoundings:
 
 
 class _UnclearNames:
-    """Faults of names of points: names that are unclear for the same reason make one fault."""
+    """Faults of names of points: names that are unclear for the same reason make one fault.
+
+    Of the faults with one remedy only the first is kept, so that a file without any clear name takes no
+    more memory than others.
+    """
 
     def __init__(self) -> None:
-        self._faults_by_remedy: dict[str, list[ImportFileError]] = {}
+        self._first_faults: dict[str, ImportFileError] = {}  # by remedy
+        self._counts: Counter[str] = Counter()  # number of faults with each remedy
 
     def add(self, fault: ImportFileError) -> None:
         """Add the fault of one name."""
-        self._faults_by_remedy.setdefault(fault.remedy, []).append(fault)
+        self._first_faults.setdefault(fault.remedy, fault)
+        self._counts[fault.remedy] += 1
 
     def summarize(self) -> Iterator[ImportFileError]:
         """Yield the first fault with each remedy, with the number of other names to which it applies."""
-        for first, *others in self._faults_by_remedy.values():
+        for remedy, first in self._first_faults.items():
+            other_count = self._counts[remedy] - 1
             concerns_point = bool(first.place.line)  # a fault without a line concerns the name of the file
-            if others and concerns_point:
-                first.reason += f", and {len(others)} other names are also unclear"
+            if other_count and concerns_point:
+                first.reason += f", and {other_count} other names are also unclear"
             yield first
 
 

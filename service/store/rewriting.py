@@ -8,7 +8,7 @@ meanwhile is not overwritten.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
 
@@ -76,28 +76,26 @@ class OldDocuments:
 
         deadline = time.monotonic() + seconds
         rewritten = 0
-        for step in list_steps():
-            for table in step.tables:
-                after = 0
-                while portion := self._read_portion(table, step.schema, after):
-                    rewritten += self._store_portion(table, step, portion)
-                    after = portion[-1].sequence
-                    if rewritten and time.monotonic() > deadline:
-                        return rewritten
+        steps = [step for step in list_steps() if step.tables]
+        for table in _merge_tables(steps):
+            own_steps = [step for step in steps if step.changes(table.name)]
+            after = 0
+            while portion := self._read_portion(table, after):
+                rewritten += self._store_portion(table, own_steps, portion)
+                after = portion[-1].sequence
+                if rewritten and time.monotonic() > deadline:
+                    return rewritten
         return rewritten
 
-    def _read_portion(self, table: sa.TableClause, schema: int, after: int) -> Sequence[Any]:
-        """Return the next rows with an old form, in the order of `sequence`.
+    def _read_portion(self, table: sa.TableClause, after: int) -> Sequence[Any]:
+        """Return the next rows of a table with an old form, in the order of `sequence`.
 
-        Args:
-            table: table of a step.
-            schema: version of the documents after the step.
-            after: sequence of the last row of the portion before.
+        `after` is the sequence of the last row of the portion before.
         """
         columns = table.c
         sizes = (
             sa.select(columns.sequence, sa.func.length(columns.document).label("size"))
-            .where(_is_old(schema), columns.sequence > after, _is_final(table))
+            .where(_is_old(SCHEMA), columns.sequence > after, _is_final(table))
             .order_by(columns.sequence)
             .limit(MOST_ROWS)
         )
@@ -110,28 +108,55 @@ class OldDocuments:
         whole = sa.select(*columns).where(columns.sequence.in_(sequences)).order_by(columns.sequence)
         return self._database.rows(whole) if sequences else ()
 
-    def _store_portion(self, table: sa.TableClause, step: Step, rows: Sequence[Any]) -> int:
+    def _store_portion(self, table: sa.TableClause, steps: Sequence[Step], rows: Sequence[Any]) -> int:
         """Store the new forms of the documents of some rows; return the number of these rows."""
         changes = list[dict[str, Any]]()
         for row in rows:
             with suppress(DamagedError, LookupError, TypeError, ValueError):  # a damaged document remains
-                new_values = step.rewrite(row._mapping)
-                names = {f"new_{name}": value for name, value in new_values.items()}
+                values = _rewrite_row(row._mapping, steps)
+                names = {f"new_{name}": value for name, value in values.items() if name != "sequence"}
                 changes.append({"own": row.sequence, "before": row.document, **names})
         if not changes:
             return 0
         columns = table.c
-        new_columns = [name.removeprefix("new_") for name in changes[0] if name.startswith("new_")]
-        new_form = {name: sa.bindparam(f"new_{name}", type_=columns[name].type) for name in new_columns}
+        new_form = {
+            column.name: sa.bindparam(f"new_{column.name}", type_=column.type)
+            for column in columns
+            if column.name != "sequence"
+        }
         update = (
             sa.update(table)
             .where(columns.sequence == sa.bindparam("own"), columns.document == sa.bindparam("before"))
-            .where(_is_old(step.schema))
-            .values(schema=step.schema, **new_form)
+            .where(_is_old(SCHEMA))
+            .values(**new_form)
         )
         with self._database.writing() as connection:
             connection.execute(update, changes)
         return len(changes)
+
+
+def _merge_tables(steps: Sequence[Step]) -> list[sa.TableClause]:
+    """Return the tables whose documents steps change, each with all columns that a step reads or fills."""
+    columns: dict[str, dict[str, sa.ColumnClause[Any]]] = {}
+    for step in steps:
+        for table in step.tables:
+            own_columns = {column.name: sa.column(column.name, column.type) for column in table.c}
+            columns.setdefault(table.name, {}).update(own_columns)
+    return [sa.table(name, *own_columns.values()) for name, own_columns in columns.items()]
+
+
+def _rewrite_row(row: Mapping[str, Any], steps: Sequence[Step]) -> dict[str, Any]:
+    """Return the values of a row after all steps that are later than its document.
+
+    Raises:
+        DamagedError: a document of the row is damaged.
+    """
+    values = dict(row)
+    for step in steps:
+        if step.schema > row["schema"]:
+            values |= step.rewrite(values)
+            values["schema"] = step.schema
+    return values
 
 
 def _is_old(schema: int) -> sa.TextClause:

@@ -27,6 +27,10 @@ class Step:
     tables: Sequence[sa.TableClause]  # tables whose documents the step changes
     rewrite: Callable[[Mapping[str, Any]], dict[str, Any]]  # old values of a row → new values
 
+    def changes(self, table_name: str) -> bool:
+        """Return whether the step changes the documents of a table."""
+        return any(table.name == table_name for table in self.tables)
+
 
 @cache
 def list_steps() -> list[Step]:

@@ -41,7 +41,7 @@ uncertainties off."""
 LINKS_LEVEL: Final = 3e-3
 """p-value of links below which models with links are compared by cross-validation."""
 POWER: Final = 0.8
-"""Probability with which a test finds the least mistake that it is said to find."""
+"""Probability with which a test finds the least mistake that it claims to find."""
 _LARGEST_NONCENTRALITY: Final = 1e8
 _GROSS: Final = 10.0
 """Mean square that leaving out a posture takes away, relative to the typical posture's, above which its

@@ -299,15 +299,26 @@ class TestLoad:
         (cause,) = screened(robot, wrong).causes
         np.testing.assert_allclose(cause.unknowns, -moved, atol=1e-6)
 
-    @pytest.mark.parametrize("force", [100.0, 300.0])
-    def test_a_forgotten_payload_is_proved_and_found(self, force):
+    @pytest.mark.parametrize("weight", [100.0, 300.0])
+    def test_a_forgotten_payload_is_proved_and_found(self, weight):
         for seed in range(2):
             robot, measurements = springs(seed, configurations=30)
-            payload = np.array([0.0, 0.0, -force])
+            payload = np.array([0.0, 0.0, -weight])
             screening = screened(robot, replace(measurements, force=measurements.force - payload))
             (cause,) = screening.causes
+            assert cause.suspect.name == "hook_weight"
+            np.testing.assert_allclose(cause.unknowns, [weight], atol=25.0)
+            assert not screening.links_need_validation
+
+    @pytest.mark.parametrize("force", [(60.0, 0.0, -80.0), (0.0, 180.0, 240.0)])
+    def test_a_forgotten_force_that_is_no_weight_is_proved_and_found(self, force):
+        """A force of 100 or 300 N, oblique or upwards, is not explained by a weight."""
+        for seed in range(2):
+            robot, measurements = springs(seed, configurations=30)
+            screening = screened(robot, replace(measurements, force=measurements.force - force))
+            (cause,) = screening.causes
             assert cause.suspect.name == "constant_force"
-            np.testing.assert_allclose(cause.unknowns, payload, atol=25.0)
+            np.testing.assert_allclose(cause.unknowns, force, atol=25.0)
             assert not screening.links_need_validation
 
     @pytest.mark.parametrize("turn", [0.0, 5e-5])

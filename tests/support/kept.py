@@ -16,7 +16,7 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from functools import partial
@@ -93,7 +93,7 @@ def jobs_of_every_kind(filling: Filling) -> dict[str, str]:
     filling.program("programs", run, 4)
     filling.program("processes", run, 4)
     filling.add("geometries", sweeps | {"name": "sweeps"})
-    filling.identify(shortened(campaign("weight_1"), 12))
+    filling.identify(shortened(campaign("weight_1"), 8))
     filling.identify(campaign("beam_small"), **LINKS)
     return {"robot": robot, "set": first, "run": run, "other": other}
 
@@ -163,6 +163,18 @@ def answers(client: httpx2.Client) -> dict[str, Any]:
     return {address: answer.json() for address, answer in found.items()}
 
 
+def ask_again(client: httpx2.Client, kept_addresses: Iterable[str]) -> dict[str, Any]:
+    """Return address → answer of today to the same question.
+
+    A trend of earlier layouts took the force's scale for the same in all campaigns.
+    """
+    found = {}
+    for address in kept_addresses:
+        query = "?same_cell=true" if address.endswith("/trend") else ""
+        found[address] = client.get(f"{address}{query}").json()
+    return found
+
+
 def kept_numbers() -> list[str]:
     """Return the numbers of the layouts of which a database is kept."""
     return sorted({path.name[:4] for path in FOLDER.iterdir()})
@@ -187,6 +199,8 @@ COMPUTED: Final = "live"
 """Field of an open set that is not stored: each answer computes it by the methods of its program."""
 
 
+RENAMED: Final = {"same_load_point": "same_load"}
+"""Name of a field of earlier layouts → its name today."""
 MISSING = "missing"
 DROPPED = tuple(f".{path}" for step in STEPS for path in step.dropped if step.before >= 18)
 """Ends of the places that have no field since layout 0018."""
@@ -203,7 +217,8 @@ def list_changes(before: object, now: object, place: str = "") -> Iterator[str]:
         for name, value in before.items():
             if name == COMPUTED:
                 continue
-            yield from list_changes(value, now.get(name, MISSING), f"{place}.{name}")
+            value_now = now.get(name, now.get(RENAMED.get(name, name), MISSING))
+            yield from list_changes(value, value_now, f"{place}.{name}")
     elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
         for number, (each, other) in enumerate(zip(before, now, strict=True)):
             yield from list_changes(each, other, f"{place}[{number}]")

@@ -107,9 +107,9 @@ def load_point_at_the_flange(measured: dict[str, Any]) -> None:
 
 
 def load_point_stated_too_well(measured: dict[str, Any]) -> None:
-    """By 16 mm, which an assumed load point would hold, and one that is stated to 1 mm does not."""
+    """By 16 mm, which an assumed load point would contain, and one that a tracker measured does not."""
     measured["load_point"] = np.add(measured["load_point"], (-0.007, -0.01, 0.01)).tolist()
-    measured["noise"]["load_point"] = 0.001
+    measured["noise"] |= {"load_point": 0.001, "grounds": {"load_point": "tracker"}}
 
 
 def weight_forgotten(measured: dict[str, Any]) -> None:
@@ -138,7 +138,7 @@ CAUSES = {
     load_point_far_elsewhere: "load_point",
     load_point_at_the_flange: "load_point",
     load_point_stated_too_well: "load_point",
-    weight_forgotten: "constant_force",
+    weight_forgotten: "hook_weight",
 }
 
 

@@ -4,6 +4,7 @@ import csv
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
+import numpy as np
 import pytest
 from support.api import job_at, post
 from support.in_process import Client
@@ -125,13 +126,30 @@ LONG = [
 
 @pytest.mark.parametrize(("name", "wanted"), [("worn", WORN), ("long", LONG)])
 def test_a_change_of_a_tenth_is_found_with_its_uncertainty_and_chance(name, wanted, client, request):
-    found = trend(client, request.getfixturevalue(name)[0], serial_number="A", encoders="motor")
+    robot = request.getfixturevalue(name)[0]
+    found = trend(client, robot, serial_number="A", encoders="motor", same_cell=True)
     for joint, (value, uncertainty, chance, changed) in zip(found["joints"], wanted, strict=False):
         assert joint["change"]["value"] == pytest.approx(value, rel=2e-3)
         assert joint["change"]["standard_uncertainty"] == pytest.approx(uncertainty, rel=2e-3)
         assert joint["p_value"] == pytest.approx(chance, rel=0.02)
         assert joint["changed"] == changed
     assert [joint["changed"] for joint in found["joints"][3:]] == [False] * 3
+
+
+@pytest.mark.parametrize("name", ["worn", "long"])
+def test_cells_that_are_not_said_to_be_the_same_have_assumed_scales_of_their_own(name, client, request):
+    """By arithmetic: two scales, each known to 1 %, add their squares to that of one cell."""
+    robot = request.getfixturevalue(name)[0]
+    query = {"serial_number": "A", "encoders": "motor"}
+    of_two_cells, of_one_cell = (
+        trend(client, robot, **query | more)["joints"] for more in ({}, {"same_cell": True})
+    )
+    for own, same in zip(of_two_cells, of_one_cell, strict=True):
+        assert own["change"]["value"] == pytest.approx(same["change"]["value"], rel=1e-9)
+        ratio = 1.0 + same["change"]["value"]
+        expected = np.hypot(same["change"]["standard_uncertainty"], ratio * 0.01 * np.sqrt(2.0))
+        assert own["change"]["standard_uncertainty"] == pytest.approx(expected, rel=1e-3)
+        assert own["p_value"] >= same["p_value"]
 
 
 def test_a_robot_shows_its_last_campaign_and_the_changes_of_each_arm(client, worn, long):
@@ -173,7 +191,7 @@ def test_what_has_no_time_of_its_measurement_has_that_of_its_post(client):
 
 
 def test_a_trend_is_shown_as_a_table_a_picture_and_a_file(client, long, tmp_path):
-    query = {"serial_number": "A", "encoders": "motor"}
+    query = {"serial_number": "A", "encoders": "motor", "same_cell": True}
     shown = RobotTrend.model_validate(trend(client, long[0], **query))
     headline = "6 campaigns: 1 of 6 joints changed since the first"
     assert shown.summary().splitlines()[0] == headline

@@ -1,5 +1,6 @@
 """Archives: every record of every layout, with every number, from either database to either."""
 
+import copy
 import json
 import re
 import sqlite3
@@ -25,6 +26,7 @@ from jointstiff.service.archive.form import ARCHIVED, LEFT_OUT, RESTORED, file_o
 from jointstiff.service.archive.reading import ArchiveError
 from jointstiff.service.archive.restoring import Restored, restore_archive
 from jointstiff.service.archive.writing import write_archive
+from jointstiff.service.history.paths import remove
 from jointstiff.service.history.steps import STEPS
 from jointstiff.service.problems import StoreError
 from jointstiff.service.store.checking import check_database
@@ -90,12 +92,11 @@ def reasons(restored: Restored) -> list[str]:
 
 
 def without(document, dropped):
-    """Return a document without the fields of its request that a restoring named as dropped."""
-    names = {path.removeprefix("request.") for path in dropped}
-    request = document.get("request")
-    if not isinstance(request, dict):
-        return document
-    return document | {"request": {name: value for name, value in request.items() if name not in names}}
+    """Return a document without the fields that a restoring named as dropped."""
+    kept_fields = copy.deepcopy(document)
+    for path in dropped:
+        remove(kept_fields, path)
+    return kept_fields
 
 
 class TestLayouts:
@@ -219,7 +220,7 @@ class TestEqual:
         restore_archive(archived(old, tmp_path / "old.zip"), url)
         before = json.loads(kept.read_kept("0018", "answers.json"))
         with Store.open(url) as store, kept.client_of(store) as client:
-            now = {address: client.get(address).json() for address in before}
+            now = kept.ask_again(client, before)
             changes = [
                 change
                 for change in kept.list_changes(before, now)

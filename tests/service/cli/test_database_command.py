@@ -10,7 +10,7 @@ from support import kept
 from support.terminal import terminal
 
 run = partial(terminal, width=160)
-LAYOUTS = "0018_actions_name_targets", "0019_expand_readable", "0020_expand_arms"
+LAYOUTS = "0018_actions_name_targets", "0019_expand_readable", "0020_expand_arms", "0021_expand_loads"
 
 
 @pytest.fixture(autouse=True)
@@ -23,7 +23,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_database_is_upgraded_by_hand(folder: Path) -> None:
     kept.restore("0018", "sqlite:///jointstiff.db")
     status = run("database", "status")
-    due = f"`jointstiff database upgrade` would lead to: {LAYOUTS[1]}, {LAYOUTS[2]}"
+    later = ", ".join(LAYOUTS[1:])
+    due = f"`jointstiff database upgrade` would lead to: {later}"
     earlier = f"layout {LAYOUTS[0]} of an earlier version; {due}"
     assert status.stdout == f"{earlier}\n"
     before = (folder / "jointstiff.db").read_bytes()
@@ -37,8 +38,9 @@ def test_a_database_is_upgraded_by_hand(folder: Path) -> None:
         f"upgraded the database from layout {LAYOUTS[0]} to {LAYOUTS[1]}; a copy of the database before the "
         "upgrade is jointstiff.db.before-0019",
         f"upgraded the database from layout {LAYOUTS[1]} to {LAYOUTS[2]}",
+        f"upgraded the database from layout {LAYOUTS[2]} to {LAYOUTS[3]}",
         "documents of an earlier form: 0 left",
-        f"layout {LAYOUTS[2]}; documents of an earlier form: 0",
+        f"layout {LAYOUTS[-1]}; documents of an earlier form: 0",
     ]
     assert run("database", "upgrade").stdout == f"{lines[-1]}\n"
     assert run("database", "status").stdout == f"{lines[-1]}\n"

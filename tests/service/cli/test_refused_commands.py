@@ -86,7 +86,8 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
     turned = json.loads((folder / "pull.json").read_text())
     for one in turned["measurement_set"]["observations"]:
         one["joints"] = np.radians(one["joints"]).tolist()
-    turned["measurement_set"]["noise"]["load_point"] = 1e-4  # else joint 6 has no number to compensate with
+    # Without this ground, joint 6 has no number to compensate with.
+    turned["measurement_set"]["noise"]["grounds"] = {"load_point": "tracker"}
     (folder / "pull.json").write_text(json.dumps(turned))
     refused = compensate("options.json")
     assert refused.exit_code == 2

@@ -701,6 +701,56 @@ def two_units(file: Any) -> None:
     file["q_deg"].attrs["units"] = "rad"
 
 
+STEP = """\
+label;J1 [deg];J2 [deg];joint;state;approach;motor [deg];link [deg]
+s01;10;20;2;unloaded;+;20.001;20.002
+s01;10;20;2;loaded;+;20.003;20.012
+"""
+"""A weight step of two encoders: one twist of the second joint."""
+
+
+def step(fault: str, right: str, wrong: str, **more: Any) -> Case:
+    """Return a weight step in which something is wrong, and the step with that corrected."""
+    assert right in STEP
+    return Case(fault, {"a.csv": STEP.replace(right, wrong, 1)}, {"a.csv": STEP}, **more)
+
+
+STEPS = {
+    "a weight step with another table": Case(
+        "sent with further tables", {"a.csv": STEP, "b.csv": CAMPAIGN}, {"a.csv": STEP}
+    ),
+    "a step with a short row": step("the row has 7 cells, but the header 8", "20.001;20.002", "20.001"),
+    "a step with an unknown header": step("'torque' of a weight step is unknown", "approach", "torque"),
+    "a step without a column": Case(
+        "has no column J1, J2",
+        {"a.csv": STEP.replace("J1 [deg];J2 [deg]", "J2 [deg];J3 [deg]")},
+        {"a.csv": STEP},
+    ),
+    "a step in two units": step("have different units", "link [deg]", "link [rad]"),
+    "a step in gon": step("is not one of deg, rad", "motor [deg]", "motor [gon]"),
+    "a step in an unknown state": step("the state 'half' is unknown", ";unloaded;", ";half;"),
+    "a step from an unknown side": step("the approach 'up' is unknown", ";+;", ";up;"),
+    "a state of a step twice": step("has two rows of 2 that are unloaded", ";loaded;", ";unloaded;"),
+    "a step of two postures with one label": step(
+        "is at 20, and at 44 in a row above", "s01;10;20;2;unl", "s01;10;44;2;unl"
+    ),
+    "a step of a joint that the robot lacks": step(
+        "the robot has no joint '3'", "2;unloaded", "3;unloaded", robot=TWO_AXES
+    ),
+    "too many postures of a step": limited(
+        "has 2 postures, more than 1",
+        {"a.csv": STEP + "".join(STEP.replace("s01", "s02").splitlines(keepends=True)[1:])},
+        {"a.csv": STEP},
+        **{"weight_steps.MAX_POSTURES": 1},
+    ),
+    "a state of a step that is missing": Case(
+        "has no row of 2 from \\+ that is loaded",
+        {"a.csv": "".join(STEP.splitlines(keepends=True)[:2])},
+        {"a.csv": STEP},
+    ),
+}
+"""Weight steps."""
+
 ARRAYS = {
     "no library": Case(
         "needs the extra `tables`",
@@ -725,7 +775,7 @@ ARRAYS = {
         "two arrays give the same column 'q1'", {"a.mat": arrays(**TWICE)}, {"a.mat": READINGS}
     ),
 }
-CASES: Mapping[str, Case] = {**COLUMNS, **ROWS, **NAMES, **VALUES, **FILES, **ARRAYS}
+CASES: Mapping[str, Case] = {**COLUMNS, **ROWS, **NAMES, **VALUES, **FILES, **STEPS, **ARRAYS}
 
 
 def groups() -> dict[str, Case]:

@@ -14,7 +14,7 @@ from jointstiff.schemas.gearbox import parse_load
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.reading import SourceFile, understand_files
-from jointstiff.solver.errors import RequestError
+from jointstiff.service.problems import CampaignError
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 STEP = json.loads((EXAMPLES / "weight_step.json").read_text())
@@ -119,8 +119,9 @@ def test_an_import_has_the_step_and_names_its_use(tmp_path):
     readings = js.import_files(file, robot=STEP["robot"])
     assert readings.weight_step.units.model_dump() == {"length": "mm", "angle": "deg"}
     assert (readings.observation_count, readings.reading_count, readings.missing) == (12, 48, [])
-    with pytest.raises(RequestError, match="identify its gearboxes"):
+    with pytest.raises(CampaignError, match="identify its gearboxes") as refused:
         _ = readings.campaign
+    assert refused.value.problem.where == "files"
 
 
 def test_the_terminal_imports_a_table_and_identifies_it_with_its_load(tmp_path):

@@ -141,6 +141,20 @@ def test_a_cause_is_named_with_its_size_and_fitted_it_stays_refuted(name):
     assert max(errors) == pytest.approx(1.59 if cause == "hook_weight" else 1.5, abs=0.01)
 
 
+def test_a_load_point_stated_too_well_without_a_ground_is_doubted_and_the_fit_contains_the_truth():
+    """The readings that refute the tracker's point agree with a point that is known in an unknown way."""
+    document = planted(clean_campaign(), mistakes.load_point_stated_too_well)
+    del document["measurement_set"]["noise"]["grounds"]
+    result = js.identify(document).result
+    assert (result.assessment.verdict, result.assessment.reasons) == ("use", [])
+    (doubt,) = [note for note in result.assessment.notes if "raise a doubt" in note]
+    assert doubt.startswith("The readings raise a doubt that the load point is known to ±1 mm (p = ")
+    assert doubt.endswith("Measure the load point on the hook with the tracker, and state so.")
+    for joint, truth in zip(result.joints, js.simulator.default_arm().compliances, strict=True):
+        low, high = joint.compliance_interval
+        assert low <= truth <= high
+
+
 def moved_since(first):
     """Loaded readings that are elsewhere from an observation on: the tracker moved."""
 

@@ -323,7 +323,7 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
         _requested = None
         penalty_is_given = False
 
-        def _fit_squares(self, name, _):
+        def _fit_whole_set_by_squares(self, name, _):
             return None if name in uncertified else base if name == "joints_and_base" else name
 
         def _fit_with_chosen_penalty(self, chosen, _):

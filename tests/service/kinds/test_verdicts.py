@@ -416,6 +416,6 @@ def test_the_greatest_deflection_and_the_farthest_point_decide(run):
 def test_a_note_on_what_is_assumed_names_the_field_of_a_file_and_the_entry_of_the_page(clean):
     notes = " ".join(js.identify(clean).result.assessment.notes)
     named = re.findall(r"\(`noise\.([\w.]+)`; on the page: Advanced, ([^)]+)\)", notes)
-    assert [field for field, _ in named] == ["load_point", "force.scale"]
+    assert [field for field, _ in named] == ["grounds.load_point", "force.scale"]
     words = (ROOT / "dashboard" / "src" / "features" / "readings" / "words.ts").read_text(encoding="utf-8")
     assert all(f'"{entry}"' in words for _, entry in named)

@@ -60,10 +60,9 @@ def runs(local):
                 "readings | B | 0.14 | 0.23 | 0.48 | 1.6 | 0.90 | 0.86 |",
                 "assumed load point | B | 0.019 | 0.018 | 0.059 | 0.18 | 0.19 | 0.10 |",
                 "expanded, partial, k = 2 | | 2.0 | 2.1 | 2.2 | 3.7 | 2.7 | 2.6 |",
-                "turn 0.5, constant force 0.8, shift 1, curved springs 1, play 1, load point 1, "
-                "load zero 1, shift since "
-                "c017 1, "
-                "turn since c007 1, load scale since c008 1",
+                "turn 0.5, tool 0.7, constant force 0.8, shift 1, curved springs 1, play 1, load point 1, "
+                "load zero 1, hook weight 1, growth 1, growth over time 1, shift since c017 1, "
+                "turn since c007 1, load scale since c008 1, stiffness since c005 1",
             ],
         ),
         (

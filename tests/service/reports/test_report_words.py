@@ -156,7 +156,8 @@ def test_a_report_says_what_is_assumed_and_where_its_numbers_come_from(laborator
         "Verdict on the result use",
         "6 Method and deviations from it",
         "Deviations: none.",
-        "Causes tested, p-value load point 0.6, play 0.9, curved springs 1, constant force 1, load zero 1,",
+        "Causes tested, p-value stiffness since c05 0.5, load point 0.6, tool 0.8, play 0.9, curved springs "
+        "1, constant force 1, load zero 1, hook weight 1, shift 1, growth 1, growth over time 1, turn 1,",
         "Not stated characteristic length, stiffness bounds, huber threshold, causes,",
         "No adjustment or repair between the readings is stated: all results are as found. The mean "
         "deflection after compensation is computed from the same readings; it is not measured.",
