@@ -285,7 +285,7 @@ export function PlanView({ id }: { id: string }) {
         list: "#/plans",
         run,
         about: <NameLink to={base ? ["sets", base.id] : ["robots", robot.id]}>{subject}</NameLink>,
-        first: job.result && (
+        first: job.result && !job.request.weight_step && (
           <>
             <LinkButton look="primary" href={link(["measure"], { plan: id })}>
               {measureWords.title}
@@ -308,7 +308,7 @@ export function PlanView({ id }: { id: string }) {
           <Postures result={result} robot={robot} />
           <JobLines collection="plans" id={id} />
           <JobTables collection="plans" id={id} to={1} />
-          {job.request.load?.kind !== "own_weight" && <Rehearsal job={id} />}
+          {job.request.load?.kind !== "own_weight" && !job.request.weight_step && <Rehearsal job={id} />}
         </>
       )}
     </JobPage>
