@@ -56,9 +56,8 @@ def swing() -> SpringArm:
 
 def measured(arm: SpringArm, name: str, names: tuple[str, ...] = (), **options: Any) -> dict[str, Any]:
     """Return a campaign of an arm with a name, whose joints have names of their own."""
-    document: dict[str, Any] = simulate_campaign(
-        arm, **{"load": "pull", "configurations": 12, "seed": 5} | options
-    )
+    chosen: dict[str, Any] = {"load": "pull", "configurations": 12, "seed": 5}
+    document = simulate_campaign(arm, **chosen | options)
     robot = robot_document(arm) | {"name": name}
     urdf = robot["model"]["urdf"]
     for number, joint in enumerate(names, 1):
