@@ -5,8 +5,7 @@ import pytest
 from playwright.sync_api import expect
 from support import strange_stock
 from support.processes import Service
-
-from .test_seeing import AXE, MEDIA, Eyes
+from support.seeing import AXE, MEDIA, Eyes
 
 pytestmark = [pytest.mark.timeout(900, func_only=True), pytest.mark.slow]
 
