@@ -245,6 +245,15 @@ def parse_prior(text: str) -> tuple[str, dict[str, float]]:
         ) from None
 
 
+def parse_stiffness(text: str) -> tuple[str, float]:
+    """Parse `JOINT=STIFFNESS` in N·m/rad; return (name of the joint, stiffness)."""
+    name, _, number = text.rpartition("=")
+    try:
+        return name, float(number)
+    except ValueError:
+        raise ValueError(f"'{text}' must be like joint_2=3e6: joint, and stiffness in N·m/rad") from None
+
+
 def parse_cause(text: str) -> dict[str, str | None]:
     """Parse `NAME[:FIRST]`; return the fields of a cause: its name, and the label of an observation."""
     name, _, first_label = text.partition(":")
@@ -278,6 +287,16 @@ def parse_planned_load(text: str) -> dict[str, Any]:
             f"'{text}' must be KIND:NEWTONS with the kind dead_weight or any_direction, such as "
             "any_direction:1500"
         ) from None
+
+
+def parse_planned_step(text: str) -> dict[str, Any]:
+    """Parse `MASS[±UNCERTAINTY]` in kg; return the fields of a planned weight step."""
+    mass, sign, uncertainty = text.replace("+-", "±").partition("±")
+    try:
+        step: dict[str, Any] = {"mass": float(mass)}
+        return step | {"mass_uncertainty": float(uncertainty)} if sign else step
+    except ValueError:
+        raise ValueError(f"'{text}' must be a mass in kg, such as 100.2±0.1") from None
 
 
 def parse_target(text: str) -> tuple[str, list[float]]:

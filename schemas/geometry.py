@@ -113,12 +113,30 @@ class WristDistance(Message):
     probability: float = Field(description="p-value of the hypothesis of equal wrist centres.")
 
 
+class WristTarget(Message):
+    """A target by which the wrist centre is found (paper, Table I)."""
+
+    name: Name
+    offset: Metres[Point] = Field(
+        description="Target less the combined wrist centre, in the flange frame with the wrist at zero."
+    )
+    distance: Metres[float] = Field(description="Distance from the wrist centre, by the spheres.")
+    standard_uncertainty: Metres[float] = Field(description="Standard uncertainty of the distance.")
+    trilaterates: StrictBool = Field(
+        description="True for the three targets from which the centre is trilaterated."
+    )
+
+
 class WristResult(Message):
     """Wrist centre, and the test of the last three axes for intersection."""
 
     estimates: list[WristCentre]
     combined: WristCentre = Field(description="Weighted mean of the estimates, weights by their information.")
     distances: list[WristDistance]
+    targets: list[WristTarget] = Field(
+        default_factory=list,
+        description="Targets relative to the wrist centre; empty without sweeps of two wrist joints.",
+    )
     posture: Radians[list[float]] = Field(description="Model angles at which the centre is given.")
     miss_distance: Metres[float] = Field(
         description="Largest distance of one of the three axes from the point nearest to them."

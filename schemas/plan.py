@@ -28,7 +28,9 @@ from jointstiff.schemas.fields import (
     parse_box,
     parse_numbers,
     parse_planned_load,
+    parse_planned_step,
     parse_prior,
+    parse_stiffness,
     parse_target,
     require_exactly_one,
 )
@@ -181,6 +183,21 @@ class Cable(Message):
 PlannedLoad = Annotated[DeadWeight | AnyDirection | Cable | OwnWeight, Field(discriminator="kind")]
 
 
+class PlannedStep(Message):
+    """A weight step of two encoders: a mass at the load point, which pulls along −z of R0."""
+
+    mass: Kilograms[Force] = Field(description="Mass of the load.")
+    mass_uncertainty: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=1e6)] | None] = Field(
+        default=None, description="Standard uncertainty of the mass; absent: 1 % is assumed."
+    )
+    point_uncertainty: Metres[Annotated[float, Field(strict=True, ge=0.0, le=1.0)]] = Field(
+        default=0.01, description="Standard uncertainty of each coordinate of the load point."
+    )
+    noise: Radians[Annotated[float, Field(strict=True, ge=1e-9, le=0.1)]] = Field(
+        default=1e-5, description="Standard deviation of the step of a twist in one posture."
+    )
+
+
 class Surroundings(Message):
     """Obstacles that links avoid; each link is a capsule from joint to joint."""
 
@@ -253,7 +270,10 @@ class ReadingOptions(Message):
         default_factory=dict,
         description="Greatest torque of the load about a joint [N.m], or force along a prismatic one [N].",
     )
-    stiffness: Stiffness[dict[Name, Annotated[float, Field(strict=True, gt=0.0, le=1e15)]]] = Field(
+    stiffness: Annotated[
+        Stiffness[dict[Name, Annotated[float, Field(strict=True, gt=0.0, le=1e15)]]],
+        Terminal("--stiffness", "JOINT=STIFFNESS", parse_stiffness, "dict"),
+    ] = Field(
         default_factory=dict,
         description="Expected stiffnesses, to which relative uncertainties refer; default: the campaign's, "
         "or such that all joints move the targets equally.",
@@ -314,6 +334,13 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
         default=None,
         description="Goal, instead of `readings`: the plan has the fewest readings that meet the goal (95 "
         "%). A goal for joints is relative to `stiffness`.",
+    )
+    weight_step: Annotated[PlannedStep | None, Terminal("--weight-step", "KG[±KG]", parse_planned_step)] = (
+        Field(
+            default=None,
+            description="Load of a weight step of two encoders, in place of `load`: plan postures that are "
+            "read from both sides, without and with it; `joints` have two encoders. No reading is held out.",
+        )
     )
     criterion: PlanCriterion | None = Field(
         default=None,

@@ -60,7 +60,7 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             str,
             typer.Argument(
                 metavar="ROBOT_OR_CAMPAIGN",
-                help="To begin a campaign: file of a robot, or name of an arm of the catalogue. To "
+                help="To begin a campaign: file of a robot, URDF, or name of an arm of the catalogue. To "
                 "continue a campaign: its file.",
             ),
         ]
@@ -211,6 +211,7 @@ def build_predict_command() -> Callable[..., None]:
 
     def command(file: Path, postures: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Predict deflections in given postures under given loads."""
+        _refuse_exchanged(file, postures, "FILE POSTURES")
         from jointstiff.service.cli.models import read_or_identify_run
         from jointstiff.service.library import here
         from jointstiff.service.runs.deflection import describe_predictions, prediction_csv
@@ -251,13 +252,28 @@ _Poses = Annotated[
 ]
 
 
+def _refuse_exchanged(source: Path, table: Path, order: str) -> None:
+    """Refuse a table of rows and a JSON document in each other's place.
+
+    Raises:
+        typer.Exit: the arguments are exchanged.
+    """
+    is_exchanged = source.suffix.lower() in (".csv", ".parquet") and table.suffix.lower() == ".json"
+    if is_exchanged:
+        raise cli.print_failure(
+            f"{source} and {table} are exchanged: the order is {order}", f"write {table} {source}"
+        )
+
+
 def build_correct_command() -> Callable[..., None]:
     """Return the function of the command `correct`, with an option for each field of its request."""
 
     def command(file: str, poses: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Correct a table of poses for the deflection under load."""
+        _refuse_exchanged(Path(file), poses, "CAMPAIGN_OR_ROBOT POSES")
         from jointstiff.service.cli.models import read_or_identify_run
         from jointstiff.service.library.here import Here
+        from jointstiff.service.runs.correction.verdict import WITHOUT_NUMBERS
         from jointstiff.service.tables.terminal import progress_bar
 
         if values["output"] is not None:
@@ -270,7 +286,10 @@ def build_correct_command() -> Callable[..., None]:
         if values["output"] is not None:
             result.save(values["output"])
             cli.warn(f"wrote {values['output']}")
-        typer.echo(result.summary())
+        typer.echo(name_options_in_text(CorrectionOptions, result.summary()))
+        has_numbers = bool(result.counts.keys() - WITHOUT_NUMBERS)
+        if not has_numbers:
+            raise typer.Exit(1)
 
     sources = {
         "file": (_ARGUMENTS["run_or_robot"]["source"], ...),
@@ -484,13 +503,32 @@ def _write_paper(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
     if path.suffix in {".csv", ".svg"}:
         job.save(path)
     else:
-        document = build_paper(job)
+        document = build_paper(job, geometry=_read_geometry(values["geometry"]))
         path.write_bytes(render_pdf(document) if path.suffix == ".pdf" else render_html(document))
     return job
 
 
+def _read_geometry(path: Path | None) -> Any:  # noqa: ANN401 - a Geometry or None
+    """Return the saved geometry in a file, for Table I of the paper; None without a file.
+
+    Raises:
+        CampaignError: the file is the result of another kind of work, or has no wrist centre by targets.
+    """
+    from jointstiff.service.library.saved import load
+    from jointstiff.service.reports.paper import require_wrist
+
+    if path is None:
+        return None
+    geometry = load(path, "geometry")
+    require_wrist(geometry)
+    return geometry
+
+
 def _check_paper(values: _Values, _sources: Sequence[Any]) -> Sequence[Path | None]:
-    """Return the path of the file of --paper; refuse another ending, and a PDF without Typst."""
+    """Return the path of the file of --paper; refuse another ending, a PDF without Typst, or no such file."""
+    if values["geometry"] is not None and values["paper"] is None:
+        raise typer.BadParameter("is for Table I of --paper: add --paper", param_hint="--geometry")
+    _read_geometry(values["geometry"])
     if values["paper"] is not None:
         cli.check_ending(values["paper"], [".pdf", ".html", ".svg", ".csv"])
         if values["paper"].suffix == ".pdf":
@@ -631,7 +669,10 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                     "File to write the paper's Tables I and II and figures 7 and 8 to: .pdf or .html; .svg "
                     "has the figures, .csv Table II.",
                 )
-            )
+            ),
+            "geometry": _make_optional_parameter(
+                cli.file_option("Result of `jointstiff geometry --save`, for Table I of --paper.")
+            ),
         },
         finish=_write_paper,
         list_paths=_check_paper,

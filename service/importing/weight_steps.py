@@ -37,6 +37,7 @@ from jointstiff.service.importing.grid import Grid, Row, decide_decimal_mark, re
 _Approach = Literal["+", "-"]
 _NEEDED: Final = ("label", "joint", "state", "motor", "link")
 _NUMBERS: Final = ("motor", "link")
+_IGNORED: Final = "ignored"
 _ANGLES: Final = ("deg", "rad")
 _REMEDY: Final = (
     "use `label`, `J1 [deg]` …, `joint`, `state` (unloaded or loaded), `approach` (+ or -), `motor [deg]` "
@@ -136,7 +137,7 @@ def _name_kinds(header: _Header, first: Row) -> list[str]:
     """Return the meaning of each column, as the preview shows it."""
     names = {column: kind for kind, column in header.of_kind.items()}
     names |= {column: f"joint {number}" for number, column in enumerate(header.joints, 1)}
-    return [names[column] for column in range(len(first.cells))]
+    return [names.get(column, _IGNORED) for column in range(len(first.cells))]
 
 
 def _read_header(grid: Grid, first: Row, *, has_rows: bool) -> _Header:
@@ -146,7 +147,7 @@ def _read_header(grid: Grid, first: Row, *, has_rows: bool) -> _Header:
         ImportFileError: a header is unknown or occurs twice, has no unit, or is missing, or no row follows.
     """
     of_kind, numbered, units = dict[str, int](), dict[int, int](), dict[int, str]()
-    for column, text in enumerate(first.cells):
+    for column, text in _list_used_cells(first):
         base, unit_text = split_unit(text)
         kind, number = STEPS.get(fold_word(base)), None if base.isdecimal() else joint_number(base)
         place = grid.place(first, column)
@@ -170,6 +171,12 @@ def _read_header(grid: Grid, first: Row, *, has_rows: bool) -> _Header:
         raise ImportFileError(whole, reason, _REMEDY)
     _refuse_mixed_units(whole, units.values())
     return _Header(of_kind, [numbered[number] for number in sorted(numbered)], units)
+
+
+def _list_used_cells(first: Row) -> list[tuple[int, str]]:
+    """Return column and text of the headers, but those of columns without a reading, such as remarks."""
+    kinds = [STEPS.get(fold_word(split_unit(cell)[0])) for cell in first.cells]
+    return [(column, first.cells[column]) for column, kind in enumerate(kinds) if kind != _IGNORED]
 
 
 def _refuse_mixed_units(place: Place, units: Collection[str]) -> None:

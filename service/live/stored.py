@@ -30,6 +30,7 @@ from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanResult, 
 from jointstiff.schemas.query import OpenSetQuery, SetQuery
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.prepared import frame_fields
+from jointstiff.service.kinds.plan.kind import refuse_step_plan
 from jointstiff.service.live.campaign import Declaration, Entry, LiveCampaign
 from jointstiff.service.live.declaration import complete_declaration
 from jointstiff.service.problems import LabelTakenError, NotFoundError
@@ -299,7 +300,7 @@ class OpenSets:
         """Return live options; if they name a plan, options that they do not state are those of the plan.
 
         Raises:
-            RequestError: the plan does not exist, or has no result.
+            RequestError: the plan does not exist, has no result, or is that of a weight step.
         """
         if options.plan_id is None:
             return options
@@ -311,6 +312,7 @@ class OpenSets:
             raise RequestError(
                 "the plan has no result", remedy="give a plan that has succeeded", where="open.plan_id"
             )
+        refuse_step_plan(plan)
         options_of_plan: dict[str, Any] = {
             name: getattr(plan.request, name)
             for name in ReadingOptions.model_fields

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from jointstiff.schemas.comparison import Comparison, ComparisonResult
 from jointstiff.schemas.finding import Problem
+from jointstiff.schemas.geometry import Geometry, WristResult
 from jointstiff.service.kinds.comparison.kind import COMPARISON, make_charts
+from jointstiff.service.kinds.geometry.kind import make_wrist_table, make_wrist_targets_table
 from jointstiff.service.problems import CampaignError, http_problem
 from jointstiff.service.reports.document import Document, Letterhead, Section, list_versions
 from jointstiff.service.reports.job import job_parts
@@ -15,14 +17,19 @@ from jointstiff.service.tables.table import NO_NUMBER, Line, Table, build_text_t
 _TITLE = "Stiffness by three methods, as in Ambiehl et al. (IROS 2017)"
 
 
-def build_paper(job: Comparison, view: View | None = None) -> Document:
+def build_paper(job: Comparison, view: View | None = None, geometry: Geometry | None = None) -> Document:
     """Build a document of a comparison with the tables and figures of the paper.
 
-    Table I has both sets and what each method explains, Table II the stiffnesses; figure 7 has the deflection
-    of each configuration, figure 8 what the methods leave over.
+    Table I has the wrist centre by three targets with their offsets, Table II the stiffnesses; figure 7 has
+    the deflection of each configuration, figure 8 what the methods leave over.
+
+    Args:
+        job: comparison with a result.
+        view: how numbers are shown.
+        geometry: geometry of the same robot by sweeps, for Table I; None leaves the table out.
 
     Raises:
-        CampaignError: the comparison has no result.
+        CampaignError: the comparison has no result, or the geometry has no wrist centre by targets.
     """
     result = require_result(job)
     parts = job_parts(COMPARISON, job, view or View())
@@ -34,9 +41,8 @@ def build_paper(job: Comparison, view: View | None = None) -> Document:
         letterhead=Letterhead("", []),
         dated=job.provenance.ended_at or job.provenance.created_at,
         sections=[
-            Section(
-                "Table I: measurement sets and explained deflection", tables=[_make_deflection_table(result)]
-            ),
+            *([] if geometry is None else [_make_wrist_section(require_wrist(geometry))]),
+            Section("Measurement sets and explained deflection", tables=[_make_deflection_table(result)]),
             Section("Table II: stiffness", tables=tables, notes=[note for note in notes if note]),
             Section("Figures 7 and 8", pictures=[draw_bars(chart) for chart in make_charts(result)]),
             Section("Origin", facts=[("Versions", list_versions(job))]),
@@ -51,6 +57,29 @@ def require_result(job: Comparison) -> ComparisonResult:
         problem: Problem = job.error or http_problem(409, f"the comparison is {job.state}", "compare again")
         raise CampaignError(problem)
     return job.result
+
+
+def require_wrist(geometry: Geometry) -> WristResult:
+    """Return the wrist centre of a geometry with the offsets of targets.
+
+    Raises:
+        CampaignError: the geometry has no wrist centre by targets.
+    """
+    wrist = None if geometry.result is None else geometry.result.wrist
+    if wrist is None or not wrist.targets:
+        remedy = (
+            "give a result of `jointstiff geometry SWEEPS.json --save FILE` with sweeps of the wrist's joints"
+        )
+        raise CampaignError(http_problem(422, "the geometry has no wrist centre by three targets", remedy))
+    return wrist
+
+
+def _make_wrist_section(wrist: WristResult) -> Section:
+    """Return Table I: the wrist centre by three targets, with their offsets."""
+    return Section(
+        "Table I: wrist centre by three targets",
+        tables=[make_wrist_targets_table(wrist), make_wrist_table(wrist)],
+    )
 
 
 def _make_deflection_table(result: ComparisonResult) -> Table:

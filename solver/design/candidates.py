@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Final, Literal
+from typing import Final, Literal, Protocol
 
 import numpy as np
 
@@ -375,6 +375,18 @@ _SAMPLED: Final = 500
 """Greatest number of candidates from whose rows the parameters are chosen."""
 
 
+class StepRows(Protocol):
+    """Rows of the J joints with two encoders."""
+
+    def __len__(self) -> int:
+        """Return J."""
+        ...
+
+    def __call__(self, joints: FloatArray, /) -> FloatArray:
+        """Return the rows (N, J, P) of the steps of twists in postures (N, n) [rad]."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class PlanRequest:
     """Request of a plan: robot's equipment, what is known beforehand, and the rules of the choice."""
@@ -402,9 +414,19 @@ class PlanRequest:
     #: the arm: columns of the joints, then of a nuisance in units of its prior uncertainty; None for applied
     #: loads
     own_weight_rows: Callable[[FloatArray], FloatArray] | None = None
+    #: rows of the twists of joints [rad], if a weight step of two encoders is planned: columns as above;
+    #: sigma is then that of a step
+    step_rows: StepRows | None = None
     seed: int = 0  #: seed of drawn postures, validation and random plans
     #: uncertainty or mistake to reach, in place of a number of readings
     goal: JointsGoal | DeflectionGoal | LoadPointGoal | None = None
+
+    @property
+    def rows_of_reading(self) -> int:
+        """Number of rows of one reading: twists of a weight step, or coordinates of targets."""
+        if self.step_rows is not None:
+            return len(self.step_rows)
+        return (3 if self.directions is None else 1) * len(self.equipment.targets)
 
 
 def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measurements) -> Stack:
@@ -465,8 +487,9 @@ class Readings:
         P is the number of parameters. L is 1, or 3 if the direction of the force is free: a load along each
         axis.
         """
-        if request.own_weight_rows is not None:
-            return request.own_weight_rows(self.joints)[:, None]
+        compute_rows = request.own_weight_rows or request.step_rows
+        if compute_rows is not None:
+            return compute_rows(self.joints)[:, None]
         measurements_by_load = [
             equipment.build_measurements(robot, self.joints, self.forces[:, load], self.along)
             for load in range(self.forces.shape[1])

@@ -208,7 +208,7 @@ def _check_reading_count(request: PlanRequest, fitted: int, joint_count: int) ->
     Raises:
         RequestError: there are too few readings.
     """
-    coordinates = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
+    coordinates = request.rows_of_reading * fitted
     if fitted < 1 or (request.so_far is None and coordinates < joint_count):
         raise RequestError(
             f"without the readings for validation, {fitted} readings remain, too few to determine "
@@ -366,7 +366,7 @@ def find_least_readings(
         RequestError: the greatest number of readings of a plan does not meet the goal.
     """
     s = len(pool.parameters.joints)
-    coordinates = (3 if request.directions is None else 1) * len(request.equipment.targets)
+    coordinates = request.rows_of_reading
     least = 1 if request.so_far is not None else -(-s // coordinates)
     most = MAX_READINGS - round(request.validation * MAX_READINGS)
 

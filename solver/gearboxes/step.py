@@ -31,6 +31,30 @@ class Load:
     is_weighed: bool = True  #: false if the uncertainty of the mass is assumed
 
 
+def compute_holding_torques(
+    robot: Robot, positions: FloatArray, load: Load, gravity: FloatArray
+) -> FloatArray:
+    """Return the torques (4, P, n) with which the motors hold a load [N·m].
+
+    The first is that of the load where it is; the other three are the changes if the load hangs 1 m farther
+    along x, y or z of the flange [N·m/m].
+
+    Args:
+        robot: n joints.
+        positions: (P, n) positions of the model's joints [rad or m].
+        load: load at the flange.
+        gravity: (3,) acceleration in R0 [m/s²].
+    """
+    postures = Postures(robot, positions)
+    places = load.point + np.vstack([np.zeros(PLACE), np.eye(PLACE)])
+    force = np.tile(load.mass * gravity, (len(positions), 1))
+    by_load = np.stack(
+        [postures.load(np.tile(place, (len(force), 1)), force, np.zeros_like(force))[1] for place in places]
+    )
+    by_load[1:] -= by_load[0]
+    return -by_load
+
+
 @dataclass(frozen=True, eq=False)
 class EncoderReadings:
     """R readings of both encoders of joints, each in one posture from one side, in two states.
@@ -87,22 +111,8 @@ class WeightStep:
 
     @cached_property
     def torques(self) -> FloatArray:
-        """(4, P, n) torques with which the motors hold the load [N·m].
-
-        The first is that of the load where it is; the other three are the changes if the load hangs 1 m
-        farther along x, y or z of the flange [N·m/m].
-        """
-        postures = Postures(self.robot, self.loaded_positions)
-        places = self.load.point + np.vstack([np.zeros(PLACE), np.eye(PLACE)])
-        force = np.tile(self.load.mass * self.gravity, (len(self.labels), 1))
-        by_load = np.stack(
-            [
-                postures.load(np.tile(place, (len(force), 1)), force, np.zeros_like(force))[1]
-                for place in places
-            ]
-        )
-        by_load[1:] -= by_load[0]
-        return -by_load
+        """(4, P, n) torques with which the motors hold the load, as `compute_holding_torques` [N·m]."""
+        return compute_holding_torques(self.robot, self.loaded_positions, self.load, self.gravity)
 
     def select(self, joint: int) -> JointStep:
         """Return the steps of one joint, the mean over the approaches of each posture."""

@@ -61,6 +61,7 @@ from jointstiff.schemas.geometry import (
     WristCentre,
     WristDistance,
     WristResult,
+    WristTarget,
 )
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.arrays import BoolArray, FloatArray, cross
@@ -79,7 +80,8 @@ from jointstiff.solver.geometry.poses import (
 from jointstiff.solver.geometry.sweeps import RESTING_RANGE, SweptAxes
 from jointstiff.solver.mechanics.chain import ChainJoint, Convention, KinematicChain
 from jointstiff.solver.mechanics.measurements import whitener
-from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist
+from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Postures, Wrist
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import build_messages, point, to_rigid
 
 LEAST_SINE = 0.1
@@ -294,7 +296,9 @@ class BaseTargets:
 CentreWay = Literal["sphere", "axes", "trilateration"]
 
 
-def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResult:
+def find_wrist_centre(
+    identified: IdentifiedAxes, base: BaseFrame, model: IdentifiedModel | None = None
+) -> WristResult:
     """Estimate the wrist centre by every method that the readings allow, and combine the estimates.
 
     The methods are `axes`, `sphere` and `trilateration`; without sweeps only `axes` is possible.
@@ -302,10 +306,11 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
     Args:
         identified: at least three axes.
         base: placement of R0, identified from the same readings.
+        model: kinematics with the targets in its flange frame, for the offsets of the targets.
 
     Returns:
         All estimates and their weighted combination, in the tracker's frame and in R0; the distances between
-        the estimates.
+        the estimates; and with `model` the targets relative to the centre.
 
     Raises:
         MeasurementError: fewer than three axes, or the last three are nearly parallel.
@@ -325,7 +330,10 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
     )
     # Each estimate: method, centre (3,) [m], derivative (3, m) with respect to the whitened readings
     estimates_by_method: list[tuple[CentreWay, FloatArray, FloatArray]] = [("axes", *nearest_to_axes)]
-    if isinstance(identified, SweptAxes) and (sphere := fit_spheres(identified, posture[:-WRIST_JOINTS])):
+    sphere = None
+    if isinstance(identified, SweptAxes):
+        sphere = fit_spheres(identified, posture[:-WRIST_JOINTS])
+    if isinstance(identified, SweptAxes) and sphere is not None:
         sphere_centre, radii, sphere_influence, was_fitted = sphere
         estimates_by_method.append(("sphere", sphere_centre, sphere_influence[:3]))
         trilaterated = _trilaterate_all_positions(
@@ -354,20 +362,51 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
     combined_influence = np.sum(
         [weight_matrix @ influence for weight_matrix, (_, _, influence) in weighted_estimates], axis=0
     )
+    combined = WristCentre(
+        way="combined",
+        weight=1.0,
+        **_express_in_both_frames(combined_centre, combined_influence, base, sigma),
+    )
+    targets: list[WristTarget] = []
+    if sphere is not None and model is not None:
+        _, radii, influence, present = sphere
+        deviations = sigma * np.linalg.norm(influence[3:], axis=1)
+        chosen = _choose_triple(identified, present) or []
+        targets = [
+            WristTarget(
+                name=identified.names[t],
+                offset=offset.tolist(),
+                distance=radii[t],
+                standard_uncertainty=deviations[t],
+                trilaterates=t in chosen,
+            )
+            for t, offset in enumerate(_compute_offsets(model, np.array(combined.base), posture))
+            if present[:, t].any()
+        ]
     return WristResult(
         estimates=estimates,
-        combined=WristCentre(
-            way="combined",
-            weight=1.0,
-            **_express_in_both_frames(combined_centre, combined_influence, base, sigma),
-        ),
+        combined=combined,
         distances=_compare_centres(estimates_by_method, sigma),
+        targets=targets,
         posture=posture.tolist(),
         miss_distance=miss_distance,
         miss_uncertainty=miss_uncertainty,
         miss_probability=miss_probability,
         decoupled_method=miss_distance <= Wrist.TOLERANCE,
     )
+
+
+def _compute_offsets(model: IdentifiedModel, centre: FloatArray, posture: FloatArray) -> FloatArray:
+    """Return the targets (T, 3) less the wrist centre, in the flange frame [m].
+
+    Args:
+        model: kinematics in R0, with the targets in its flange frame.
+        centre: (3,) in R0 in this posture [m].
+        posture: (n,) model angles [rad].
+    """
+    at = Postures(Robot(model.chain.model()), posture[None])
+    centre_in_flange = at.flange_rotation[0].T @ (centre - at.flange_translation[0])
+    return np.asarray(model.targets_in_flange - centre_in_flange)
 
 
 def _express_in_both_frames(
@@ -586,6 +625,22 @@ def _fit_spheres_linearly(points: FloatArray, has_target: FloatArray) -> FloatAr
     return np.concatenate([solution[:3] + mean, radii])
 
 
+def _choose_triple(identified: IdentifiedAxes, present: BoolArray) -> list[int] | None:
+    """Return the indices of the three targets that span the largest triangle; None without a triangle.
+
+    Args:
+        identified: axes with their targets.
+        present: (N, T) mask of the readings that may be used.
+    """
+    read_targets = np.flatnonzero(present.any(axis=0)).tolist()
+    triples = [list(triple) for triple in combinations(read_targets, 3)]
+    sides = [identified.targets[triple[1:]] - identified.targets[triple[0]] for triple in triples]
+    areas = [float(np.linalg.norm(cross(first, second))) for first, second in sides]
+    if not max(areas, default=0.0) > 0.0:
+        return None
+    return triples[int(np.argmax(areas))]
+
+
 def _trilaterate_all_positions(
     identified: SweptAxes,
     radii: FloatArray,
@@ -610,13 +665,9 @@ def _trilaterate_all_positions(
     """
     readings = identified.sweeps.whitened
     columns = np.arange(readings.points.size).reshape(readings.points.shape)
-    read_targets = np.flatnonzero(present.any(axis=0)).tolist()
-    triples = [list(triple) for triple in combinations(read_targets, 3)]
-    sides = [identified.targets[triple[1:]] - identified.targets[triple[0]] for triple in triples]
-    areas = [float(np.linalg.norm(cross(first, second))) for first, second in sides]
-    if not max(areas, default=0.0) > 0.0:
+    largest_triple = _choose_triple(identified, present)
+    if largest_triple is None:
         return None
-    largest_triple = triples[int(np.argmax(areas))]  # the three targets that span the largest triangle
     radius_influence = sphere_influence[[3 + t for t in largest_triple]]
     # Sums over the positions: of the weights, of weight · centre, and of weight · derivative
     total_weight = np.zeros((3, 3))

@@ -650,7 +650,7 @@ def _assemble_result(
         no_wrist = "the poses do not determine all axes"
     else:
         try:
-            wrist = find_wrist_centre(wrist_axes, base)
+            wrist = find_wrist_centre(wrist_axes, base, model)
             all_findings += report_wrist_disagreement(wrist)
         except InputError as error:
             no_wrist = error.reason

@@ -5,14 +5,19 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
 
+import jointstiff as js
 from jointstiff.schemas.gearbox import GearboxRequest
+from jointstiff.schemas.plan import PlanResult
+from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.gearbox import to_weight_step
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.simulator import default_arm
+from jointstiff.simulator import SpringArm, default_arm
+from jointstiff.simulator.document import robot_document
 from jointstiff.simulator.weight_step import Gears, SteppedArm, simulate_weight_step
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.gearboxes.step import WeightStep
@@ -24,6 +29,16 @@ POSTURES: Final = 12
 PLACE: Final = np.array([0.0, 0.0, 0.15])
 OWN_MASSES: Final = np.array([0.0, 250.0, 150.0, 50.0, 20.0, 10.0])
 """Masses of the arm's own bodies [kg]."""
+PLANS: Final = 4
+"""Number of plans that the simulated steps share."""
+CANDIDATES: Final = 1000
+ARM_LOAD, COBOT_LOAD = 100.0, 5.0
+"""Masses of the loads [kg]."""
+MASS_UNCERTAINTY: Final = 0.003
+"""Standard uncertainty of the mass, relative to it."""
+PLACE_UNCERTAINTY: Final = 0.006
+"""Standard uncertainty of each coordinate of the load's place [m]."""
+COBOT_STIFFNESS: Final = 2.5e4
 COBOT_SIZE: Final = 0.37
 """Size of a cobot, in that of the arm."""
 
@@ -36,6 +51,45 @@ class Simulated:
     stiffness: FloatArray  # (6,) of all gearboxes [N·m/rad]
 
 
+def build_arm(*, is_cobot: bool) -> SpringArm:
+    """Return the arm with typical stiffnesses, or a small and soft one."""
+    arm = default_arm()
+    if not is_cobot:
+        return replace(arm, payload=1.2 * ARM_LOAD)
+    return replace(
+        arm,
+        axis_points=COBOT_SIZE * np.array(arm.axis_points),
+        flange_translation=COBOT_SIZE * np.array(arm.flange_translation),
+        stiffnesses=np.full(len(arm.stiffnesses), COBOT_STIFFNESS),
+        payload=1.2 * COBOT_LOAD,
+    )
+
+
+@cache
+def plan(seed: int, *, is_cobot: bool = False) -> PlanResult:
+    """Return a plan of a weight step, by the command's planner and typical stiffnesses."""
+    arm = build_arm(is_cobot=is_cobot)
+    mass = COBOT_LOAD if is_cobot else ARM_LOAD
+    names = [arm.joint_names[joint] for joint in JOINTS]
+    planned = js.plan(
+        RobotDocument.model_validate(robot_document(arm)),
+        units="m, rad, N, N.m",
+        weight_step={
+            "mass": mass,
+            "mass_uncertainty": MASS_UNCERTAINTY * mass,
+            "point_uncertainty": PLACE_UNCERTAINTY,
+        },
+        load_point=PLACE.tolist(),
+        joints=names,
+        stiffness={name: float(arm.stiffnesses[joint]) for name, joint in zip(names, JOINTS, strict=True)},
+        readings=POSTURES,
+        candidates=CANDIDATES,
+        seed=seed,
+    )
+    assert planned.result is not None
+    return planned.result
+
+
 def simulate(
     seed: int, *, is_planned: bool = True, is_cobot: bool = False, postures: int = POSTURES
 ) -> Simulated:
@@ -43,41 +97,35 @@ def simulate(
 
     Args:
         seed: of the arm, its gears, the load and the postures.
-        is_planned: whether the postures are at the extremes of the load's torque, or random.
+        is_planned: whether the postures are planned, or random.
         is_cobot: whether the arm is small, soft and has much play.
         postures: number of random postures.
     """
     draw = np.random.default_rng([seed, 93])
-    arm, mass, share = default_arm(), 100.0, 1.0
+    arm, mass, share = build_arm(is_cobot=is_cobot), ARM_LOAD, 1.0
     stiffness = np.array(arm.stiffnesses) * np.exp(draw.uniform(-0.5, 0.5, 6))
     gears = Gears(lost_motion=draw.uniform(5e-6, 20e-6))
     if is_cobot:
-        mass, share = 5.0, 0.05
-        stiffness = 2.5e4 * np.exp(draw.uniform(-0.5, 0.5, 6))
+        mass, share = COBOT_LOAD, 0.05
         gears = Gears(draw.uniform(30e-6, 150e-6), (150e-6,), (52,), drift=50e-6, encoder_noise=14e-6)
-        arm = replace(
-            arm,
-            axis_points=COBOT_SIZE * np.array(arm.axis_points),
-            flange_translation=COBOT_SIZE * np.array(arm.flange_translation),
-        )
     arm = replace(arm, stiffnesses=stiffness, payload=1.2 * mass)
     true = SteppedArm(
-        arm, mass * (1.0 + draw.normal(0.0, 0.003)), PLACE + draw.normal(0.0, 0.006, 3), share * OWN_MASSES
+        arm,
+        mass * (1.0 + draw.normal(0.0, MASS_UNCERTAINTY)),
+        PLACE + draw.normal(0.0, PLACE_UNCERTAINTY, 3),
+        share * OWN_MASSES,
     )
     lower, upper = np.array(arm.limits).T
     candidates = draw.uniform(lower, upper, (300, 6))
-    chosen = np.arange(postures)
+    chosen = candidates[:postures]
     if is_planned:
-        torques = SteppedArm(arm, mass, PLACE, np.zeros(6)).torques(candidates, loaded=True)
-        order = np.argsort(torques, axis=0)
-        extremes = [order[:3], order[-3:]]
-        chosen = np.concatenate([extreme[:, joint] for joint in JOINTS for extreme in extremes])
-    document = simulate_weight_step(true, candidates[chosen], JOINTS, gears, draw, link_holds=bool(seed % 2))
+        chosen = np.array([each.joints for each in plan(seed % PLANS, is_cobot=is_cobot).readings])
+    document = simulate_weight_step(true, chosen, JOINTS, gears, draw, link_holds=bool(seed % 2))
     document["load"] = {
         "mass": mass,
-        "mass_uncertainty": 0.003 * mass,
+        "mass_uncertainty": MASS_UNCERTAINTY * mass,
         "point": PLACE.tolist(),
-        "point_uncertainty": 0.006,
+        "point_uncertainty": PLACE_UNCERTAINTY,
     }
     return Simulated(document, stiffness)
 

@@ -192,11 +192,11 @@ def _show_length(length: float, uncertainty: float | None) -> ShownEstimate:
     return show_estimate(length, (length - half, length + half), _MILLI, bare=".4f")
 
 
-def _make_wrist_parts(wrist: WristResult) -> list[Part]:
-    """Return a table of the estimates of the wrist centre, and lines on the distances between them."""
+def make_wrist_table(wrist: WristResult) -> Table:
+    """Return the table of the estimates of the wrist centre."""
     centres = [*wrist.estimates, wrist.combined]
     rows = [_format_position(centre.base, centre.base_covariance) for centre in centres]
-    table = Table(
+    return Table(
         [
             Column("by", [centre.way for centre in centres], text=True),
             *(Column(axis, [row[i] for row in rows], show_cell) for i, axis in enumerate("xyz")),
@@ -205,12 +205,37 @@ def _make_wrist_parts(wrist: WristResult) -> list[Part]:
         title="Wrist centre, in R0",
         caption="in mm, with the 95 % interval; weight in the combined centre",
     )
+
+
+def _make_wrist_parts(wrist: WristResult) -> list[Part]:
+    """Return tables of the wrist centre and of targets, and lines on the distances between estimates."""
     lines = [
         f"{pair.first} and {pair.second} are {_MICRO * pair.distance:.1f} µm apart (p-value "
         f"{pair.probability:.2g})"
         for pair in wrist.distances
     ]
-    return [table, Line("\n".join(f"  {line}" for line in [*lines, _describe_distance_of_axes(wrist)]))]
+    targets = [make_wrist_targets_table(wrist)] if wrist.targets else []
+    text = "\n".join(f"  {line}" for line in [*lines, _describe_distance_of_axes(wrist)])
+    return [make_wrist_table(wrist), *targets, Line(text)]
+
+
+def make_wrist_targets_table(wrist: WristResult) -> Table:
+    """Return the table of the targets relative to the wrist centre."""
+    distances = [_show_length(each.distance, each.standard_uncertainty) for each in wrist.targets]
+    return Table(
+        [
+            Column("target", [each.name for each in wrist.targets], text=True),
+            *(
+                Column(axis, [_MILLI * each.offset[i] for each in wrist.targets], number_formatter(".3f"))
+                for i, axis in enumerate("xyz")
+            ),
+            Column("distance", distances, show_cell),
+            Column("used", ["yes" if each.trilaterates else "no" for each in wrist.targets], text=True),
+        ],
+        title="Targets from the wrist centre",
+        caption="offset in the flange frame, and distance by the spheres with its 95 % interval, in mm; used "
+        "for trilateration",
+    )
 
 
 def _describe_distance_of_axes(wrist: WristResult) -> str:

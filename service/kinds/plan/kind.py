@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from math import degrees, hypot
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,6 +23,7 @@ from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 from jointstiff.service.tables.estimate import NORMAL_95, half_width, width_cell
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, as_line, number_formatter
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.text import length_text
 
 if TYPE_CHECKING:
@@ -85,10 +87,10 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
             "of the campaign so far: identify old and new readings together"
         )
     readings = _readings_table(job, result, has_tick_boxes=view.details)
-    return Report([_joints_table(result), readings, *map(Line, lines)])
+    return Report([_joints_table(job, result), readings, *map(Line, lines)])
 
 
-def _joints_table(result: PlanResult) -> Table:
+def _joints_table(job: Plan, result: PlanResult) -> Table:
     """Return a table of each joint's interval: after the plan, and from the readings so far ("now").
 
     Cells are empty for joints that no load of the plan twists.
@@ -105,7 +107,9 @@ def _joints_table(result: PlanResult) -> Table:
         Column("now", [*(_uncertainty_cell(joint, joint.before) for joint in joints), *empty], as_line),
     ]
     caption = "from the noise of the readings, the bounds of the masses and the geometry"
-    if any(any(each.force) for each in result.readings):
+    if job.request.weight_step is not None:
+        caption = "from the noise of the steps and the errors of the load"
+    elif any(any(each.force) for each in result.readings):
         caption = "from the noise of the readings alone; model error is not included"
     title = "Predicted 95 % interval of each stiffness"
     if all(joint.relative is None for joint in joints):
@@ -155,6 +159,17 @@ def _readings_table(job: Plan, result: PlanResult, *, has_tick_boxes: bool) -> T
         for j, name in enumerate(_joint_names(result))
     ]
     tick_boxes = [Column(name, ["[   ]"] * len(readings), text=True) for name in ("unloaded", "loaded")]
+    caption = (
+        "Readings v1, v2, … validate the model, and are not fitted. Targets: "
+        f"{', '.join(result.targets)}. Load point in the flange frame: {_position_text(result.load_point)} mm"
+    )
+    is_step = job.request.weight_step is not None
+    if is_step:
+        caption = (
+            "Read motor and link angle at rest, first in all postures without the load, then with it. "
+            "Come to each posture twice: by turning the joints in the positive and in the negative sense. "
+            f"Load point in the flange frame: {_position_text(result.load_point)} mm"
+        )
     return Table(
         [
             Column("reading", [each.label for each in readings], text=True),
@@ -167,12 +182,11 @@ def _readings_table(job: Plan, result: PlanResult, *, has_tick_boxes: bool) -> T
                 if has_gauges
                 else []
             ),
+            *([Column("approach", ["+ and -"] * len(readings), text=True)] if is_step else []),
             *(tick_boxes if has_tick_boxes else []),
         ],
         title="Readings, in order",
-        caption="Readings v1, v2, … validate the model, and are not fitted. Targets: "
-        f"{', '.join(result.targets)}. Load point in the flange frame: {_position_text(result.load_point)} "
-        "mm",
+        caption=caption,
         plain=True,
     )
 
@@ -227,11 +241,14 @@ def _position_text(position: Sequence[float]) -> str:
 def readings_sheet(plan: Plan) -> Sheet:
     """Return the file `readings.csv`: the planned readings with empty columns for measured positions.
 
-    When these columns are filled in, `jointstiff import` reads the file.
+    When these columns are filled in, `jointstiff import` reads the file, and `jointstiff gearbox` that of a
+    weight step.
     """
     result = plan.result
     if result is None:
         return Sheet({})
+    if plan.request.weight_step is not None:
+        return _step_sheet(result)
     prismatic = _prismatic_joints(result)
     names = [
         f"joint_{j + 1} [{'mm' if j in prismatic else 'deg'}]" for j in range(len(result.readings[0].joints))
@@ -267,12 +284,34 @@ def readings_sheet(plan: Plan) -> Sheet:
     )
 
 
+def _step_sheet(result: PlanResult) -> Sheet:
+    """Return the table of a weight step to fill in: a row for each state, posture, approach and joint."""
+    prismatic = _prismatic_joints(result)
+    count = len(result.readings[0].joints)
+    units = ["mm" if j in prismatic else "deg" for j in range(count)]
+    rows = []
+    for state, each in product(("unloaded", "loaded"), result.readings):
+        posture = {
+            f"J{j + 1} [{unit}]": round(1e3 * value if unit == "mm" else degrees(value), 3)
+            for j, (unit, value) in enumerate(zip(units, each.joints, strict=True))
+        }
+        # In words: a spreadsheet takes a cell that begins with a sign for a formula.
+        for approach, joint in product(("plus", "minus"), result.joints):
+            reading = {"joint": joint.name, "state": state, "approach": approach}
+            rows.append({"label": each.label, **posture, **reading, "motor [deg]": None, "link [deg]": None})
+    return Sheet.from_rows(rows)
+
+
 def make_campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[str, Any]:
     """Return the JSON object of a campaign with the planned readings, whose positions are still null.
 
     `source` is the robot, or the campaign that the plan continues.
+
+    Raises:
+        RequestError: the plan is that of a weight step, which is read by encoders.
     """
     options, result = plan.request, plan.result
+    refuse_step_plan(plan)
     robot = source.robot if isinstance(source, Campaign) else source
     encoders = source.measurement_set.encoders if isinstance(source, Campaign) else "motor"
     targets = {} if result is None else result.targets
@@ -303,6 +342,20 @@ def make_campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> di
         },
         "run": {"method": "partial_pose"},
     }
+
+
+def refuse_step_plan(plan: Plan) -> None:
+    """Refuse the plan of a weight step, where a campaign with targets is needed.
+
+    Raises:
+        RequestError: the plan is that of a weight step.
+    """
+    if plan.request.weight_step is not None:
+        raise RequestError(
+            "the plan is that of a weight step of two encoders, which has no targets",
+            where="weight_step",
+            remedy="fill in the plan's table (readings.csv), and identify the gearboxes with it",
+        )
 
 
 def _describe_noise(source: RobotDocument | Campaign, sigma: float | None) -> dict[str, Any]:

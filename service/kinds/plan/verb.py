@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         JointsGoal,
         LoadPointGoal,
         Plan,
+        PlannedStep,
         Surroundings,
     )
     from jointstiff.service.conversion.arguments import AnyUnits
@@ -64,6 +65,7 @@ class PlanFields(TypedDict, total=False):
     accept_verdict: Literal["do_not_use"] | None
     readings: int
     goal: str | JointsGoal | Mapping[str, Any] | DeflectionGoal | DecisionGoal | LoadPointGoal | None
+    weight_step: PlannedStep | Mapping[str, Any] | None
     criterion: Literal["relative_a", "work_area", "d", "e", "worst_place"] | None
     causes: Sequence[NamedCause | Mapping[str, Any]]
     leave_out: Sequence[str]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -14,6 +15,7 @@ from jointstiff.schemas.finding import Assessment, Finding
 from jointstiff.schemas.measurement import LEAST_DIRECTION
 from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.plan import DecisionGoal, PlanResult
+from jointstiff.service.conversion.gearbox import ASSUMED_MASS, find_joint
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.robots import (
@@ -35,6 +37,8 @@ from jointstiff.solver.evidence.refuted import list_refuted
 from jointstiff.solver.fit.estimate import predict
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.gearboxes.planned import LEAST_POSTURES, PlannedStepRows, find_widening
+from jointstiff.solver.gearboxes.step import Load
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.robot import Robot
@@ -69,6 +73,8 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         RequestError: the robot or the set does not exist, or the options need a campaign but the request
             has none.
     """
+    if request.weight_step is not None:
+        _refuse_unsupported_weight_step(request)
     if request.causes and (request.measurement_set_id is None or isinstance(request.load, OwnWeight)):
         raise RequestError(
             "`causes` can be fitted only to a campaign under loads, but this plan continues no such campaign",
@@ -210,6 +216,9 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
             far is "do not use", or no plan satisfies the request.
     """
     robot = plan_input.robot
+    if request.weight_step is not None:
+        step_request = to_step_design_request(request, robot, request.weight_step)
+        return _state_plan(robot, step_request, (), None)
     so_far = _evaluate_campaign(plan_input, request)
     campaign_readings = so_far.readings
     # If the robot's own weight is the load, positions without another load are readings, too.
@@ -234,10 +243,29 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
         campaign_readings=campaign_readings,
     )
     names, _ = choose_targets(request, robot, campaign_readings)
-    plan_result = to_plan_result(
-        design_request, plan_campaign(robot, design_request), robot, names, so_far.assessment
-    )
-    plan_assessment = assess_with_run("plan", _list_reasons(plan_result), so_far.assessment)
+    return _state_plan(robot, design_request, names, so_far.assessment)
+
+
+def _state_plan(
+    robot: Robot, request: PlanRequest, targets: Sequence[str], so_far: Assessment | None
+) -> PlanResult:
+    """Plan readings, and return the message of the plan with its verdict.
+
+    Args:
+        robot: n joints.
+        request: the solver's request.
+        targets: names of the targets.
+        so_far: verdict on the campaign so far; None if the plan begins one.
+
+    Raises:
+        RequestError: no plan satisfies the request.
+    """
+    plan_result = to_plan_result(request, plan_campaign(robot, request), robot, targets, so_far)
+    if request.step_rows is not None:  # a weight cannot twist a vertical axis, whatever is planned
+        reasons = _list_uncertain_joints(plan_result)
+    else:
+        reasons = _list_reasons(plan_result)
+    plan_assessment = assess_with_run("plan", reasons, so_far)
     return plan_result.model_copy(update={"assessment": plan_assessment})
 
 
@@ -251,13 +279,18 @@ def _list_reasons(result: PlanResult) -> list[Finding]:
             "need in `joints`"
         )
         reasons.append(make_reason("joint_left_out", "use_with_care", message, remedy))
+    return [*reasons, *_list_uncertain_joints(result)]
+
+
+def _list_uncertain_joints(result: PlanResult) -> list[Finding]:
+    """Return the reason to use a plan with care that joints stay uncertain, if there are such joints."""
     uncertain = [each.name for each in result.joints if (each.relative or 0.0) > _UNCERTAIN]
-    if uncertain:
-        names = ", ".join(uncertain)
-        message = f"after this plan {names} would still be uncertain by over {100 * _UNCERTAIN:.0f} %"
-        remedy = "plan more readings, a larger load, or targets farther from the flange"
-        reasons.append(make_reason("joint_stays_uncertain", "use_with_care", message, remedy))
-    return reasons
+    if not uncertain:
+        return []
+    names = ", ".join(uncertain)
+    message = f"after this plan {names} would still be uncertain by over {100 * _UNCERTAIN:.0f} %"
+    remedy = "plan more readings, a larger load, or targets farther from the flange"
+    return [make_reason("joint_stays_uncertain", "use_with_care", message, remedy)]
 
 
 _UNCERTAIN: Final = 0.5
@@ -322,6 +355,108 @@ def _refuse_unsupported_own_weight(
             where="load",
             remedy="omit `work_area`, `tracker` and `directions`; give the noise of the readings as `sigma`",
         )
+
+
+_GRAVITY: Final = (0.0, 0.0, -9.80665)
+"""Acceleration of gravity in R0 in which a weight step is planned [m/s²]."""
+_OF_TARGETS: Final = (
+    "load",
+    "measurement_set_id",
+    "work_area",
+    "targets",
+    "directions",
+    "tracker",
+    "sigma",
+    "repeatability",
+    "elastic_links",
+    "priors",
+    "goal",
+)
+"""Fields that a plan of a weight step does not support: they concern targets, or a campaign so far."""
+
+
+def _refuse_unsupported_weight_step(request: plans.PlanRequest) -> None:
+    """Refuse a plan of a weight step with options that concern targets, or with too few postures.
+
+    Raises:
+        RequestError: names the options.
+    """
+    stated = [name for name in _OF_TARGETS if getattr(request, name)]
+    if stated:
+        names = ", ".join(f"`{name}`" for name in stated)
+        raise RequestError(
+            f"a weight step is read by encoders, without targets, but the plan has {names}",
+            where=stated[0],
+            remedy=f"omit {names}, or omit `weight_step`",
+        )
+    if request.readings < LEAST_POSTURES:
+        raise RequestError(
+            f"{request.readings} postures do not determine compliance, offset and noise of a gearbox",
+            where="readings",
+            remedy=f"request {LEAST_POSTURES} readings or more; 12 are good practice",
+        )
+
+
+def _list_step_joints(request: plans.PlanRequest, robot: Robot) -> list[int]:
+    """Return the indices of the joints with two encoders: those of the request, or all that can have them.
+
+    Raises:
+        RequestError: a joint does not exist, slides, or is coupled with others; or no joint can be read.
+    """
+    if request.joints:
+        return [find_joint(robot, name, "joints") for name in request.joints]
+    joints = []
+    for name in robot.joint_names:
+        with suppress(RequestError):
+            joints.append(find_joint(robot, name, "joints"))
+    if not joints:
+        raise RequestError(
+            "the robot has no joint that turns alone",
+            where="robot_id",
+            remedy="a weight step needs a joint that turns, and that the joint map does not couple",
+        )
+    return joints
+
+
+def to_step_design_request(request: plans.PlanRequest, robot: Robot, step: plans.PlannedStep) -> PlanRequest:
+    """Convert a posted request to the solver's request for a plan of a weight step.
+
+    Sigma is the noise of a step times the factor by which Student's quantile exceeds the normal one.
+
+    Raises:
+        RequestError: a joint that the request names does not exist or cannot be read.
+    """
+    nominal, prior_uncertainty = _add_stated_compliances(request, robot, np.full(robot.n, np.nan))
+    joints = np.array(_list_step_joints(request, robot), dtype=np.intp)
+    stated = step.mass_uncertainty
+    load = Load(
+        mass=step.mass,
+        mass_uncertainty=ASSUMED_MASS * step.mass if stated is None else stated,
+        point=_choose_load_point(request, None),
+        point_uncertainty=step.point_uncertainty,
+    )
+    planned = PlannedStepRows(robot, load, np.array(_GRAVITY), joints, np.nan_to_num(nominal))
+    weight = step.mass * -_GRAVITY[2]
+    return PlanRequest(
+        equipment=Equipment(
+            targets=np.empty((0, 3)),
+            load_point=load.point,
+            loads=Loads("dead_weight", weight, _convert_torque_limits(request, robot)),
+            sigma=step.noise * find_widening(request.readings),
+        ),
+        readings=request.readings,
+        nominal=nominal,
+        prior=prior_uncertainty,
+        cell=request.surroundings,
+        criterion=request.criterion or "relative_a",
+        postures=_convert_candidate_postures(request, robot),
+        candidates=request.candidates,
+        joints=joints if request.joints else None,
+        angle=request.distinct_angle,
+        validation=0.0,
+        step_rows=planned,
+        seed=request.seed,
+    )
 
 
 def to_design_request(
@@ -546,9 +681,7 @@ def _choose_loads(request: plans.PlanRequest, robot: Robot, campaign_readings: M
     If all forces of the campaign pull down, the load is a dead weight, otherwise a force in any direction;
     its size is the greatest force of the campaign.
     """
-    limits = np.full(robot.n, np.inf)
-    for name, limit in request.torque_limits.items():
-        limits[robot.joint_index(name, f"torque_limits.{name}")] = limit
+    limits = _convert_torque_limits(request, robot)
     load = request.load
     if isinstance(load, OwnWeight):
         return Loads("dead_weight", 0.0, limits)
@@ -569,6 +702,18 @@ def _choose_loads(request: plans.PlanRequest, robot: Robot, campaign_readings: M
     # A force counts as pulling down if it is at most about 2.6° from the vertical.
     pulls_down = campaign_readings.force[:, 2] < -0.999 * np.linalg.norm(campaign_readings.force, axis=1)
     return Loads("dead_weight" if pulls_down.all() else "any_direction", newtons, limits)
+
+
+def _convert_torque_limits(request: plans.PlanRequest, robot: Robot) -> FloatArray:
+    """Return the greatest torque (n,) of the load about each joint [N·m]; infinite without a limit.
+
+    Raises:
+        RequestError: a joint that the request names does not exist.
+    """
+    limits = np.full(robot.n, np.inf)
+    for name, limit in request.torque_limits.items():
+        limits[robot.joint_index(name, f"torque_limits.{name}")] = limit
+    return limits
 
 
 def _convert_gauge_directions(request: plans.PlanRequest) -> FloatArray | None:

@@ -14,7 +14,7 @@ from jointstiff.service.reports.paper import build_paper
 from jointstiff.simulator.files import example_files
 
 HEADS = {
-    "Table I: measurement sets and explained deflection",
+    "Measurement sets and explained deflection",
     "Table II: stiffness",
     "Figures 7 and 8",
 }
@@ -24,7 +24,7 @@ HEADS = {
 def inside(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, text in example_files():
-        if name in {"motor.json", "secondary.json"}:
+        if name in {"motor.json", "secondary.json", "sweeps.json", "nominal.json"}:
             Path(name).write_text(text)
 
 
@@ -37,6 +37,31 @@ def test_the_paper_has_its_tables_and_figures():
     result = json.loads(Path("comparison.json").read_text())["result"]
     shares = [f"{100 * entry['compensation']:.1f} %" for entry in result["entries"]]
     assert all(share in page for share in shares)
+
+
+def test_table_1_has_the_wrist_by_the_targets_of_a_geometry():
+    typed("geometry sweeps.json --robot nominal.json --save geometry.json")
+    typed("compare motor.json secondary.json --paper paper.html --geometry geometry.json")
+    page = Path("paper.html").read_text()
+    assert "Table I: wrist centre by three targets" in page
+    wrist = json.loads(Path("geometry.json").read_text())["result"]["wrist"]
+    assert len(wrist["targets"]) == 3
+    for target in wrist["targets"]:
+        assert all(f"{1e3 * part:.3f}" in page for part in target["offset"])
+
+
+def test_table_1_needs_a_geometry_with_targets():
+    typed("geometry sweeps.json --robot nominal.json --save geometry.json")
+    saved = json.loads(Path("geometry.json").read_text())
+    saved["result"]["wrist"]["targets"] = []
+    Path("bare.json").write_text(json.dumps(saved))
+    compare = "compare motor.json secondary.json"
+    words = refused(f"{compare} --paper paper.html --geometry bare.json")
+    assert "no wrist centre by three targets" in words
+    assert "not 'geometry'" in refused(f"{compare} --paper paper.html --geometry motor.json")
+    assert "add --paper" in refused(f"{compare} --geometry geometry.json")
+    typed(f"{compare} --paper paper.html")
+    assert "Table I:" not in Path("paper.html").read_text()
 
 
 def test_the_paper_is_written_in_each_format():

@@ -86,7 +86,10 @@ export function Postures({ result, robot }: { result: PlanResult; robot: Robot }
           <p class="angles">
             {shown.joints.map((angle, i) => (
               <span>
-                <small class="soft">{robot.joints[i]?.name}</small> <b>{shownJoint(angle, robot.joints[i]?.kind, 1)}</b>
+                <small class="soft">
+                  <Name>{robot.joints[i]?.name ?? ""}</Name>
+                </small>{" "}
+                <b>{shownJoint(angle, robot.joints[i]?.kind, 1)}</b>
               </span>
             ))}
           </p>
@@ -282,7 +285,7 @@ export function PlanView({ id }: { id: string }) {
         list: "#/plans",
         run,
         about: <NameLink to={base ? ["sets", base.id] : ["robots", robot.id]}>{subject}</NameLink>,
-        first: job.result && (
+        first: job.result && !job.request.weight_step && (
           <>
             <LinkButton look="primary" href={link(["measure"], { plan: id })}>
               {measureWords.title}
@@ -305,7 +308,7 @@ export function PlanView({ id }: { id: string }) {
           <Postures result={result} robot={robot} />
           <JobLines collection="plans" id={id} />
           <JobTables collection="plans" id={id} to={1} />
-          {job.request.load?.kind !== "own_weight" && <Rehearsal job={id} />}
+          {job.request.load?.kind !== "own_weight" && !job.request.weight_step && <Rehearsal job={id} />}
         </>
       )}
     </JobPage>

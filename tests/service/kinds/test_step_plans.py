@@ -1,0 +1,116 @@
+"""Plans of weight steps: what they promise, the table to fill in, and what is refused."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+from support.weight_steps import (
+    ARM_LOAD,
+    JOINTS,
+    MASS_UNCERTAINTY,
+    PLACE,
+    PLACE_UNCERTAINTY,
+    build_arm,
+    plan,
+    read,
+    simulate,
+)
+
+import jointstiff as js
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.problems import CampaignError
+from jointstiff.simulator.document import robot_document
+from jointstiff.simulator.weight_step import SteppedArm
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.gearboxes.outcome import identify_gearboxes
+
+STEP = {
+    "mass": ARM_LOAD,
+    "mass_uncertainty": MASS_UNCERTAINTY * ARM_LOAD,
+    "point_uncertainty": PLACE_UNCERTAINTY,
+}
+SMALL = {"load_point": PLACE.tolist(), "candidates": 100, "readings": 6, "units": "m, rad, N, N.m"}
+ROBOT = RobotDocument.model_validate(robot_document(build_arm(is_cobot=False)))
+
+
+@pytest.fixture(scope="module")
+def small():
+    return js.plan(ROBOT, weight_step=STEP, joints=["joint_2", "joint_3"], **SMALL)
+
+
+def test_planned_torques_vary_almost_as_much_as_torques_can():
+    """The variance of a torque is greatest if half of the postures are at either end of its range."""
+    arm = SteppedArm(build_arm(is_cobot=False), ARM_LOAD, PLACE, np.zeros(6))
+    anywhere = np.random.default_rng(0).uniform(*np.array(arm.arm.limits).T, (2000, 6))
+    range_ = np.ptp(arm.torques(anywhere, loaded=True), axis=0)
+    chosen = np.array([each.joints for each in plan(0).readings])
+    spread = arm.torques(chosen, loaded=True).std(axis=0)
+    for joint in JOINTS:
+        assert spread[joint] > 0.8 * 0.5 * range_[joint]
+
+
+def test_a_plan_promises_the_half_widths_that_its_step_has():
+    promised = np.array([1.96 * joint.relative for joint in plan(0).joints])
+    widths = []
+    for seed in range(0, 40, 4):  # steps of the same plan
+        gearboxes = identify_gearboxes(read(simulate(seed).document)).gearboxes
+        widths.append([each.half_width for each in gearboxes])
+    np.testing.assert_allclose(np.median(widths, axis=0), promised, rtol=0.5)
+    assert (np.median(widths, axis=0) < 0.025).all()
+
+
+def test_a_filled_in_table_is_read(tmp_path, small):
+    """Angles of a step without noise give the stiffnesses of its springs."""
+    sheet = csv.DictReader(io.StringIO(small.table("csv").decode()))
+    arm = build_arm(is_cobot=False)
+    stepped = SteppedArm(arm, ARM_LOAD, PLACE, np.zeros(6))
+    rows = list(sheet)
+    assert len(rows) == 2 * 6 * 2 * 2
+    for row in rows:
+        motor = np.radians([[float(row[f"J{j + 1} [deg]"]) for j in range(6)]])
+        link = stepped.link_angles(motor, loaded=row["state"] == "loaded")
+        joint = arm.joint_names.index(row["joint"])
+        row["motor [deg]"] = np.degrees(motor[0, joint])
+        row["link [deg]"] = np.degrees(link[0, joint])
+    path = tmp_path / "step.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    found = js.gearbox(path, robot=ROBOT, load={"mass": ARM_LOAD, "point": (1e3 * PLACE).tolist()}).result
+    for joint, gearbox in zip(JOINTS, found.gearboxes, strict=True):
+        assert gearbox.stiffness == pytest.approx(arm.stiffnesses[joint], rel=2e-3)
+
+
+def test_the_report_names_both_sides_of_approach(small):
+    assert "+ and -" in small.summary()
+    assert not any(each.held_out for each in small.result.readings)
+
+
+def test_without_stated_joints_a_plan_has_those_that_the_weight_twists():
+    result = js.plan(ROBOT, weight_step=STEP, **SMALL).result
+    assert [joint.name for joint in result.joints] == ["joint_2", "joint_3", "joint_4", "joint_5"]
+    assert result.left_out == ["joint_1", "joint_6"]
+    assert result.assessment.verdict == "use"
+
+
+@pytest.mark.parametrize(
+    ("options", "where", "reason"),
+    [
+        ({"load": {"kind": "dead_weight", "force": 981.0}}, "load", "the plan has `load`"),
+        ({"targets": {"A": [0.0, 0.0, 0.1]}}, "targets", "the plan has `targets`"),
+        ({"goal": "2 %"}, "goal", "the plan has `goal`"),
+        ({"readings": 3}, "readings", "3 postures do not determine"),
+        ({"joints": ["joint_9"]}, "joints", "joint_9"),
+    ],
+)
+def test_what_a_step_cannot_have_is_refused(options, where, reason):
+    with pytest.raises(CampaignError, match=reason) as refused:
+        js.plan(ROBOT, **({"weight_step": STEP} | SMALL | options))
+    assert where in str(refused.value)
+
+
+def test_the_plan_of_a_step_is_no_campaign(small):
+    with pytest.raises(RequestError, match="a weight step of two encoders, which has no targets"):
+        js.rehearse(small, robot=ROBOT)
