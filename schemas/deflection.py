@@ -131,7 +131,7 @@ class ModelErrorInterval(Message):
         description="Load divided by the campaign's greatest load; above 1.01 the case is extrapolated."
     )
     leverage_ratio: Dimensionless[float] = Field(
-        description="Standard uncertainty per load, divided by that of the campaign's worst target; above "
+        description="Standard uncertainty per load, divided by that of the campaign's worst place; above "
         "1.01 the case is extrapolated."
     )
 

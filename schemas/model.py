@@ -58,6 +58,9 @@ class ModelError(Message):
         description="Standard deviation of a coordinate of a reading: residuals grow with it and the "
         "standard uncertainty of the prediction; null if they grow with the root of the load.",
     )
+    load_point_leverage: Metres[float] = Field(
+        default=0.0, description="The same as `leverage`, for load points in their postures."
+    )
 
 
 class ElasticPart(Message):

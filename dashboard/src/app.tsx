@@ -1,6 +1,6 @@
 /** The frame of the page: header, the view of the address, messages; signing in before it. */
 import type { FunctionComponent } from "preact";
-import { useEffect, useState, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useState, useRef } from "preact/hooks";
 import { api } from "./api/calls";
 import type { Session } from "./api/types";
 import {
@@ -117,6 +117,10 @@ export function App() {
   const first = useRef(true);
   const [finding, find] = useState(false);
   useEffect(keepPlaces, []);
+  const isWide = hasArm(route);
+  useLayoutEffect(() => {
+    document.documentElement.toggleAttribute("data-wide", isWide);
+  }, [isWide]);
   useEffect(() => {
     const open = (event: KeyboardEvent) => {
       if (event.key.toLowerCase() !== "k" || !(event.metaKey || event.ctrlKey) || needsKey(session)) return;
@@ -193,6 +197,10 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
 ]);
 
 const sectionOf = ({ parts: [first = ""] }: Route): string => VIEWS.get(first)?.[2] ?? first;
+
+/** Whether the view has an arm beside its numbers, for which a wide window has room. */
+const hasArm = ({ parts: [section = "", id] }: Route): boolean =>
+  id !== undefined && ["runs", "maps", "programs", "processes"].includes(section);
 
 /** Parts of one run are one view, which keeps what it has loaded. */
 const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice(0, 2) : parts).join("/");

@@ -672,7 +672,6 @@ def _write_campaign(
                 "add the missing information",
             )
         )
-    cli.refuse_existing(path, overwrite=overwrite)
     document = readings.model_dump(mode="json", exclude_none=True, exclude_unset=readings is answer.geometry)
     robot_part = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
     if answer.measurement_set is None:
@@ -692,6 +691,10 @@ def _write_campaign(
         content, next_step = "a campaign", f"jointstiff identify {path}"
     else:
         content, next_step = "a measurement set", "add a robot with --robot"
+    if cli.has_content(path, document):
+        typer.echo(f"{path} has this content already; now: {next_step}", err=True)
+        return
+    cli.refuse_existing(path, overwrite=overwrite)
     cli.write_json(path, document)
     typer.echo(f"wrote {path}, {content}; now: {next_step}", err=True)
 

@@ -60,7 +60,7 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             str,
             typer.Argument(
                 metavar="ROBOT_OR_CAMPAIGN",
-                help="To begin a campaign: file of a robot, or name of an arm of the catalogue. To "
+                help="To begin a campaign: file of a robot, URDF, or name of an arm of the catalogue. To "
                 "continue a campaign: its file.",
             ),
         ]
@@ -211,6 +211,7 @@ def build_predict_command() -> Callable[..., None]:
 
     def command(file: Path, postures: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Predict deflections in given postures under given loads."""
+        _refuse_exchanged(file, postures, "FILE POSTURES")
         from jointstiff.service.cli.models import read_or_identify_run
         from jointstiff.service.library import here
         from jointstiff.service.runs.deflection import describe_predictions, prediction_csv
@@ -251,13 +252,28 @@ _Poses = Annotated[
 ]
 
 
+def _refuse_exchanged(source: Path, table: Path, order: str) -> None:
+    """Refuse a table of rows and a JSON document in each other's place.
+
+    Raises:
+        typer.Exit: the arguments are exchanged.
+    """
+    is_exchanged = source.suffix.lower() in (".csv", ".parquet") and table.suffix.lower() == ".json"
+    if is_exchanged:
+        raise cli.print_failure(
+            f"{source} and {table} are exchanged: the order is {order}", f"write {table} {source}"
+        )
+
+
 def build_correct_command() -> Callable[..., None]:
     """Return the function of the command `correct`, with an option for each field of its request."""
 
     def command(file: str, poses: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Correct a table of poses for the deflection under load."""
+        _refuse_exchanged(Path(file), poses, "CAMPAIGN_OR_ROBOT POSES")
         from jointstiff.service.cli.models import read_or_identify_run
         from jointstiff.service.library.here import Here
+        from jointstiff.service.runs.correction.verdict import WITHOUT_NUMBERS
         from jointstiff.service.tables.terminal import progress_bar
 
         if values["output"] is not None:
@@ -270,7 +286,10 @@ def build_correct_command() -> Callable[..., None]:
         if values["output"] is not None:
             result.save(values["output"])
             cli.warn(f"wrote {values['output']}")
-        typer.echo(result.summary())
+        typer.echo(name_options_in_text(CorrectionOptions, result.summary()))
+        has_numbers = bool(result.counts.keys() - WITHOUT_NUMBERS)
+        if not has_numbers:
+            raise typer.Exit(1)
 
     sources = {
         "file": (_ARGUMENTS["run_or_robot"]["source"], ...),

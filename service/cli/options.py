@@ -96,9 +96,19 @@ def write_text(path: Path, text: str) -> None:
 
 def write_json(path: Path, document: object) -> None:
     """Write a document to a JSON file with indented lines, which people can read."""
+    write_text(path, _to_json(document))
+
+
+def has_content(path: Path, document: object) -> bool:
+    """Return whether a file is what `write_json` would write."""
+    return path.is_file() and path.read_bytes() == f"{_to_json(document)}\n".encode()
+
+
+def _to_json(document: object) -> str:
+    """Return a document as JSON with indented lines."""
     import json
 
-    write_text(path, json.dumps(document, indent=1, ensure_ascii=False))
+    return json.dumps(document, indent=1, ensure_ascii=False)
 
 
 CampaignFile = Annotated[

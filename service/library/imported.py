@@ -19,6 +19,7 @@ from jointstiff.service.library.results import Presented, TabledRun
 from jointstiff.service.problems import (
     CampaignError,
     as_campaign_error,
+    http_problem,
     naming_missing_file,
     problem_from_error,
 )
@@ -182,6 +183,7 @@ class ImportedReadings(Presented, ImportAnswer):
 def import_files(
     *files: str | PathLike[str],
     robot: Any = None,  # noqa: ANN401 - as of a campaign
+    payload: float | None = None,
     **options: Unpack[ImportFields],
 ) -> ImportedReadings:
     """Import files of readings, as the command `jointstiff import` does.
@@ -191,6 +193,7 @@ def import_files(
         robot: measured robot: a document, as in a campaign, or a file. With a robot, the answer has the
             findings of the integrity checks; unloaded positions of a robot with masses become a set that is
             identified by the robot's own weight.
+        payload: largest payload of the robot by its maker [kg]; default: that of the robot.
         options: fields of `ImportRequest`, such as `columns={"A1": "J1 [deg]"}`.
 
     Returns:
@@ -208,11 +211,17 @@ def import_files(
     request = parse_document(options, ImportRequest)
     sources = [SourceFile(Path(file).name, Path(file).read_bytes()) for file in files]
     robot_model = None
+    if robot is None and payload is not None:
+        problem = http_problem(422, "payload: the robot is unknown", "give `robot`, too")
+        raise CampaignError(problem)
     if robot is not None:
         if isinstance(robot, str | PathLike):
             robot = read_robot(str(robot))
         elif not isinstance(robot, RobotDocument):
             robot = parse_document(robot, RobotDocument)
+        if payload is not None:
+            fields = robot.model_dump(mode="json", exclude_unset=True)
+            robot = parse_document(fields | {"payload": payload}, RobotDocument)
         with as_campaign_error("robot"):
             robot_model = prepare_robot(robot).robot
     try:

@@ -175,6 +175,13 @@ def robot(
         CampaignError: the source does not describe a robot, or an argument does not concern this source.
         OSError: a file cannot be read.
     """
+    if source is None or isinstance(source, bool | int | float):
+        with as_campaign_error("robot"):
+            raise RobotError(
+                f"{source!r} describes no robot",
+                where="source",
+                remedy="give a file, the name of an arm of the catalogue, a URDF, or rows of a DH table",
+            )
     document: dict[str, Any]
     of_frames: dict[str, object] = {"base": base, "flange": flange}
     of_rows: dict[str, object] = {"convention": convention, "columns": columns, "units": units}

@@ -211,6 +211,10 @@ def _explain_other_document(
         from jointstiff.service.importing.grid import file_type  # imported only for such a file
 
         if content.lstrip()[:1] not in (b"{", b"["):
+            if content.lstrip()[:1] == b"<" and b"<robot" in content:
+                remedy = f"identify needs readings: `jointstiff plan {name}` plans them, and "
+                remedy += f"`jointstiff import FILE --robot {name}` reads them"
+                return http_problem(422, f"{name} is a URDF, not a campaign", remedy)
             type_of_file = file_type(content) or "a text"
             return http_problem(422, f"{name} is {type_of_file}, not a JSON document", import_hint)
         return http_problem(
@@ -305,7 +309,7 @@ def read_plan_source(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or r
     if not isinstance(source, str | PathLike):
         return source
     path = Path(source)
-    if not path.is_file():
+    if not path.is_file() or path.suffix.lower() in URDF_ENDINGS:
         return read_robot(str(source))
     try:
         is_campaign = bool({"measurement_set", "campaign"} & json.loads(path.read_bytes()).keys())

@@ -406,7 +406,9 @@ def find_beyond_limits(robot: Robot, joints: FloatArray, labels: Sequence[str]) 
     return [make_reason("joint_outside_limits", "use_with_care", message, remedy)]
 
 
-def find_missing_numbers(count: int, total: int, what: str, *, unseen: bool = True) -> list[Finding]:
+def find_missing_numbers(
+    count: int, total: int, what: str, *, unseen: bool = True, remedy: str | None = None
+) -> list[Finding]:
     """Return a reason if `count` of `total` cases have no number; [] for 0.
 
     Args:
@@ -414,6 +416,7 @@ def find_missing_numbers(count: int, total: int, what: str, *, unseen: bool = Tr
         total: number of all cases.
         what: plural noun for cases in the message, such as `places`.
         unseen: whether numbers may be missing because the run does not determine some joints.
+        remedy: remedy of the reasons of these cases, if it is known.
     """
     if not count:
         return []
@@ -421,5 +424,5 @@ def find_missing_numbers(count: int, total: int, what: str, *, unseen: bool = Tr
     subject = f"none of the {total}" if count == total else f"{total - count} of {total}"
     message = f"{subject} {what} {'have' if total != 1 else 'has'} a number"
     measuring_advice = "measure with loads that twist the undetermined joints, or " if unseen else ""
-    remedy = f"read the reason why each case has no number; {measuring_advice}move the places"
+    remedy = remedy or f"read the reason why each case has no number; {measuring_advice}move the places"
     return [make_reason("numbers_missing", weight, message, remedy)]

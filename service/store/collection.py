@@ -56,6 +56,7 @@ _KINDS_OF_DOCUMENTS: Final[Mapping[sa.Table, str]] = MappingProxyType(
 """Table → kind of its documents; a job states its kind."""
 _NO_FILTERS: Final[Mapping[str, str]] = MappingProxyType({})
 _NO_SPANS: Final[Mapping[str, tuple[datetime | None, datetime | None]]] = MappingProxyType({})
+_UNKNOWN: Final = object()
 _INSERT_KEY: Final = sa.insert(idempotency_keys)
 KEEP_DELETED: Final = timedelta(days=30)
 """Time for which a deleted resource can be restored."""
@@ -234,7 +235,8 @@ class Collection(Generic[Record, Entry]):
     ) -> Record:
         """Change columns of a record that is no job; return the changed record.
 
-        Nobody else can change the record between the call of `find_values` and the change.
+        Nobody else can change the record between the last call of `find_values` and the change. A change that
+        finds no values writes nothing and takes no lock.
 
         Args:
             identifier: id of the record.
@@ -246,7 +248,10 @@ class Collection(Generic[Record, Entry]):
             NotFoundError: no record has this id.
             DeletedError: the record was deleted.
         """
-        if is_indexable(identifier):
+        present = self.get(identifier, include_deleted=include_deleted)
+        found = find_values(present)
+        # A column that the record does not show counts as changed.
+        if any(getattr(present, name, _UNKNOWN) != value for name, value in found.items()):
             by_id = self._by_id_with_deleted if include_deleted else self._by_id
             with self._database.writing() as connection:
                 # The lock of an UPDATE (`FOR NO KEY UPDATE`) lets others refer to the row. A stronger lock

@@ -383,6 +383,7 @@ def build_stored_model(
             least_load=error.least_load,
             leverage=error.leverage,
             noise=error.noise,
+            load_point_leverage=error.load_point_leverage,
         )
     else:
         stored["no_error"] = error.reason
@@ -601,7 +602,7 @@ def _list_extrapolation_remarks(bound: ModelErrorBound, case: int) -> list[str]:
     if np.isfinite(load_ratio) and leverage_ratio > EXTRAPOLATED:
         remarks.append(
             f"extrapolated: the prediction is {figure(leverage_ratio, '.3g')} times as uncertain as that "
-            "of the worst measured target"
+            "of the worst measured place"
         )
     return remarks
 

@@ -691,8 +691,8 @@ class ModelErrorBound:
     #: (B,) size of the load over the greatest measured size; above EXTRAPOLATED the prediction is
     #: extrapolated
     load_ratio: FloatArray
-    #: (B,) uncertainty of the displacement per size of load, over that of the worst measured target; above
-    #: EXTRAPOLATED the prediction is extrapolated. Either ratio above 1 widens the ball.
+    #: (B,) uncertainty of the displacement per size of load, over that of the worst measured place; above
+    #: EXTRAPOLATED the prediction is extrapolated
     leverage_ratio: FloatArray
     #: (B,) standard deviation of the model error along any direction [m]; inf where nothing is known
     deviation: FloatArray
@@ -724,12 +724,16 @@ class ModelError:
     force: float  #: force of size 1 [N]; zero if no force was measured. The greatest load has size 1
     moment: float  #: moment of size 1 [N·m]; zero if no moment was measured
     least_load: float  #: least size of a load
-    #: greatest uncertainty of a target's displacement, ``√λ_max(A C Aᵀ)``, over the size of its load [m]
+    #: greatest uncertainty of a target's displacement, ``√λ_max(A C Aᵀ)``, over the size of its load [m];
+    #: beyond it the ball widens
     leverage: float
     #: standard deviation of a coordinate of a reading [m], estimated in a model with elastic links: residuals
     #: then grow with the leverage over this noise. None if noise was stated or only joints bend: residuals
     #: then grow with the root of the load
     noise: float | None = None
+    #: the same for the load points of the observations [m]; zero in a run of an earlier version. A load point
+    #: in its measured posture is no extrapolation, even if no target was there
+    load_point_leverage: float = 0.0
     left_out: PostureJackknife | None = None  #: fits without each posture; None if not known
 
     @staticmethod
@@ -769,18 +773,21 @@ class ModelError:
             confidence: level of the bound.
         """
         relative_load = compute_load_sizes(cases.force, cases.moment, self.force, self.moment)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            leverage_ratio = np.where(
-                leverage > 0.0,
-                leverage / (np.where(relative_load > 0.0, relative_load, 1.0) * self.leverage),
-                0.0,
-            )
+        relative_leverage = leverage / np.where(relative_load > 0.0, relative_load, 1.0)
+        measured_leverage = max(self.leverage, self.load_point_leverage)
         growth = _compute_residual_growth(
             np.maximum(relative_load, self.least_load), leverage, self.noise
-        ) * np.maximum(leverage_ratio, 1.0)
+        ) * np.maximum(_divide_positive(relative_leverage, self.leverage), 1.0)
         radius = self.quantile(confidence) * growth
         unmeasured = "force" if self.force == 0.0 else "moment" if self.moment == 0.0 else None
+        leverage_ratio = _divide_positive(relative_leverage, measured_leverage)
         return ModelErrorBound(radius, unmeasured, relative_load, leverage_ratio, self.deviation * growth)
+
+
+def _divide_positive(values: FloatArray, reference: float) -> FloatArray:
+    """Return values (B,) over a reference: 0 for a value of 0, and inf for others if the reference is 0."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(values > 0.0, np.divide(values, reference), 0.0)
 
 
 def _compute_residual_growth(load: FloatArray, leverage: FloatArray, noise: float | None) -> FloatArray:
@@ -853,7 +860,28 @@ def estimate_error_by_leaving_postures_out(
     error = _compute_model_error(
         measurements, np.where(is_left_out, posture_of_reading, -1), residual, prediction_root, added_variance
     )
-    return replace(error, left_out=PostureJackknife(fits, posture_count))
+    return replace(
+        error,
+        left_out=PostureJackknife(fits, posture_count),
+        load_point_leverage=_compute_load_point_leverage(model, measurements, error),
+    )
+
+
+def _compute_load_point_leverage(
+    model: JointModel | ElasticPredictor, measurements: Measurements, error: ModelError
+) -> float:
+    """Return the greatest leverage over load size of the load points of the observations [m]."""
+    load = compute_load_sizes(measurements.force, measurements.moment, error.force, error.moment)
+    loaded = load > 0.0
+    point = measurements.load_point[loaded]
+    cases = LoadCases(
+        measurements.joints[loaded],
+        measurements.force[loaded],
+        measurements.moment[loaded],
+        point,
+        point.copy(),
+    )
+    return float((model.deflect(cases).leverage / load[loaded]).max())
 
 
 def _choose_left_out_postures(
@@ -939,7 +967,7 @@ def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticFit) -> Mo
     variance = float(np.trace(covariance, axis1=-2, axis2=-1)[measurements.present].mean()) / 3.0
     # A stated sigma is subtracted from the scores, so only an estimated noise is kept.
     noise = sigma * np.sqrt(variance) if sigma and measurements.sigma is None else None
-    return _compute_model_error(
+    error = _compute_model_error(
         measurements,
         posture_of_observation[observation_of_reading],
         residual,
@@ -947,6 +975,7 @@ def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticFit) -> Mo
         added_variance,
         noise,
     )
+    return replace(error, load_point_leverage=_compute_load_point_leverage(model, measurements, error))
 
 
 def _compute_share_without_noise(

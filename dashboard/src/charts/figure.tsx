@@ -77,6 +77,9 @@ interface LegendItem {
   label: string;
   /** Class of the mark, see the style sheet. */
   mark: string;
+  /** Choose what is drawn so; none: there is nothing to choose. */
+  choose?: () => void;
+  chosen?: boolean;
 }
 
 interface FigureProps {
@@ -155,10 +158,19 @@ export function Figure({ title, note, legend = [], table, file = table, children
 
 export const Legend = ({ items }: { items: LegendItem[] }) => (
   <ul class="legend">
-    {items.map(({ mark, label }) => (
+    {items.map(({ mark, label, choose, chosen = false }) => (
       <li>
-        <i class={`mark ${mark}`} aria-hidden="true" />
-        {label}
+        {choose ? (
+          <button type="button" class="chooses" aria-pressed={chosen} onClick={choose}>
+            <i class={`mark ${mark}`} aria-hidden="true" />
+            <bdi>{label}</bdi>
+          </button>
+        ) : (
+          <>
+            <i class={`mark ${mark}`} aria-hidden="true" />
+            {label}
+          </>
+        )}
       </li>
     ))}
   </ul>
@@ -200,9 +212,7 @@ export function Chart({ width, height, label, links = false, children }: ChartPr
   );
 }
 
-export interface Series {
-  mark: string;
-  label: string;
+export interface Series extends LegendItem {
   values: (number | null)[];
 }
 
@@ -291,6 +301,7 @@ export function BarFigure({
       return height === null ? [] : [`${one.label}: ${significant(height, 3)} ${unit}`];
     });
   const labels = series.map((one) => one.label);
+  const oneIsChosen = series.some(({ chosen }) => chosen);
   const columns = [named, ...alike(labels, unit)];
   return (
     <Figure
@@ -311,7 +322,8 @@ export function BarFigure({
                 const from = stacked ? below(series.slice(0, s), i, height) : 0;
                 return bar(place(i), wide, y(from), y(from + height));
               });
-              return <path class={`bars ${one.mark}`} d={shapes.join("")} />;
+              const isBehind = oneIsChosen && !one.chosen;
+              return <path class={isBehind ? `bars ${one.mark} behind` : `bars ${one.mark}`} d={shapes.join("")} />;
             })
           }
         </ByName>

@@ -159,15 +159,18 @@ export function Title({ kind, children, plain }: { kind?: string; children: Comp
 }
 
 /** Whether the page is as narrow as a phone. */
-export const usePhone = (): boolean => useNarrow(PHONE);
+export const usePhone = (): boolean => useMedia(PHONE);
 
-function useNarrow(query: string): boolean {
-  const [narrow, set] = useState(() => matchMedia(query).matches);
+/** Whether the arm of a result has room beside the numbers, as the style sheet has it. */
+export const useArmBeside = (): boolean => useMedia("(min-width: 1200px)");
+
+function useMedia(query: string): boolean {
+  const [matches, set] = useState(() => matchMedia(query).matches);
   useEffect(() => {
     const media = matchMedia(query);
     return listen(media, { change: () => set(media.matches) });
   }, []);
-  return narrow;
+  return matches;
 }
 
 interface FoldedProps {
@@ -179,7 +182,7 @@ interface FoldedProps {
 
 /** What is folded away on a phone, and in view elsewhere. */
 export function Folded({ label, at = PHONE, children }: FoldedProps) {
-  if (!useNarrow(at)) return <>{children}</>;
+  if (!useMedia(at)) return <>{children}</>;
   return (
     <details class="folded">
       <summary>{label}</summary>

@@ -40,10 +40,13 @@ export class Arm extends Group {
   readonly jointMaterial = new MeshLambertMaterial();
   readonly axisMaterial = new MeshLambertMaterial();
   readonly baseMaterial = new MeshLambertMaterial();
+  readonly chosenMaterial = new MeshLambertMaterial();
   readonly #cylinder = new CylinderGeometry(1, 1, 1, 20);
   readonly #sphere = new SphereGeometry(1, 20, 14);
   /** Of joints that have a colour of their own. */
   #jointMaterials: (MeshLambertMaterial | null)[] = [];
+  /** Index of the joint that was chosen. */
+  #chosen: number | null = null;
   /** By what they are, made when they are first needed. */
   readonly #parts = new Map<string, Mesh>();
 
@@ -64,6 +67,10 @@ export class Arm extends Group {
       const next = points[i + 1];
       if (next) lay(this.#part(`tube ${i}`, this.linkMaterial), point, subtract(next, point), thick(i));
     });
+    const band = this.#part("band", this.chosenMaterial);
+    const chosenAxis = this.#part("chosen axis", this.chosenMaterial);
+    band.visible = this.#chosen !== null;
+    chosenAxis.visible = this.#chosen !== null;
     posture.joint_axes.forEach((axis, j) => {
       const origin = posture.joint_origins[j] ?? [0, 0, 0];
       const about = (part: Mesh, half: number, radius: number) =>
@@ -73,7 +80,15 @@ export class Arm extends Group {
       joint.material = this.#jointMaterials[j] ?? this.jointMaterial;
       about(joint, drum * 0.9, drum * 0.86);
       about(this.#part(`axis ${j}`, this.axisMaterial, this.#cylinder, this.axes), reach * 0.13, reach * 0.0035);
+      if (j !== this.#chosen) return;
+      about(band, drum * 0.4, drum * 1.12);
+      about(chosenAxis, reach * 0.16, reach * 0.007);
     });
+  }
+
+  /** Give a joint a band and its axis, from the next `set` on; null for none. */
+  choose(joint: number | null): void {
+    this.#chosen = joint;
   }
 
   /** Give joints colours of their own, from the next `set` on; the others have that of `jointMaterial`. */
@@ -219,12 +234,12 @@ export class ScaleBar {
 export interface Label {
   name: string;
   at: Vector;
-  kind: "joint" | "target" | "x" | "y" | "z";
+  kind: "joint" | "chosen" | "target" | "x" | "y" | "z";
 }
 
 const [LEAST_GAP, BESIDE] = [17, 20]; // px
-/** To the right of the point, to its left, below, above: the first that is free is taken. */
-const PLACES = [0, 18, -18].flatMap((below) => [1, -1].map((side) => [side, below] as const));
+/** To the right of the point, to its left, below, above, further away: the first that is free is taken. */
+const PLACES = [0, 18, -18, 36, -36, 54, -54].flatMap((below) => [1, -1].map((side) => [side, below] as const));
 
 /** Names at their points by three's renderer of elements, moved apart here; one without a free place is left out. */
 export class Labels extends Group {
@@ -277,12 +292,14 @@ export class Labels extends Group {
       const { x, y, z } = this.#point.copy(label.position).project(camera);
       const [left, top] = [((x + 1) / 2) * width, ((1 - y) / 2) * height];
       const most = Math.max(0, width - wide - BESIDE); // the label and its gap stay in the window
+      const within = (v: number) => Math.min(height - high, Math.max(high, v));
       const free = PLACES.map(
-        ([side, below]) => [Math.min(most, Math.max(0, left + (side < 0 ? -wide - BESIDE : 0))), top + below] as const,
+        ([side, below]) =>
+          [Math.min(most, Math.max(0, left + (side < 0 ? -wide - BESIDE : 0))), within(top + below)] as const,
       ).find(([u, v]) => !taken.some(([x1, y1, w]) => u < x1 + w && x1 < u + wide && Math.abs(v - y1) < LEAST_GAP));
       label.visible = free !== undefined && z <= 1 && left >= 0 && left <= width && top >= 0 && top <= height;
       if (!label.visible || !free) continue;
-      if (kind === "joint" || kind === "target") taken.push([free[0], free[1], wide]);
+      if (kind === "joint" || kind === "chosen" || kind === "target") taken.push([free[0], free[1], wide]);
       label.center.set((left - free[0]) / wide, (top - free[1]) / high); // the anchor, as a share of the label
     }
   }

@@ -26,6 +26,8 @@ export interface Show {
   bend: number[];
   /** What each joint contributes to the deflection, as a share of the greatest; null, or none at all: no colour. */
   shares: (number | null)[];
+  /** Index of the joint that was chosen: it has a band, its axis, and its name before all others. */
+  chosen: number | null;
   /** Places of a map: where [m], their share of the colours, and how wide one is drawn [m]. */
   cloud?: { places: Vector[]; shares: number[]; size: number };
   /** A box that is dragged. */

@@ -214,6 +214,7 @@ export class Stage {
   #apply(show: Show): void {
     this.#shown = show;
     this.#arm.paintJoints(show.shares.map((share) => (share === null ? null : rampAt(this.#mapRamp, share))));
+    this.#arm.choose(show.chosen);
     this.#arm.set(show.posture, this.#reach);
     this.#arm.axes.visible = show.axes;
     const thin = this.#reach * (show.measured.length > 40 ? 0.003 : 0.006);
@@ -309,6 +310,7 @@ export class Stage {
     this.#arm.linkMaterial.color = color("--arm");
     this.#arm.jointMaterial.color = color("--arm-joint");
     this.#arm.axisMaterial.color = color("--axis");
+    this.#arm.chosenMaterial.color = color("--accent");
     this.#arm.baseMaterial.color = color("--arm-joint");
     this.#axisColors = AXES.map(({ kind }) => color(`--${kind}`));
     this.#triad.paint(new Color(1, 1, 1), true);
@@ -380,7 +382,9 @@ const AXES = [
 function labelsOf(show: Show, reach: number): Label[] {
   const axes = AXES.map(({ kind, along }): Label => ({ name: kind, kind, at: times(along, reach * 0.3) }));
   if (show.names.length === 0) return axes;
-  const joints = show.posture.joint_origins.map((at, j): Label => ({ name: show.names[j] ?? "", kind: "joint", at }));
+  const kindOf = (j: number) => (j === show.chosen ? "chosen" : "joint");
+  const joints = show.posture.joint_origins.map((at, j): Label => ({ name: show.names[j] ?? "", kind: kindOf(j), at }));
+  joints.sort((one, other) => Number(other.kind === "chosen") - Number(one.kind === "chosen")); // it takes its place first
   const targets = show.targets.map(
     (name, i): Label => ({ name, kind: "target", at: show.measured[i]?.from ?? [0, 0, 0] }),
   );

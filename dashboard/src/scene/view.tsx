@@ -29,6 +29,7 @@ const ARM_ALONE = {
   byResidual: null,
   bend: [],
   shares: [],
+  chosen: null,
 } satisfies Omit<Show, "posture">;
 
 interface ArmViewProps extends Partial<Omit<Show, "posture">> {

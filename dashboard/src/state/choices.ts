@@ -2,6 +2,7 @@
 import type { MeasurementSetSummary, RobotDocument, RobotSource, RobotSummary } from "../api/types";
 import { text } from "../words";
 import { dayText, timeText } from "../lib/format";
+import { recalled, remember } from "./kept";
 
 /** Robots by name, and the newest sets: as many as a page of a listing has. */
 export const ROBOTS = { sort: "name", limit: 100 } as const;
@@ -45,6 +46,26 @@ export const robotsToldApart = (
     text.lists.jointCount(joints.length),
     last ? text.lists.measuredOn(dayText(last.at)) : text.lists.addedOn(dayText(created_at)),
   ]);
+
+const STORED_LAST = "robot.stored";
+
+/** Keep in this window which robot was stored last: readings that come next are probably of this robot. */
+export const keepStoredLast = (id: string): void => remember(STORED_LAST, id, "sessionStorage");
+
+interface Listing {
+  items: { id: string; joints: readonly unknown[] }[];
+  total: number | null;
+}
+
+/** The robot to begin with where nobody chose one: the one stored last, else the only one there is; empty for none. */
+export function likelyRobot({ items, total }: Listing, fits: (robot: Listing["items"][number]) => boolean): string {
+  const fitting = items.filter(fits);
+  const last = recalled(STORED_LAST, "sessionStorage");
+  const storedLast = fitting.find(({ id }) => id === last);
+  const isWhole = total === null || total <= items.length;
+  const only = fitting.length === 1 && isWhole ? fitting[0] : undefined;
+  return (storedLast ?? only)?.id ?? "";
+}
 
 /** The robot that a file brings along, among those to choose from. */
 export const FROM_FILE = "file";

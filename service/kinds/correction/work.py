@@ -29,7 +29,12 @@ from jointstiff.service.kinds.work import (
 )
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.correction.answer import CorrectedTable, TableCorrection
-from jointstiff.service.runs.correction.columns import TABLE_LIMITS, convert_headers, make_sheet
+from jointstiff.service.runs.correction.columns import (
+    TABLE_LIMITS,
+    convert_headers,
+    make_sheet,
+    name_joint_columns,
+)
 from jointstiff.service.runs.correction.poses import PoseTable
 from jointstiff.service.runs.verdicts import find_accepted_run
 from jointstiff.service.tables.packed import pack_sheet, unpack_sheet
@@ -169,6 +174,7 @@ def pack_columns(columns: dict[str, Any], options: CorrectionOptions, robot: Rob
         TooManyRowsError: the table has too many rows.
     """
     TABLE_LIMITS.refuse_rows(max(map(len, columns.values())))
+    columns = name_joint_columns(columns, robot)
     PoseTable.from_columns(columns, options.units, robot)
     small = {name.lower(): np.asarray(column, dtype=np.float64) for name, column in columns.items()}
     sheet = make_sheet(small, options.units, robot.prismatic.tolist())

@@ -20,7 +20,7 @@ from jointstiff.service.conversion.robots import (
     refuse_wrong_joint_count,
 )
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
-from jointstiff.service.runs.correction.columns import DEFLECTION, POSITION, STATUS
+from jointstiff.service.runs.correction.columns import DEFLECTION, POSITION, STATUS, name_joint_columns
 from jointstiff.service.runs.correction.orientation import write_orientation
 from jointstiff.service.runs.correction.poses import PoseTable
 from jointstiff.service.runs.correction.verdict import (
@@ -224,7 +224,7 @@ def correct_request(robot: Robot, run: Run | None, request: CorrectionRequest) -
     Raises:
         RequestError: the request cannot be carried out.
     """
-    table = PoseTable.from_columns(request.columns, request.units, robot)
+    table = PoseTable.from_columns(name_joint_columns(request.columns, robot), request.units, robot)
     correction = TableCorrection.prepare(robot, run, request, table)
     done = correction.conclude([correction.path.correct(0, len(table.poses))])
     columns = {

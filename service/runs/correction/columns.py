@@ -12,12 +12,13 @@ import numpy as np
 from jointstiff.schemas.correction import MAX_COLUMNS, MAX_TABLE_ROWS
 from jointstiff.schemas.measurement import Units
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
-from jointstiff.service.runs.correction.orientation import EULER_ANGLES, ROTATION_VECTOR
+from jointstiff.service.runs.correction.orientation import EULER_ANGLES, QUATERNION, ROTATION_VECTOR
 from jointstiff.service.runs.deflection import parse_unit_factor
 from jointstiff.service.runs.verdicts import moment_factor
 from jointstiff.service.tables.reading import LABEL, TableLimits
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.robot import Robot
 
 POSITION: Final = ("x", "y", "z")
@@ -42,9 +43,10 @@ def convert_headers(columns: Mapping[str, Any], units: Units, robot: Robot) -> d
         RequestError: a header has no unit, or another quantity's.
     """
     converted = dict[str, FloatArray]()
+    joint_columns = find_joint_columns([_name_of(header) for header in columns], robot)
     own = {"length": LENGTH[units.length], "angle": ANGLE[units.angle], "force": FORCE[units.force]}
     for header, column in columns.items():
-        name = header.partition("[")[0].strip().lower()
+        name = joint_columns.get(_name_of(header), _name_of(header))
         numbers = np.asarray(column, dtype=np.float64)
         quantity = _find_quantity(name, robot)
         if quantity == "moment":
@@ -53,6 +55,47 @@ def convert_headers(columns: Mapping[str, Any], units: Units, robot: Robot) -> d
             numbers = numbers * (parse_unit_factor(header, _FACTORS[quantity]) / own[quantity])
         converted[name] = numbers
     return converted
+
+
+def name_joint_columns(columns: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+    """Return columns in which the robot's own names of joints are replaced by j1 to jn.
+
+    Raises:
+        RequestError: a joint has two columns.
+    """
+    joint_columns = find_joint_columns(list(columns), robot)
+    return {joint_columns.get(name.lower(), name): column for name, column in columns.items()}
+
+
+def find_joint_columns(names: Sequence[str], robot: Robot) -> dict[str, str]:
+    """Return the robot's own names of joints that are columns, in small letters → j1 to jn.
+
+    A joint's own name that is also another column's, such as `x`, is not its name here. Own names such as
+    `j0` to `j5` count if all of them are columns.
+
+    Raises:
+        RequestError: a joint has two columns.
+    """
+    given = {name.lower() for name in names}
+    numbered = [f"j{number}" for number in range(1, robot.n + 1)]
+    own = dict(zip((name.lower() for name in robot.joint_names), numbered, strict=True))
+    reserved = {*POSITION, *ROTATION_VECTOR, *EULER_ANGLES, *QUATERNION, *FORCES, *MOMENTS}
+    if not own.keys() <= given:
+        reserved.update(numbered)
+    found = {name: column for name, column in own.items() if name in given and name not in reserved}
+    for name, column in found.items():
+        if column in given - found.keys():
+            raise RequestError(
+                f"the columns {name!r} and {column!r} are the same joint",
+                where="columns",
+                remedy="give each joint once",
+            )
+    return found
+
+
+def _name_of(header: str) -> str:
+    """Return the name in a header, without its unit, in small letters."""
+    return header.partition("[")[0].strip().lower()
 
 
 def _find_quantity(name: str, robot: Robot) -> str | None:

@@ -108,7 +108,8 @@ def _refuse_unknown_names(names: Mapping[str, str], joint_names: Sequence[str], 
             raise RequestError(
                 f"the column {name[:40]!r} is not known",
                 where="columns",
-                remedy=f"use x, y, z, rx, ry, rz, j1 to j{robot.n}, fx, fy, fz, mx, my, mz",
+                remedy=f"use x, y, z, rx, ry, rz, j1 to j{robot.n} or the names of the joints, fx, fy, "
+                "fz, mx, my, mz",
             )
 
 

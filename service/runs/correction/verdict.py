@@ -31,7 +31,10 @@ REASONS: Final[Mapping[CorrectionStatus, tuple[str, str]]] = MappingProxyType(
         "uncertain": ("the deflection is less than its uncertainty", "measure more if it matters"),
         "beyond_limits": ("a joint would leave its limits", "move the part"),
         "not_reached": ("the robot does not reach the pose", "check tool, base and units"),
-        "ambiguous": ("the posture is not certain from here on", "give joints, or `start` for the first row"),
+        "ambiguous": (
+            "the posture is not certain from here on",
+            "give joints (`J1 [deg]` …), or `start`: the joints near the first pose",
+        ),
         "contradictory": ("pose and joints differ", "correct the pose or the joints"),
         "unseen_joint": (
             "the load twists a joint that the readings do not determine",
@@ -42,6 +45,13 @@ REASONS: Final[Mapping[CorrectionStatus, tuple[str, str]]] = MappingProxyType(
     }
 )
 """Status → reason and remedy, for statuses of rows that are not corrected in full."""
+WITHOUT_NUMBERS: Final = frozenset(
+    {
+        *("beyond_limits", "not_reached", "ambiguous", "contradictory"),
+        *("unseen_joint", "overloaded", "no_direction"),
+    }
+)
+"""Statuses of rows that have no numbers."""
 
 
 def count_statuses(rows: CorrectedRows) -> dict[CorrectionStatus, int]:
@@ -81,7 +91,9 @@ def find_reasons(
     extrapolated = int((rows.extrapolation[has_numbers] > EXTRAPOLATED).sum())
     unseen = bool((rows.status == RowStatus.UNSEEN_JOINT).any())
     reasons = [
-        *find_missing_numbers(count - int(has_numbers.sum()), count, "rows", unseen=unseen),
+        *find_missing_numbers(
+            count - int(has_numbers.sum()), count, "rows", unseen=unseen, remedy=_choose_remedy(rows)
+        ),
         *find_implausible_deflection(float(lengths.max(initial=0.0)), model.result),
         *find_far_points(points),
         *find_beyond_campaign(extrapolated, count, "rows"),
@@ -91,6 +103,13 @@ def find_reasons(
         message = f"{reason} in {capped} of {count} rows"
         reasons.append(make_reason("corrections_capped", "use_with_care", message, remedy))
     if not ((rows.status == RowStatus.CORRECTED) | (rows.status == RowStatus.CAPPED)).any():
-        message, remedy = "no row is corrected", "read the status of the rows"
+        message, remedy = "no row is corrected", _choose_remedy(rows) or "read the status of the rows"
         reasons.append(make_reason("nothing_corrected", "use_with_care", message, remedy))
     return reasons
+
+
+def _choose_remedy(rows: CorrectedRows) -> str | None:
+    """Return the remedy of the most frequent status without numbers; None if all rows have numbers."""
+    counts = count_statuses(rows)
+    frequent = sorted(set(counts) & WITHOUT_NUMBERS, key=lambda name: (-counts[name], name))
+    return REASONS[frequent[0]][1] if frequent else None

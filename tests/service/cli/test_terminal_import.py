@@ -121,7 +121,12 @@ def test_readings_of_a_known_robot_are_inspected_and_a_file_is_not_written_over(
         "complete: a measurement set integrity: nothing suspicious",
         "wrote new.json, a campaign; now: jointstiff identify new.json",
     )
-    assert refused(line).endswith("new.json exists remedy: choose another name, or use --overwrite")
+    written = Path("new.json").read_bytes()
+    assert_said(typed(line), "new.json has this content already; now: jointstiff identify new.json")
+    assert Path("new.json").read_bytes() == written
+    other = line.replace("import ", "import --payload 310 ")
+    assert refused(other).endswith("new.json exists remedy: choose another name, or use --overwrite")
+    assert Path("new.json").read_bytes() == written
 
 
 def test_readings_with_errors_are_written_only_despite_them():

@@ -4,7 +4,9 @@ import csv
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.command_lines import answered, assert_said, refused, typed
 from support.kinds import MAP
 from support.programs import options, path, tool_poses
@@ -12,6 +14,7 @@ from support.terminal import terminal
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
+from jointstiff.simulator.urdf import urdf_text
 
 POSTURES = (
     "label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz "
@@ -356,3 +359,67 @@ def test_a_cut_in_a_file_of_options_is_in_si_units_whatever_the_units_of_the_fil
         before.append(json.loads(result.stdout)["result"]["before"]["value"])
     assert before[0] == pytest.approx(before[1])
     assert before[0] > 1e-5  # hundreds of newtons
+
+
+class TestPosesWithoutJoints:
+    """A correction without a row with numbers is no success, and its remedy works as it is written."""
+
+    LINE = "correct pull.json poses.csv --force 0,300,-500"
+
+    @pytest.fixture(autouse=True)
+    def poses(self, folder):
+        robot = default_arm().posture(np.radians([[10.0, -5.0, 10.0, 5.0, 45.0, 3.0]]))
+        vector = Rotation.from_matrix(robot.flange_rotation).as_rotvec(degrees=True)[0]
+        place = 1e3 * robot.point_to_base(np.zeros((1, 3)))[0]
+        cells = ",".join(f"{number:.4f}" for number in [*place, *vector])
+        (folder / "poses.csv").write_text(f"x [mm],y [mm],z [mm],rx [deg],ry [deg],rz [deg]\n{cells}\n")
+
+    def test_ambiguous_rows_end_with_status_1_and_name_the_option(self):
+        words = typed(self.LINE, status=1, width=400)
+        remedy = "give joints (`J1 [deg]` …), or `--start`: the joints near the first pose"
+        assert_said(words, "rows: 1 ambiguous", f"none of the 1 rows has a number; {remedy}")
+        assert "rows: 1 corrected" in typed(f"{self.LINE} --start 10,-5,10,5,45,3")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (
+            "predict postures.csv run.json",
+            "postures.csv and run.json are exchanged: the order is FILE POSTURES",
+        ),
+        (
+            "correct postures.csv pull.json --force 0,0,-5",
+            "postures.csv and pull.json are exchanged: the order is CAMPAIGN_OR_ROBOT POSES",
+        ),
+    ],
+)
+def test_a_table_in_the_place_of_a_campaign_is_named_as_an_exchange(line, said):
+    table, document = line.split()[1:3]
+    assert refused(line) == f"{said} remedy: write {document} {table}"
+
+
+def test_an_urdf_that_is_no_xml_is_refused_by_its_line(folder):
+    (folder / "bad.urdf").write_text("<robot")
+    assert refused("import postures.csv --robot bad.urdf") == (
+        "robot.line 1: not well-formed XML: unclosed token remedy: check the document with an XML tool"
+    )
+
+
+class TestUrdf:
+    """A URDF begins a plan at the terminal; commands that need readings name the way to them."""
+
+    @pytest.fixture(autouse=True)
+    def urdf(self, folder):
+        (folder / "arm.urdf").write_text(urdf_text(default_arm()))
+
+    def test_a_plan_begins_with_it(self):
+        options = "--load any_direction:800 --target A=0,0,100 --load-point 0,0,120 --readings 6"
+        assert_said(typed(f"plan arm.urdf {options} --candidates 50"), "Readings, in order", "p1 ")
+
+    def test_a_command_that_needs_readings_names_plan_and_import(self):
+        assert_said(
+            refused("identify arm.urdf"),
+            "arm.urdf is a URDF, not a campaign remedy:",
+            "`jointstiff plan arm.urdf` plans them, and `jointstiff import FILE --robot arm.urdf` reads them",
+        )

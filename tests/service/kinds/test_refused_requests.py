@@ -127,6 +127,21 @@ class TestPredictions:
         assert ratios == pytest.approx([1.0, 1.009, 1.02], rel=1e-5)
         assert [others for _, *others in answers] == [[[], []], [[], []], [[said], ["beyond_campaign"]]]
 
+    @pytest.mark.parametrize("load", ["pull", "dead_weight"])
+    def test_no_measured_posture_under_its_own_load_is_extrapolated(self, load):
+        measured = campaign(load, 24, 1)
+        stated = measured["measurement_set"]
+        answer = js.identify(measured).predict(
+            [each["joints"] for each in stated["observations"]],
+            [each["force"] for each in stated["observations"]],
+            load_point=stated["load_point"],
+            units=stated["units"],
+        )
+        assert [case.remarks for case in answer.cases] == [[]] * 24
+        ratios = [case.with_model_error.leverage_ratio for case in answer.cases]
+        assert max(ratios) == pytest.approx(1.0)
+        assert "beyond_campaign" not in [reason.code for reason in answer.assessment.reasons]
+
     def test_cases_are_at_most_what_can_be_computed_at_once(self):
         joints = 32 * [DhRow(a=0.1, alpha=0.0, d=0.0, theta=0.0)]
         snake = Robot(chain_dh_rows(joints, "standard", "snake").model())

@@ -159,12 +159,7 @@ FEWER = "no bound of the model error at 95 %: 19 postures are needed, but the ca
                 "the load point or the place is 3 m from the flange; 2 mm to 1.5 m is plausible",
             ),
             [[-0.00013743, 0.0, -0.00010939]],
-            [
-                [
-                    "extrapolated: the prediction is 18.4 times as uncertain as that of the worst measured "
-                    "target"
-                ]
-            ],
+            [["extrapolated: the prediction is 18 times as uncertain as that of the worst measured place"]],
         ),
         (
             {

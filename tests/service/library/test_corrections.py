@@ -93,6 +93,24 @@ def test_a_moment_has_the_unit_of_its_header(tmp_path):
         run.correct(file, tool=TOOL_IN_MM)
 
 
+@pytest.mark.parametrize("shown", [str, str.upper])
+def test_joints_have_the_robots_own_names_in_any_order(tmp_path, shown):
+    _, run = exact_run()
+    frame = run.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE).to_frame().iloc[:, 1:13]
+    named = frame.rename(columns=lambda name: name.replace("J", shown("joint_")))
+    numbered, own = tmp_path / "numbered.csv", tmp_path / "own.csv"
+    frame.to_csv(numbered, index=False)
+    named.iloc[:, ::-1].to_csv(own, index=False)
+    expected, done = (run.correct(file, tool=TOOL_IN_MM, forces=FORCE) for file in (numbered, own))
+    np.testing.assert_array_equal(done.joints, expected.joints)
+    named["J2 [deg]"] = frame["J2 [deg]"]
+    named.to_csv(own, index=False)
+    with pytest.raises(
+        js.CampaignError, match="'joint_2' and 'j2' are the same joint; remedy: give each joint once"
+    ):
+        run.correct(own, tool=TOOL_IN_MM, forces=FORCE)
+
+
 class TestFiles:
     """Files with headers that are wrong are refused by name; labels are repeated."""
 
@@ -348,6 +366,12 @@ class TestService:
         np.testing.assert_allclose(np.radians(joints), here.joints, atol=1e-9)
         assert answer["counts"] == {"corrected": 20}
         assert answer["columns"]["status"] == ["corrected"] * 20
+
+    def test_columns_of_joints_may_have_their_own_names(self, client, run):
+        body = self.body(run)
+        expected = post(client, "/v1/corrections", body, status=200)
+        body["columns"] = {name.replace("j", "joint_"): column for name, column in body["columns"].items()}
+        assert post(client, "/v1/corrections", body, status=200) == expected
 
     def test_a_row_without_numbers_is_null_and_says_why(self, client, run):
         body = self.body(run)

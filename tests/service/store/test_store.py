@@ -285,6 +285,23 @@ def test_the_audit_is_listed_newest_first(store):
         store.audit.page(3, "x")
 
 
+def test_a_change_of_nothing_opens_no_writing_transaction(store, monkeypatch):
+    store.robots.add(robot())
+    opened, writing = [], database.Database.writing
+
+    def count(self):
+        opened.append(1)
+        return writing(self)
+
+    monkeypatch.setattr(database.Database, "writing", count)
+    named = store.robots.get("r1").name
+    assert store.robots.change("r1", lambda _: {}).name == named
+    assert store.robots.change("r1", lambda record: {"name": record.name}).name == named
+    assert not opened
+    assert store.robots.change("r1", lambda _: {"name": "another"}).name == "another"
+    assert opened
+
+
 def test_no_method_changes_or_removes_an_entry(store):
     assert {name for name in dir(store.audit) if not name.startswith("_")} == {"add", "find", "page"}
 

@@ -57,45 +57,51 @@ export function Wall() {
   );
 }
 
+/** As many joints have room beside their robot; the columns of more are scrolled. */
+const MOST_JOINTS = 9;
+
 export function WallTable({ rows }: { rows: WallRow[] }) {
   const width = Math.max(0, ...rows.map(({ cells }) => cells.length));
+  const isWide = width > MOST_JOINTS;
   const columns = Array.from({ length: width }, (_, i) => i);
   return (
     <div class="card walled">
-      <table class="wall" aria-label={words.wall} style={{ "--joints": String(width) }}>
-        <thead>
-          <tr>
-            <th scope="col">{text.app.robots}</th>
-            {columns.map((i) => (
-              <th scope="col">{words.joint(i + 1)}</th>
-            ))}
-            <th scope="col">{words.last}</th>
-          </tr>
-        </thead>
-        <tbody>
-          {rows.map((row) => (
+      <div class={isWide ? "scroll" : ""} {...(isWide ? { tabIndex: 0 } : {})}>
+        <table class={isWide ? "wall many" : "wall"} aria-label={words.wall} style={{ "--joints": String(width) }}>
+          <thead>
             <tr>
-              <th scope="row">
-                <a href={link(["robots", row.robot])}>
-                  <Name>{row.name}</Name>
-                </a>
-                {row.note && (
-                  <small class="soft note-of">
-                    <Name>{row.note}</Name>
-                  </small>
-                )}
-                <small class="soft day" aria-hidden="true">
-                  {dayText(row.at)}
-                </small>
-              </th>
+              <th scope="col">{text.app.robots}</th>
               {columns.map((i) => (
-                <Cell cell={row.cells[i]} row={row} />
+                <th scope="col">{words.joint(i + 1)}</th>
               ))}
-              <td class="when soft">{dayText(row.at)}</td>
+              <th scope="col">{words.last}</th>
             </tr>
-          ))}
-        </tbody>
-      </table>
+          </thead>
+          <tbody>
+            {rows.map((row) => (
+              <tr>
+                <th scope="row">
+                  <a href={link(["robots", row.robot])}>
+                    <Name>{row.name}</Name>
+                  </a>
+                  {row.note && (
+                    <small class="soft note-of">
+                      <Name>{row.note}</Name>
+                    </small>
+                  )}
+                  <small class="soft day" aria-hidden="true">
+                    {dayText(row.at)}
+                  </small>
+                </th>
+                {columns.map((i) => (
+                  <Cell cell={row.cells[i]} row={row} />
+                ))}
+                <td class="when soft">{dayText(row.at)}</td>
+              </tr>
+            ))}
+          </tbody>
+        </table>
+      </div>
       <p class="soft key">
         <span>
           <b>{SAME}</b> {words.sameShort}

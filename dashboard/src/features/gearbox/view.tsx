@@ -9,7 +9,7 @@ import { JobLines, JobPage, JobTables, VerdictCard } from "../../components/job_
 import { DropZone, SchemaFields, type Terms } from "../../components/schema_form";
 
 import { contentKey, type Fields, isFields, listOf, parsed } from "../../lib/json";
-import { labelOf, shownWithInterval } from "../../lib/stiffness";
+import { shownWithInterval, unitOf } from "../../lib/stiffness";
 import { link, useAction } from "../../state/action";
 import { FROM_FILE, sourceOf } from "../../state/choices";
 import { useSettings } from "../../state/session";
@@ -46,9 +46,7 @@ function Gearboxes({ result }: { result: GearboxResult }) {
   const unusable = result.assessment.verdict === "do_not_use";
   return (
     <section class="card" aria-labelledby="gearboxes">
-      <h2 id="gearboxes">
-        {words.result} <small class="soft">{labelOf(unit, ["revolute"])}</small>
-      </h2>
+      <h2 id="gearboxes">{words.result}</h2>
       <Facts
         facts={result.gearboxes.map(({ joint, stiffness, stiffness_interval: interval, reason }) => ({
           label: <Name>{joint}</Name>,
@@ -56,7 +54,10 @@ function Gearboxes({ result }: { result: GearboxResult }) {
             stiffness === null ? (
               <span class="soft">{reason}</span>
             ) : (
-              <Estimate of={{ ...shownWithInterval(stiffness, interval, unit, "revolute"), unusable }} />
+              <Estimate
+                of={{ ...shownWithInterval(stiffness, interval, unit, "revolute"), unusable }}
+                unit={unitOf(unit).label}
+              />
             ),
         }))}
       />

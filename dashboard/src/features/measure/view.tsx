@@ -10,7 +10,7 @@ import { freshKey, type Fields, unreadIn } from "../../lib/json";
 import * as live from "./live";
 import { useAction, go, link } from "../../state/action";
 import { RobotSelect } from "../../components/choosers";
-import { ROBOTS } from "../../state/choices";
+import { likelyRobot, ROBOTS } from "../../state/choices";
 import { isKnown, type Query, useQuery } from "../../state/query";
 import { useTypedValue } from "../../state/session";
 import { factors } from "../../lib/stiffness";
@@ -35,11 +35,11 @@ export function MeasureView({ query }: { query: URLSearchParams }) {
       <Head plain={words.title} first={<TrySimulated />} />
       <OpenCampaigns as="h2" />
       <Show of={robots} instead={({ items }) => items.length === 0 && <NoRobots />}>
-        {({ items }) => (
+        {({ items, total }) => (
           <Show of={planId ? plan : { ...plan, data: null }}>
             {(of) => (
               <Declaration
-                only={items.length === 1 ? items[0]?.id : undefined}
+                likely={likelyRobot({ items, total }, () => true)}
                 robot={query.get("robot")}
                 plan={of}
                 after={open}
@@ -58,21 +58,21 @@ const GOALS = { deflection: "DeflectionGoal", joints: "JointsGoal", decision: "D
 const GOAL: Terms = { labels: words.labels, within: "open.goal." };
 
 interface DeclarationProps {
-  /** The only robot that there is. */
-  only: string | undefined;
+  /** The robot to begin with where none is given; empty for none. */
+  likely: string;
   robot: string | null;
   plan: Plan | null;
   /** What is shown above the form. */
   after: Query<unknown>;
 }
 
-function Declaration({ only, robot: given, plan, after }: DeclarationProps) {
+function Declaration({ likely, robot: given, plan, after }: DeclarationProps) {
   const planned = plan?.result ? plan : null;
   const base = planned?.request.measurement_set_id;
   const { data: ofSet, problem: noSet } = useQuery({ ...queries.set(base ?? ""), enabled: base != null });
   const fixed = planned ? (planned.request.robot_id ?? ofSet?.robot_id ?? "") : "";
   const form = `measure/${plan?.id ?? given ?? ""}`;
-  const [chosen, setRobot] = useTypedValue(`${form}/robot`, given ?? only ?? "");
+  const [chosen, setRobot] = useTypedValue(`${form}/robot`, given ?? likely);
   const robot = fixed || chosen;
   const [name, setName] = useTypedValue(`${form}/name`, "");
   const [asked, setAsked] = useTypedValue<Fields>(form, {

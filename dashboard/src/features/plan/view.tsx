@@ -86,7 +86,10 @@ export function Postures({ result, robot }: { result: PlanResult; robot: Robot }
           <p class="angles">
             {shown.joints.map((angle, i) => (
               <span>
-                <small class="soft">{robot.joints[i]?.name}</small> <b>{shownJoint(angle, robot.joints[i]?.kind, 1)}</b>
+                <small class="soft">
+                  <Name>{robot.joints[i]?.name ?? ""}</Name>
+                </small>{" "}
+                <b>{shownJoint(angle, robot.joints[i]?.kind, 1)}</b>
               </span>
             ))}
           </p>

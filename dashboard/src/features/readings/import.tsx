@@ -3,14 +3,14 @@ import { keepPreviousData } from "@tanstack/query-core";
 import { useState, useMemo, useRef, useEffect, useLayoutEffect } from "preact/hooks";
 import { api } from "../../api/calls";
 import { queries } from "../../api/queries";
-import type { ImportAnswer, ImportOptions, RobotSummary, Units } from "../../api/types";
+import type { ImportAnswer, ImportOptions, Units } from "../../api/types";
 import { Prose, Button, Choice, Busy, LinkButton, ProblemNote } from "../../components/basics";
 import { TextField, RequestFields } from "../../components/fields";
 import { SchemaFields, type Terms, MetadataForm, understood, useDescribed } from "../../components/schema_form";
 import { OF_NUMBER, posted } from "../../lib/schema";
 import { type Fields, unreadIn, contentKey, freshKey } from "../../lib/json";
 import { FittingRobot } from "../../components/choosers";
-import { ROBOTS } from "../../state/choices";
+import { likelyRobot, ROBOTS } from "../../state/choices";
 import { isKnown, useQuery } from "../../state/query";
 import { text } from "../../words";
 import { meaningsFor, widthOf, fits, UNKNOWN, dimensionOf } from "./imports";
@@ -306,10 +306,11 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
   const form = useRunForm(files.map(({ name }) => name).join("/"));
   useLayoutEffect(() => keepDraft(draft), [draft]);
 
-  const canBeOf = (one: Pick<RobotSummary, "joints">) => joints === null || one.joints.length === joints;
+  const canBeOf = (one: { joints: readonly unknown[] }) => joints === null || one.joints.length === joints;
   const robots = (listed.data?.items ?? []).filter(canBeOf);
-  /** The only one that fits, until another one is chosen. */
-  const robot = chosen ?? (robots.length === 1 ? (robots[0]?.id ?? "") : "");
+  const cannotFit = listed.data?.items.some((one) => one.id === chosen && !canBeOf(one)) ?? false;
+  const likely = chosen === null && listed.data ? likelyRobot(listed.data, canBeOf) : "";
+  const robot = cannotFit ? "" : (chosen ?? likely);
   const framed = Object.values(frame).some(Boolean);
   const request = { ...sent(options), ...(robot && !framed ? { robot_id: robot } : {}) };
   const { answer, problem, busy } = useImport(files, request);

@@ -6,6 +6,7 @@ import type { Catalogue, NominalArm, JointMap, RobotDocument } from "../../api/t
 import { Choice, Facts, Name, Show, ActionButton, Button, Title } from "../../components/basics";
 import { TextField, Select } from "../../components/fields";
 import { fixed } from "../../lib/format";
+import { keepStoredLast } from "../../state/choices";
 import { ask, useQuery } from "../../state/query";
 import { text } from "../../words";
 import { JointMapTable, JointsTable } from "./view";
@@ -233,6 +234,7 @@ export function RobotNewView() {
         : { ...document, name: name.trim() };
     const { id } = await api.robots.add(robot, contentKey("robot", robot));
     forgetTyped("robot/");
+    keepStoredLast(id);
     return (await ask(begunFiles)) ? link([], { robot: id }) : link(["robots", id]);
   });
   return (

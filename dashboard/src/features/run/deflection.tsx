@@ -5,7 +5,7 @@ import { norm, bendOf, loadOf, add, times } from "../../lib/vector";
 import { roundStep, significant, fixed } from "../../lib/format";
 import { useMemo, useCallback, useEffect, useState } from "preact/hooks";
 import { BarFigure, ByName, circle, type Opening, Figure, Legend } from "../../charts/figure";
-import { LinkButton, Busy, Button, Choice, Toggle } from "../../components/basics";
+import { LinkButton, Busy, useArmBeside, Button, Choice, Toggle } from "../../components/basics";
 import { link } from "../../state/action";
 import { alike } from "../../components/table";
 import { text } from "../../words";
@@ -13,6 +13,7 @@ import { type PartProps, usePostures } from "../../state/run_context";
 import { Handle } from "../../components/fields";
 import { ArmView, roomOf } from "../../scene/view";
 import { sceneWords } from "../../scene/words";
+import { chooseJoint, chosenIn } from "./chosen";
 import { deflectionWords } from "./words";
 import { type Arrows, arrowsOf, byObservation, magnification } from "./arrows";
 
@@ -21,9 +22,14 @@ const AXES = ["x", "y", "z"] as const;
 export function DeflectionPart({ context: { run, set }, result, query }: PartProps) {
   const words = deflectionWords;
   const { mm } = text.units;
+  const chosen = chosenIn(query);
+  const isBeside = useArmBeside();
   const opening: Opening = {
-    open: (observation) => link(["runs", run.id, "robot"], { at: observation, from: "deflection" }),
-    at: query.get("at"), // the configuration that was come back from
+    open: (observation) =>
+      isBeside
+        ? link(["runs", run.id, "deflection"], { ...Object.fromEntries(query), at: observation })
+        : link(["runs", run.id, "robot"], { at: observation, from: "deflection" }),
+    at: chosen.at, // also the configuration that was come back from
   };
   const rows = byObservation(result.residuals);
   const names = rows.map(({ name }) => name);
@@ -36,6 +42,8 @@ export function DeflectionPart({ context: { run, set }, result, query }: PartPro
     label: joint,
     mark: `joint-${j % 6}`,
     values: lengths.map((length) => length * 1e3),
+    choose: () => chooseJoint(joint),
+    chosen: joint === chosen.joint,
   }));
   const { byConfiguration: title, byConfigurationNote: note } = words;
   return (

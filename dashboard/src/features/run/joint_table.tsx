@@ -31,6 +31,7 @@ import { Fragment } from "preact";
 import { useState } from "preact/hooks";
 import { useSettings } from "../../state/session";
 import { type RunContext, isElastic } from "../../state/run_context";
+import { chooseJoint } from "./chosen";
 import { nextWords, partWords } from "./words";
 
 /** A value with its interval. */
@@ -258,7 +259,10 @@ function One({ piece: { advice, posture }, joint, context: { run, set } }: OnePr
         <p class="angles">
           {angles.map((angle, i) => (
             <span>
-              <small>{names[i]}</small> {angle}
+              <small>
+                <Name>{names[i] ?? ""}</Name>
+              </small>{" "}
+              {angle}
               {positionUnit(kinds[i])}
             </span>
           ))}
@@ -318,6 +322,8 @@ interface TableProps {
   result: RunResult;
   /** Without an axis: there is nothing to draw on it. */
   bare: boolean;
+  /** Name of the joint that the arm shows. */
+  chosen: string | null;
 }
 
 /** The stiffness of a joint with its interval, in the unit of the page. */
@@ -343,7 +349,7 @@ export function JointTable(shown: TableProps) {
 
 const markIn = ({ run }: RunContext): string => (run.request.positive ? "positive" : "free");
 
-function Rows({ context, result, bare }: TableProps) {
+function Rows({ context, result, bare, chosen }: TableProps) {
   const { joints, contributions, identifiability, assessment, gearboxes, structures } = result;
   const { run, robot } = context;
   const { unit } = useSettings();
@@ -352,10 +358,15 @@ function Rows({ context, result, bare }: TableProps) {
   const marks = joints.map((joint) => markOf(joint, markIn(context), unit));
   const drawn = width > 0 && !bare;
   const phone = usePhone();
+  const areLong = joints.some(({ name }) => name.length > SHORT_NAME);
+  const hasArm = result.residuals.length > 0;
   /** Joints of which a phone shows more than one line. */
   const [opened, setOpened] = useState<ReadonlySet<string>>(new Set());
-  const toggle = (name: string) =>
-    setOpened((before) => new Set(before.has(name) ? [...before].filter((one) => one !== name) : [...before, name]));
+  const toggle = (name: string) => {
+    const isOpen = opened.has(name);
+    setOpened(new Set(isOpen ? [...opened].filter((one) => one !== name) : [...opened, name]));
+    if (hasArm && isOpen === (chosen === name)) chooseJoint(name);
+  };
   const axis = logarithmic(...bounds(marks), 10, Math.max(60, width) - 18, width < 160 ? 2 : width < 320 ? 4 : 7);
   const parts = new Map(contributions.map((one) => [one.joint, one]));
   const shares = !bare && contributions.some(({ mean }) => mean !== 0);
@@ -369,7 +380,7 @@ function Rows({ context, result, bare }: TableProps) {
   return (
     <div class="joint-rows">
       <div
-        class={shares ? "joints shares" : bare ? "joints bare" : "joints"}
+        class={`joints${shares ? " shares" : bare ? " bare" : ""}${areLong ? " long-names" : ""}`}
         role="table"
         aria-label={runWords.stiffness}
       >
@@ -402,10 +413,19 @@ function Rows({ context, result, bare }: TableProps) {
           const open = !phone || opened.has(joint.name);
           return (
             <Fragment key={joint.name}>
-              <div class={`joint ${verdict}${open ? "" : " closed"}${shown.unusable ? " unusable" : ""}`} role="row">
+              <div class={classOf(verdict, open, shown.unusable, joint.name === chosen)} role="row">
                 <span role="rowheader">
                   {phone ? (
                     <button type="button" class="opens" aria-expanded={open} onClick={() => toggle(joint.name)}>
+                      <BrokenName of={joint.name} />
+                    </button>
+                  ) : hasArm ? (
+                    <button
+                      type="button"
+                      class="chooses"
+                      aria-pressed={joint.name === chosen}
+                      onClick={() => chooseJoint(joint.name)}
+                    >
                       <Name>{joint.name}</Name>
                     </button>
                   ) : (
@@ -475,6 +495,23 @@ function Rows({ context, result, bare }: TableProps) {
   );
 }
 
+/** A name that takes several lines, parted after its marks. */
+const BrokenName = ({ of: name }: { of: string }) => (
+  <bdi class="name">
+    {name.split(/(?<=[_.:-])/).map((piece, i) => (
+      <Fragment key={i}>
+        {i > 0 && <wbr />}
+        {piece}
+      </Fragment>
+    ))}
+  </bdi>
+);
+
+function classOf(verdict: Verdict, isOpen: boolean, isUnusable: boolean, isChosen: boolean): string {
+  const states = { closed: !isOpen, unusable: isUnusable, chosen: isChosen };
+  return ["joint", verdict, ...Object.entries(states).flatMap(([name, holds]) => (holds ? [name] : []))].join(" ");
+}
+
 /** Gearboxes and structure of joints with encoders between the two: a line for each joint. */
 function Parts({ gearboxes, structures, unit }: Pick<RunResult, "gearboxes" | "structures"> & { unit: StiffnessUnit }) {
   return (
@@ -528,6 +565,9 @@ function Reasons({ of }: { of: Map<string, JointResult[]> }) {
 /** Whether the lamp says enough of a joint: its bar shows how well it is known, or its verdict is that of the run. */
 const isPlain = (verdict: Verdict, cap: Usability | null, ofRun: Usability): boolean =>
   cap === null ? verdict === "firm" || verdict === "fair" : cap === ofRun;
+
+/** Most letters of a name for which a phone has room in a line. */
+const SHORT_NAME = 8;
 
 /** Height of a row with its mark, and width of the longest share [px]. */
 const [ROW, SHARE_WIDTH] = [40, 64];

@@ -153,7 +153,7 @@ export function StiffnessPart({ context, result, query }: PartProps) {
       <section class={`verdict-card ${assessment.verdict}`} aria-label={assessmentWords.title}>
         <VerdictLine assessment={assessment} />
       </section>
-      <JointTable context={context} result={result} bare={nothing} />
+      <JointTable context={context} result={result} bare={nothing} chosen={query.get("joint")} />
       <Caveats context={context} notes={assessment.notes} />
       {phone && (
         <div class="go">

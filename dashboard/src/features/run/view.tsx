@@ -9,6 +9,7 @@ import { useAction, link } from "../../state/action";
 import { text } from "../../words";
 import { type PartProps, type RunContext, contextOf, elasticityOf } from "../../state/run_context";
 import { unusualWays } from "../../lib/ways";
+import { chosenIn } from "./chosen";
 import { BesideButton, First, StiffnessPart } from "./stiffness";
 
 const DeflectionPart = lazy(async () => (await import("./deflection")).DeflectionPart);
@@ -105,7 +106,7 @@ const withList =
 
 /** A part with the arm beside it; the numbers come first for those who read, and do not wait for the arm. */
 const withArm =
-  (Part: ComponentType<PartProps>) =>
+  (Part: ComponentType<PartProps>, part: string) =>
   (props: PartProps): VNode => (
     <div class="beside-arm">
       <div class="parts">
@@ -113,15 +114,15 @@ const withArm =
       </div>
       {props.result.residuals.length > 0 && (
         <section class="card run-arm" aria-label={text.run.arm}>
-          <RunArm context={props.context} result={props.result} at={props.query.get("at")} />
+          <RunArm context={props.context} result={props.result} chosen={chosenIn(props.query)} part={part} />
         </section>
       )}
     </div>
   );
 
 const VIEWS: Record<keyof typeof text.run.views, ComponentType<PartProps>> = {
-  result: withArm(StiffnessPart),
-  deflection: withArm(DeflectionPart),
+  result: withArm(StiffnessPart, "result"),
+  deflection: withArm(DeflectionPart, "deflection"),
   robot: RobotPart,
   predict: PredictPart,
   map: withList(MapForm, "maps"),

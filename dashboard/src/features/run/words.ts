@@ -28,6 +28,7 @@ export const armWords = {
   drawn: (force: string | null, factor: string) =>
     force === null ? `drawn ×${factor}` : `under ${force} N, drawn ×${factor}`,
   part: "Contribution of a joint",
+  ofJoint: (length: string | null) => (length === null ? "does not contribute" : `contributes ${length} mm`),
   pull: "Pull the tool",
 };
 

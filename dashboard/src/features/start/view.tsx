@@ -11,7 +11,7 @@ import { type Campaign, factsOf, statesNoise } from "../../lib/campaign";
 import { contentKey, freshKey, type Fields as Document } from "../../lib/json";
 import { useAction, link, go } from "../../state/action";
 import { begunFiles, handFile, keepFiles } from "../readings/begun";
-import { FROM_FILE, ROBOTS, SETS, sourceOf } from "../../state/choices";
+import { FROM_FILE, likelyRobot, ROBOTS, SETS, sourceOf } from "../../state/choices";
 import { type Opened, open } from "../readings/opening";
 import { isKnown, useQuery } from "../../state/query";
 import { text } from "../../words";
@@ -45,14 +45,20 @@ export function CampaignFlow({ opened, robot: asked, set: chosenSet, setSet, tak
   const form = useRunForm(opened?.kind === "campaign" ? opened.name : chosenSet);
   const campaign = opened?.kind === "campaign" ? opened.campaign : null;
   const storedId = opened ? "" : chosenSet;
+  const { data: askedRobot } = useQuery({ ...queries.robot(asked), enabled: asked !== "" });
+  const axes = campaign?.facts.firstJoints?.length ?? null;
+  const canBeOf = (one: { joints: readonly unknown[] }) => axes === null || one.joints.length === axes;
+  const isAsked = asked !== "" && (askedRobot === undefined || canBeOf(askedRobot));
+  const ownRobot = campaign?.robot ? FROM_FILE : (campaign?.robotId ?? "");
   const before = choice.robot === FROM_FILE ? "" : choice.robot;
-  const robot = choice.of === campaign ? choice.robot : campaign?.robot ? FROM_FILE : (campaign?.robotId ?? before);
+  const begun = isAsked ? asked : ownRobot || before;
+  const robot = choice.of === campaign ? choice.robot : begun;
   const setRobot = (chosen: string) => setChoice({ of: campaign, robot: chosen });
   useEffect(() => {
     if (campaign?.run) form.setRun(campaign.run as Document);
   }, [campaign]);
-  const onlyRobot = robots?.items.length === 1 ? robots.items[0]?.id : undefined;
-  const chosenRobot = robot || (campaign && !campaign.robot ? (onlyRobot ?? "") : robot);
+  const likely = robots && campaign && !campaign.robot ? likelyRobot(robots, canBeOf) : "";
+  const chosenRobot = robot || likely;
 
   const stored = useQuery({ ...queries.set(storedId), enabled: storedId !== "" });
   const [added, setAdded] = useState<{ of: Campaign; set: MeasurementSet } | null>(null);
@@ -170,9 +176,9 @@ export function StartView({ query }: { query: URLSearchParams }) {
         <div class={idle ? "start" : "start begun"}>
           <div>
             {opened?.kind === "tables" ? (
-              <ImportFlow key={count} opened={opened} robot={robot} take={taken} />
+              <ImportFlow key={`${count} ${robot}`} opened={opened} robot={robot} take={taken} />
             ) : (
-              <CampaignFlow opened={opened} robot={robot} set={set} setSet={setSet} take={taken} />
+              <CampaignFlow key={robot} opened={opened} robot={robot} set={set} setSet={setSet} take={taken} />
             )}
             {idle && <OtherWays example={async () => take(await example())} />}
           </div>

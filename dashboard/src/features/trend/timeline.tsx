@@ -5,7 +5,7 @@ import { Name, tip } from "../../components/basics";
 import { Estimate } from "../../components/estimate";
 import { alike, type Cell } from "../../components/table";
 import { estimateText } from "../../lib/estimate";
-import { dayText, extent, pValue, type Scale, timeText } from "../../lib/format";
+import { clip, dayText, extent, pValue, type Scale, timeText } from "../../lib/format";
 import { onAxis, shownWithInterval, unitOf } from "../../lib/stiffness";
 import { go, link } from "../../state/action";
 import { useSettings } from "../../state/session";
@@ -157,6 +157,9 @@ interface RowProps {
   upper: number;
 }
 
+/** Most letters of a name beside its change on a phone. */
+const LONGEST_NAME = 22;
+
 function Row({ joint, trend, places, reach, narrow, left, right, upper }: RowProps) {
   const first = firstCompared(trend, joint);
   const middle = middleOf(joint, first);
@@ -177,7 +180,7 @@ function Row({ joint, trend, places, reach, narrow, left, right, upper }: RowPro
         y2={upper - (narrow ? HEAD : 4)}
       />
       <text class="row" x={narrow ? 0 : 4} y={narrow ? upper - 6 : centre - 2}>
-        {joint.name}
+        {narrow ? clip(joint.name, LONGEST_NAME) : joint.name}
       </text>
       <text
         class="said"
