@@ -68,8 +68,8 @@ def build_arm(*, is_cobot: bool) -> SpringArm:
 
 
 @cache
-def plan(seed: int, *, is_cobot: bool = False) -> PlanResult:
-    """Return a plan of a weight step, by the command's planner and typical stiffnesses."""
+def plan(seed: int, *, is_cobot: bool = False, noise: float | None = None) -> PlanResult:
+    """Return a plan of a weight step, by the command's planner, typical stiffnesses and noise [rad]."""
     arm = build_arm(is_cobot=is_cobot)
     mass = COBOT_LOAD if is_cobot else ARM_LOAD
     names = [arm.joint_names[joint] for joint in JOINTS]
@@ -80,7 +80,7 @@ def plan(seed: int, *, is_cobot: bool = False) -> PlanResult:
             "mass": mass,
             "mass_uncertainty": MASS_UNCERTAINTY * mass,
             "point_uncertainty": PLACE_UNCERTAINTY,
-            "noise": COBOT_NOISE if is_cobot else ARM_NOISE,
+            **({} if noise is None else {"noise": noise}),
         },
         load_point=PLACE.tolist(),
         joints=names,

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from support.weight_steps import (
     ARM_LOAD,
+    ARM_NOISE,
+    COBOT_NOISE,
     JOINTS,
     MASS_UNCERTAINTY,
     PLACE,
@@ -59,7 +61,8 @@ def test_planned_torques_vary_almost_as_much_as_torques_can():
 
 @pytest.mark.parametrize("is_cobot", [False, True])
 def test_a_plan_promises_the_half_widths_that_its_step_has(is_cobot):
-    promised = np.array([1.96 * joint.relative for joint in plan(0, is_cobot=is_cobot).joints])
+    noise = COBOT_NOISE if is_cobot else ARM_NOISE
+    promised = [1.96 * joint.relative for joint in plan(0, is_cobot=is_cobot, noise=noise).joints]
     widths = []
     for seed in range(0, 60, PLANS):  # steps of the same plan
         step = read(simulate(seed, is_cobot=is_cobot).document)
