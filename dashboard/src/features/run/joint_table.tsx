@@ -34,6 +34,9 @@ import { type RunContext, isElastic } from "../../state/run_context";
 import { chooseJoint } from "./chosen";
 import { nextWords, partWords } from "./words";
 
+/** Characters of the longest name of a joint that stands in one line of the table on a desk. */
+const LONG_NAME = 20;
+
 /** A value with its interval. */
 export interface IntervalMark {
   /** Which series: class of the mark. */
@@ -422,7 +425,7 @@ function Rows({ context, result, bare, chosen }: TableProps) {
                   ) : hasArm ? (
                     <button
                       type="button"
-                      class="chooses"
+                      class={joint.name.length > LONG_NAME ? "chooses long" : "chooses"}
                       aria-pressed={joint.name === chosen}
                       onClick={() => chooseJoint(joint.name)}
                     >
