@@ -120,7 +120,7 @@ def fit_logs(campaign: MotionCampaign, joint: int, numbers: Sequence[int]) -> Lo
         delay += correction
     stated_torque = campaign.find_stated_torque(joint, numbers)
     own = _project_out(stated_torque, program.others)
-    inflation = _find_inflation(program.residuals, own, samples.lengths, logs)
+    inflation = _find_inflation(program.residuals, samples.lengths, logs)
     independent = len(samples.twist) / inflation
     freedom = max(independent - 1.0, 1.0)
     least = max(float(np.linalg.norm(program.residuals)), _LEAST_NOISE * np.sqrt(len(samples.twist)))
@@ -179,23 +179,22 @@ def _measure_opposition(own: FloatArray, twist: FloatArray, others: FloatArray, 
     return -slope / float(max(uncertainty, np.finfo(float).tiny))
 
 
-def _find_inflation(
-    residuals: FloatArray, own: FloatArray, lengths: Sequence[int], logs: Sequence[MotionLog]
-) -> float:
-    """Return the number of samples that say as much as one independent sample.
+def _find_inflation(residuals: FloatArray, lengths: Sequence[int], logs: Sequence[MotionLog]) -> float:
+    """Return the number of samples that say as much as one independent sample, mean over the logs.
 
-    ``1 + 2 Σ_k ρ_residual(k) ρ_own(k)`` with the autocorrelations ρ at lag k (Bayley & Hammersley 1946, for a
-    regression), mean over the logs.
+    ``1 + 2 Σ_k ρ(k)`` with the autocorrelations ρ of the residuals at lag k, up to the first that is not
+    positive (Geyer 1992). It is that of a torque that hardly changes in this time: what other columns leave
+    of a torque depends on bounds that are reached, so that its own autocorrelation is not used.
     """
     ends = np.cumsum(lengths)[:-1]
     inflations = []
-    for log, rest, torque in zip(logs, np.split(residuals, ends), np.split(own, ends), strict=True):
+    for log, rest in zip(logs, np.split(residuals, ends), strict=True):
         spacing = log.period * (log.kept.step or 1)
         lags = min(int(_MEMORY / spacing), len(rest) - 1)
-        product = _autocorrelation(rest, lags) * _autocorrelation(torque, lags)
-        taper = 1.0 - np.arange(1, lags + 1) / (lags + 1)
-        inflations.append(1.0 + 2.0 * float(taper @ product))
-    return max(float(np.average(inflations, weights=lengths)), 1.0)
+        correlations = _autocorrelation(rest, lags)
+        is_first_lobe = np.cumsum(correlations <= 0.0) == 0
+        inflations.append(1.0 + 2.0 * float(correlations[is_first_lobe].sum()))
+    return float(np.average(inflations, weights=lengths))
 
 
 def _autocorrelation(values: FloatArray, lags: int) -> FloatArray:

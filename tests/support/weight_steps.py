@@ -38,6 +38,8 @@ MASS_UNCERTAINTY: Final = 0.003
 """Standard uncertainty of the mass, relative to it."""
 PLACE_UNCERTAINTY: Final = 0.006
 """Standard uncertainty of each coordinate of the load's place [m]."""
+ARM_NOISE, COBOT_NOISE = 3e-6, 24e-6
+"""Standard deviations of a step of a twist, median of the simulated steps [rad]."""
 COBOT_STIFFNESS: Final = 2.5e4
 COBOT_SIZE: Final = 0.37
 """Size of a cobot, in that of the arm."""
@@ -66,8 +68,8 @@ def build_arm(*, is_cobot: bool) -> SpringArm:
 
 
 @cache
-def plan(seed: int, *, is_cobot: bool = False) -> PlanResult:
-    """Return a plan of a weight step, by the command's planner and typical stiffnesses."""
+def plan(seed: int, *, is_cobot: bool = False, noise: float | None = None) -> PlanResult:
+    """Return a plan of a weight step, by the command's planner, typical stiffnesses and noise [rad]."""
     arm = build_arm(is_cobot=is_cobot)
     mass = COBOT_LOAD if is_cobot else ARM_LOAD
     names = [arm.joint_names[joint] for joint in JOINTS]
@@ -78,6 +80,7 @@ def plan(seed: int, *, is_cobot: bool = False) -> PlanResult:
             "mass": mass,
             "mass_uncertainty": MASS_UNCERTAINTY * mass,
             "point_uncertainty": PLACE_UNCERTAINTY,
+            **({} if noise is None else {"noise": noise}),
         },
         load_point=PLACE.tolist(),
         joints=names,

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from support.weight_steps import (
     ARM_LOAD,
+    ARM_NOISE,
+    COBOT_NOISE,
     JOINTS,
     MASS_UNCERTAINTY,
     PLACE,
     PLACE_UNCERTAINTY,
+    PLANS,
     build_arm,
     plan,
     read,
@@ -40,24 +43,31 @@ def small():
 
 
 def test_planned_torques_vary_almost_as_much_as_torques_can():
-    """The variance of a torque is greatest if half of the postures are at either end of its range."""
+    """The variance of a torque is greatest if half of the postures are at either end of its range.
+
+    Errors of the load would make the plan prefer postures that tell them from compliances.
+    """
     arm = SteppedArm(build_arm(is_cobot=False), ARM_LOAD, PLACE, np.zeros(6))
     anywhere = np.random.default_rng(0).uniform(*np.array(arm.arm.limits).T, (2000, 6))
     range_ = np.ptp(arm.torques(anywhere, loaded=True), axis=0)
-    chosen = np.array([each.joints for each in plan(0).readings])
+    exact = {"mass": ARM_LOAD, "mass_uncertainty": 0.0, "point_uncertainty": 0.0}
+    options = SMALL | {"candidates": 1000, "readings": 12}
+    planned = js.plan(ROBOT, weight_step=exact, joints=["joint_2", "joint_3"], **options).result
+    chosen = np.array([each.joints for each in planned.readings])
     spread = arm.torques(chosen, loaded=True).std(axis=0)
     for joint in JOINTS:
         assert spread[joint] > 0.8 * 0.5 * range_[joint]
 
 
-def test_a_plan_promises_the_half_widths_that_its_step_has():
-    promised = np.array([1.96 * joint.relative for joint in plan(0).joints])
+@pytest.mark.parametrize("is_cobot", [False, True])
+def test_a_plan_promises_the_half_widths_that_its_step_has(is_cobot):
+    noise = COBOT_NOISE if is_cobot else ARM_NOISE
+    promised = [1.96 * joint.relative for joint in plan(0, is_cobot=is_cobot, noise=noise).joints]
     widths = []
-    for seed in range(0, 40, 4):  # steps of the same plan
-        gearboxes = identify_gearboxes(read(simulate(seed).document)).gearboxes
-        widths.append([each.half_width for each in gearboxes])
-    np.testing.assert_allclose(np.median(widths, axis=0), promised, rtol=0.5)
-    assert (np.median(widths, axis=0) < 0.025).all()
+    for seed in range(0, 60, PLANS):  # steps of the same plan
+        step = read(simulate(seed, is_cobot=is_cobot).document)
+        widths.append([each.half_width for each in identify_gearboxes(step).gearboxes])
+    np.testing.assert_allclose(np.median(widths, axis=0), promised, rtol=0.2)
 
 
 def test_a_filled_in_table_is_read(tmp_path, small):

@@ -10,7 +10,7 @@ from support.kr300 import read_kr300
 from support.motion_logs import JOINTS, read, simulate
 
 import jointstiff as js
-from jointstiff.solver.gearboxes.log_fit import LogFit
+from jointstiff.solver.gearboxes.log_fit import LogFit, fit_logs
 from jointstiff.solver.gearboxes.log_outcome import _Joint, identify_from_logs
 from jointstiff.solver.gearboxes.motion import GasSpring
 
@@ -32,6 +32,17 @@ def test_each_interval_of_an_arm_that_swings_holds_the_true_gearbox(swung):
         assert least <= swung.stiffness[joint] <= greatest
         assert gearbox.half_width < 0.2
     assert result.not_observed == ["joint_4", "joint_5", "joint_6"]
+
+
+def test_each_slow_log_alone_holds_the_true_gearbox():
+    """In a slow sweep errors of encoders and gears change as slowly as the torque: samples repeat."""
+    slow = simulate(1, is_slow=True, logs=6)
+    campaign = read(slow.document)
+    for number in range(6):
+        fit = fit_logs(campaign, 1, [number])
+        least, greatest = fit.interval
+        assert least <= 1.0 / slow.stiffness[1] <= greatest
+        assert 20.0 < fit.independent < 100.0
 
 
 def test_logs_are_never_more_than_a_check(swung):
