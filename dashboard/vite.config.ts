@@ -8,10 +8,10 @@ import { defineConfig, type Plugin } from "vite";
 const SERVICE = "http://127.0.0.1:8000";
 
 /** What most views share; forms, drops, and what only some views compute come with these views. */
-const LATER = `box campaign choosers kinematics list map observation question schema_form`;
+const LATER = `box campaign choosers kinematics list map observation pull question schema_form`;
 const LIBRARIES = `node_modules/(?:preact|@tanstack|openapi-fetch|idb-keyval)|vite/preload-helper`;
 const SHARED = new RegExp(
-  `src/(?:components|lib|state|api|words)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|src/features/(?:measure/readings|run/words)|${LIBRARIES}`,
+  `src/(?:components|lib|state|api|words)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|src/features/(?:measure/readings|run/words)|src/charts/ramp|${LIBRARIES}`,
 );
 /** What the start needs beside that, and several other views. */
 const START =

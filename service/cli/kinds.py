@@ -514,11 +514,11 @@ def _read_geometry(path: Path | None) -> Any:  # noqa: ANN401 - a Geometry or No
     Raises:
         CampaignError: the file is the result of another kind of work, or has no wrist centre by targets.
     """
+    if path is None:
+        return None
     from jointstiff.service.library.saved import load
     from jointstiff.service.reports.paper import require_wrist
 
-    if path is None:
-        return None
     geometry = load(path, "geometry")
     require_wrist(geometry)
     return geometry

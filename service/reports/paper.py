@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from jointstiff.schemas.comparison import Comparison, ComparisonResult
 from jointstiff.schemas.finding import Problem
-from jointstiff.schemas.geometry import Geometry, WristResult
 from jointstiff.service.kinds.comparison.kind import COMPARISON, make_charts
-from jointstiff.service.kinds.geometry.kind import make_wrist_table, make_wrist_targets_table
 from jointstiff.service.problems import CampaignError, http_problem
 from jointstiff.service.reports.document import Document, Letterhead, Section, list_versions
 from jointstiff.service.reports.job import job_parts
 from jointstiff.service.reports.pictures import draw_bars
 from jointstiff.service.tables.report import View
 from jointstiff.service.tables.table import NO_NUMBER, Line, Table, build_text_table
+
+if TYPE_CHECKING:  # few comparisons have a geometry
+    from jointstiff.schemas.geometry import Geometry, WristResult
 
 _TITLE = "Stiffness by three methods, as in Ambiehl et al. (IROS 2017)"
 
@@ -76,6 +79,9 @@ def require_wrist(geometry: Geometry) -> WristResult:
 
 def _make_wrist_section(wrist: WristResult) -> Section:
     """Return Table I: the wrist centre by three targets, with their offsets."""
+    # Imported here, as few comparisons have a geometry
+    from jointstiff.service.kinds.geometry.kind import make_wrist_table, make_wrist_targets_table
+
     return Section(
         "Table I: wrist centre by three targets",
         tables=[make_wrist_targets_table(wrist), make_wrist_table(wrist)],

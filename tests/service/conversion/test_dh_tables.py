@@ -156,10 +156,16 @@ def test_offsets_of_a_joint_map_in_degrees_are_refused():
         prepare_robot(robot)
 
 
-@pytest.mark.parametrize("rows", [[], pd.DataFrame({"a": [], "alpha": [], "d": [], "theta": []}), None, 3])
+@pytest.mark.parametrize("rows", [[], pd.DataFrame({"a": [], "alpha": [], "d": [], "theta": []})])
 def test_a_table_without_rows_is_refused(rows):
     with pytest.raises(js.CampaignError, match="the table has the shape"):
         js.robot(rows, convention="standard", units="mm, deg")
+
+
+@pytest.mark.parametrize("source", [None, 3])
+def test_what_is_no_table_and_no_file_is_refused_with_what_to_give(source):
+    with pytest.raises(js.CampaignError, match="describes no robot; remedy: give a file, the name of an arm"):
+        js.robot(source, convention="standard", units="mm, deg")
 
 
 PRINTED_ORDERS = (
