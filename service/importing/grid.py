@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
 from jointstiff.schemas.fields import MAX_MAGNITUDE
-from jointstiff.schemas.imports import DecimalMark, Delimiter, FilePreview
+from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ColumnMeaning, DecimalMark, Delimiter, FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 from jointstiff.service.importing.joint_positions import JointPosition, read_joint_positions
@@ -82,6 +82,36 @@ class Grid:
     def place(self, row: Row, column: int | None = None) -> Place:
         """Return the place of a row, or of the row's cell in the column with this index (from 0)."""
         return Place(self.file, row.line, None if column is None else column + 1)
+
+    def preview_table(
+        self,
+        header_lines: Sequence[int],
+        rows: Sequence[Row],
+        columns: Sequence[ColumnMeaning],
+        decimal_mark: DecimalMark | None,
+        assumptions: Sequence[str],
+    ) -> FilePreview:
+        """Return the preview of the file as a table that was understood.
+
+        Args:
+            header_lines: lines of the header.
+            rows: rows of data.
+            columns: meaning of each column.
+            decimal_mark: decimal mark of the numbers; None if the mark is not clear.
+            assumptions: all that was assumed in reading the file.
+        """
+        first_rows = rows[:MAX_PREVIEW_ROWS]
+        is_text = self.preview.format == "text"
+        understood = {
+            "decimal_mark": decimal_mark if is_text else None,
+            "columns": columns,
+            "row_count": len(rows),
+            "first_rows": [list(row.cells) for row in first_rows],
+            "assumptions": assumptions,
+            "header_lines": header_lines,
+            "first_lines": [row.line for row in first_rows],
+        }
+        return self.preview.model_copy(update=understood)
 
 
 def no_rows_error(file: str) -> ImportFileError:

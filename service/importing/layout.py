@@ -10,7 +10,6 @@ from statistics import fmean, pstdev, stdev
 from typing import Final
 
 from jointstiff.schemas.imports import (
-    MAX_PREVIEW_ROWS,
     ColumnMeaning,
     DecimalMark,
     FilePreview,
@@ -105,18 +104,10 @@ def understand_table(
             are_thousands_separated=are_thousands_separated,
         )
         notes += [note_on_mark] if note_on_mark else []
-    preview = {
-        "decimal_mark": decimal_mark if grid.preview.format == "text" else None,
-        "columns": _describe_columns(headers, columns),
-        "row_count": len(rows),
-        "first_rows": [list(row.cells) for row in rows[:MAX_PREVIEW_ROWS]],
-        "assumptions": notes,
-        "header_lines": list(heading.lines),
-        "first_lines": [row.line for row in rows[:MAX_PREVIEW_ROWS]],
-    }
+    described = _describe_columns(headers, columns)
     return Layout(
         grid,
-        grid.preview.model_copy(update=preview),
+        grid.preview_table(list(heading.lines), rows, described, decimal_mark, notes),
         columns,
         rows,
         decimal_mark,

@@ -8,7 +8,6 @@ from typing import Final
 from pydantic import ValidationError
 
 from jointstiff.schemas.imports import (
-    MAX_PREVIEW_ROWS,
     ColumnMeaning,
     DecimalMark,
     FilePreview,
@@ -60,20 +59,8 @@ def read_mass_table(grid: Grid, options: ImportOptions, faults: Faults) -> tuple
         ColumnMeaning(column=column + 1, header=header.cells[column], meaning=kind, unit=units[kind] or None)
         for kind, column in columns.items()
     ]
-    update = {
-        "decimal_mark": mark if grid.preview.format == "text" else None,
-        "columns": meanings,
-        "row_count": len(rows),
-        "first_rows": [list(row.cells) for row in rows[:MAX_PREVIEW_ROWS]],
-        "assumptions": [
-            *grid.preview.assumptions,
-            "read as masses",
-            *([note_on_mark] if note_on_mark else []),
-        ],
-        "header_lines": [header.line],
-        "first_lines": [row.line for row in rows[:MAX_PREVIEW_ROWS]],
-    }
-    return bodies, grid.preview.model_copy(update=update)
+    notes = [*grid.preview.assumptions, "read as masses", *([note_on_mark] if note_on_mark else [])]
+    return bodies, grid.preview_table([header.line], rows, meanings, mark, notes)
 
 
 def _read_mass_header(grid: Grid, header: Row, *, has_rows: bool) -> tuple[dict[str, int], dict[str, str]]:

@@ -16,7 +16,6 @@ from jointstiff.schemas.gearbox import (
     TwistReading,
 )
 from jointstiff.schemas.imports import (
-    MAX_PREVIEW_ROWS,
     ColumnMeaning,
     DecimalMark,
     FilePreview,
@@ -111,20 +110,9 @@ def read_step_table(
         ColumnMeaning(column=column + 1, header=cell, meaning=kind, unit=header.units.get(column))
         for column, (cell, kind) in enumerate(zip(first.cells, _name_kinds(header, first), strict=True))
     ]
-    update = {
-        "decimal_mark": mark if grid.preview.format == "text" else None,
-        "columns": meanings,
-        "row_count": len(rows),
-        "first_rows": [list(row.cells) for row in rows[:MAX_PREVIEW_ROWS]],
-        "assumptions": [
-            *grid.preview.assumptions,
-            "read as a weight step of two encoders",
-            *([note_on_mark] if note_on_mark else []),
-        ],
-        "header_lines": [first.line],
-        "first_lines": [row.line for row in rows[:MAX_PREVIEW_ROWS]],
-    }
-    preview = grid.preview.model_copy(update=update)
+    kind_of_table = "read as a weight step of two encoders"
+    notes = [*grid.preview.assumptions, kind_of_table, *([note_on_mark] if note_on_mark else [])]
+    preview = grid.preview_table([first.line], rows, meanings, mark, notes)
     if faults.found:
         return None, preview
     lengths = [unit for unit in header.units.values() if unit not in _ANGLES]
@@ -264,11 +252,10 @@ def _name_joint(text: str, joints: Sequence[str]) -> str:
     Raises:
         ImportFileError: the robot has no such joint.
     """
+    is_name = not joints or text in joints
+    if is_name:
+        return text
     number = joint_number(text)
-    if text in joints:
-        return text
-    if not joints:
-        return text
     if number is None or not 1 <= number <= len(joints):
         raise ImportFileError(
             NOWHERE, f"the robot has no joint {quote(text)}", f"use a number, or one of {', '.join(joints)}"

@@ -16,8 +16,7 @@ import sqlalchemy as sa
 
 from jointstiff.service.problems import DamagedError
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.layouts import SCHEMA
-from jointstiff.service.store.tables import OPEN, jobs, measurement_sets, open_sets, robots
+from jointstiff.service.store.tables import OLD, OPEN, jobs, measurement_sets, open_sets, robots
 
 if TYPE_CHECKING:
     from jointstiff.service.store.steps import Step
@@ -26,6 +25,7 @@ MOST_ROWS: Final = 200
 """Greatest number of rows that one transaction rewrites."""
 _MOST_BYTES: Final = 4 * 1024 * 1024  # of one portion, compressed; a larger document is a portion by itself
 _TABLES: Final = (robots, measurement_sets, open_sets, jobs)
+_IS_OLD: Final = sa.text(OLD)
 _NAMES: Final = {"robots": "robot", "measurement_sets": "measurement set", "open_sets": "live campaign"}
 
 
@@ -38,10 +38,7 @@ class OldDocuments:
     def count(self) -> int:
         """Return the number of rows with an old form, without jobs that have not ended."""
         counts = [
-            sa.select(sa.func.count())
-            .select_from(table)
-            .where(_is_old(SCHEMA), _is_final(table))
-            .scalar_subquery()
+            sa.select(sa.func.count()).select_from(table).where(_IS_OLD, _is_final(table)).scalar_subquery()
             for table in _TABLES
         ]
         return sum(self._database.rows(sa.select(*counts))[0])
@@ -56,7 +53,7 @@ class OldDocuments:
             kind = jobs.c.kind if table is jobs else sa.literal(_NAMES[table.name])
             is_open = sa.literal_column(OPEN) if table is jobs else sa.false()
             query = sa.select(kind.label("kind"), table.c.id, is_open.label("is_open"))
-            query = query.where(_is_old(SCHEMA), table.c.deleted_at.is_(None)).order_by(table.c.sequence)
+            query = query.where(_IS_OLD, table.c.deleted_at.is_(None)).order_by(table.c.sequence)
             for row in self._database.rows(query):
                 state = "has not ended" if row.is_open else "is damaged"
                 left.append(f"{row.kind} {row.id} {state}")
@@ -95,7 +92,7 @@ class OldDocuments:
         columns = table.c
         sizes = (
             sa.select(columns.sequence, sa.func.length(columns.document).label("size"))
-            .where(_is_old(SCHEMA), columns.sequence > after, _is_final(table))
+            .where(_IS_OLD, columns.sequence > after, _is_final(table))
             .order_by(columns.sequence)
             .limit(MOST_ROWS)
         )
@@ -127,7 +124,7 @@ class OldDocuments:
         update = (
             sa.update(table)
             .where(columns.sequence == sa.bindparam("own"), columns.document == sa.bindparam("before"))
-            .where(_is_old(SCHEMA))
+            .where(_IS_OLD)
             .values(**new_form)
         )
         with self._database.writing() as connection:
@@ -157,11 +154,6 @@ def _rewrite_row(row: Mapping[str, Any], steps: Sequence[Step]) -> dict[str, Any
             values |= step.rewrite(values)
             values["schema"] = step.schema
     return values
-
-
-def _is_old(schema: int) -> sa.TextClause:
-    """Return the condition of rows with documents of an earlier version, as the text of their index."""
-    return sa.text(f"schema < {schema}")
 
 
 def _is_final(table: sa.TableClause) -> sa.ColumnElement[bool] | sa.TextClause:

@@ -313,18 +313,19 @@ def test_a_run_that_states_no_effect_of_its_load_point_keeps_its_own_error_and_i
     )
 
 
+def read_uncertainties(client, path, **query):
+    """Return the standard uncertainty of the change of each joint in a trend."""
+    joints = client.get(path, params=query).json()["joints"]
+    return np.array([joint["change"]["standard_uncertainty"] for joint in joints])
+
+
 def test_a_trend_of_one_load_point_is_narrower_and_refuses_sets_of_other_points(client):
     robot = robot_of(client)
     for month in (1, 2):
         identify(client, measure(client, robot, month))
     path = f"/v1/robots/{robot}/trend"
-
-    def uncertainties(**query):
-        joints = client.get(path, params=query).json()["joints"]
-        return np.array([joint["change"]["standard_uncertainty"] for joint in joints])
-
-    assert (uncertainties(same_load=True) < 1.001 * uncertainties()).all()
-    assert (uncertainties(same_load=True) / uncertainties()).min() < 0.97
+    assert (read_uncertainties(client, path, same_load=True) < 1.001 * read_uncertainties(client, path)).all()
+    assert (read_uncertainties(client, path, same_load=True) / read_uncertainties(client, path)).min() < 0.97
     identify(client, measure(client, robot, 3, load_point=[0.0, 0.0, 0.15]))
     refused = client.get(path, params={"same_load": True})
     assert refused.status_code == 422
@@ -336,13 +337,8 @@ def test_a_trend_of_one_cell_is_narrower_and_refuses_sets_of_other_uncertainties
     for month in (1, 2):
         identify(client, measure(client, robot, month))
     path = f"/v1/robots/{robot}/trend"
-
-    def uncertainties(**query):
-        joints = client.get(path, params=query).json()["joints"]
-        return np.array([joint["change"]["standard_uncertainty"] for joint in joints])
-
-    assert (uncertainties(same_cell=True) < uncertainties()).all()
-    assert (uncertainties(same_cell=True) / uncertainties()).min() < 0.9
+    assert (read_uncertainties(client, path, same_cell=True) < read_uncertainties(client, path)).all()
+    assert (read_uncertainties(client, path, same_cell=True) / read_uncertainties(client, path)).min() < 0.9
     stated = {"sigma": 2e-5, "force": {"scale": 0.002}}
     identify(client, measure(client, robot, 3, noise=stated))
     refused = client.get(path, params={"same_cell": True})
