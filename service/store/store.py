@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from collections.abc import Collection as Ids
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from datetime import timedelta
 from functools import cache
 from typing import Final
 
 import sqlalchemy as sa
 
-from jointstiff.service.problems import Resource
+from jointstiff.service.problems import Resource, StoreError
 from jointstiff.service.store.access import AccessKeys, Sessions, WrongKeys
 from jointstiff.service.store.bridges import Bridges
 from jointstiff.service.store.collection import (
@@ -22,7 +22,8 @@ from jointstiff.service.store.collection import (
     OpenSets,
     Robots,
 )
-from jointstiff.service.store.database import Database, Dialect, Quota
+from jointstiff.service.store.copies import name_left_copies
+from jointstiff.service.store.database import Database, Dialect, Quota, sqlite_path_of
 from jointstiff.service.store.jobs import Heartbeats, JobRecords, Steps, is_open
 from jointstiff.service.store.layouts import can_upgrade
 from jointstiff.service.store.listing import is_indexable
@@ -197,7 +198,12 @@ def _upgrade_if_due(database: Database, url: str, notify: Callable[[str], object
     """Carry out the expand steps that a database lacks; `notify` is called with a sentence for each step."""
     with database.reading() as connection:
         layout = read_layout(connection)
-    if layout is not None and can_upgrade(layout):
+    if layout is None:
+        return
+    if database.dialect == "sqlite":
+        with suppress(StoreError):  # a database in memory has no copies
+            name_left_copies(sqlite_path_of(sa.make_url(url)), layout)
+    if can_upgrade(layout):
         # Imported here, because a service rarely needs Alembic
         from jointstiff.service.store.upgrading import upgrade_by_expansion
 

@@ -13,9 +13,8 @@ import shutil
 import sqlite3
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +23,7 @@ from alembic import command
 from sqlalchemy.exc import DBAPIError
 
 from jointstiff.service.problems import StoreError, StoreUnavailableError
+from jointstiff.service.store.copies import files_of, make_part_path, name_copy, remove_part, sync_folder
 from jointstiff.service.store.database import (
     Database,
     make_migrating_engine,
@@ -39,7 +39,6 @@ _LOCK_PAUSE: Final = 0.5  # before a step whose lock was not available is tried 
 _LOCKED_STATES: Final = frozenset({"55P03", "40P01"})  # SQLSTATE: a lock is not available, or a deadlock
 SPARE_BYTES: Final = 16 * 1024 * 1024
 """Bytes that must remain free on the disk after a copy."""
-_PART: Final = ".part"  # ends the name of a copy until its step is committed
 _MOST_NAMED: Final = 10  # documents that a refusal names
 _REWRITE_SECONDS: Final = 2.0  # between two reports of progress
 
@@ -148,9 +147,9 @@ def _carry_out(engine: sa.Engine, layout: str, step: Step, copy_of: Path | None)
             _change_tables(connection, step)
         except BaseException:
             if part is not None:
-                _remove_part(part)
+                remove_part(part)
             raise
-    return _Outcome(None if part is None else _name_copy(part))
+    return _Outcome(None if part is None else name_copy(part))
 
 
 def _change_tables(connection: sa.Connection, step: Step) -> None:
@@ -181,14 +180,14 @@ def _copy_file(connection: sa.Connection, path: Path, layout: str) -> Path:
     Raises:
         StoreError: the copy cannot be written.
     """
-    part = path.with_name(f"{path.name}.before-{layout[:4]}{_PART}")
+    part = make_part_path(path, layout)
     pages, page_size = (
         connection.exec_driver_sql(f"PRAGMA {name}").scalar_one() for name in ("page_count", "page_size")
     )
     try:
         _write_copy(path, part, pages * page_size)
     except BaseException as error:
-        _remove_part(part)
+        remove_part(part)
         if isinstance(error, sqlite3.Error | OSError):
             raise _refuse_copy(path, str(error)) from error
         raise
@@ -202,7 +201,7 @@ def _write_copy(path: Path, part: Path, size: int) -> None:
         OSError: the copy cannot be written, or has another size.
         sqlite3.Error: the copy cannot be written.
     """
-    for left in _files_of(part):  # of a process that was killed
+    for left in files_of(part):  # of a process that was killed
         left.unlink(missing_ok=True)
     free, needed = shutil.disk_usage(path.parent).free, size + SPARE_BYTES
     if free < needed:
@@ -216,35 +215,7 @@ def _write_copy(path: Path, part: Path, size: int) -> None:
         source.backup(target)
     if (copied := part.stat().st_size) != size:
         raise OSError(f"the copy has {copied} bytes, and the database has {size} bytes")
-    _sync_folder(path.parent)
-
-
-def _name_copy(part: Path) -> Path:
-    """Remove `.part` from the name of a copy, as the step is committed; return the path of the copy.
-
-    Earlier copies are kept.
-    """
-    stem = part.with_name(part.name.removesuffix(_PART))
-    names = (stem if number == 1 else Path(f"{stem}-{number}") for number in count(1))
-    try:
-        copy = next(name for name in names if not name.exists())
-        part.rename(copy)
-    except OSError:  # the upgrade is done, and the copy is complete
-        return part
-    _sync_folder(copy.parent)
-    return copy
-
-
-def _files_of(part: Path) -> tuple[Path, Path]:
-    """Return the paths of a copy and of SQLite's journal of this copy."""
-    return part, Path(f"{part}-journal")
-
-
-def _remove_part(part: Path) -> None:
-    """Remove a copy whose step was not carried out."""
-    for left in _files_of(part):
-        with suppress(OSError):
-            left.unlink(missing_ok=True)
+    sync_folder(path.parent)
 
 
 def _refuse_copy(path: Path, reason: str) -> StoreError:
@@ -254,16 +225,6 @@ def _refuse_copy(path: Path, reason: str) -> StoreError:
         "nothing was changed; free space on the disk, or save the database elsewhere and run `jointstiff "
         f"database upgrade --no-copy --database {shlex.quote(f'sqlite:///{path}')}`",
     )
-
-
-def _sync_folder(folder: Path) -> None:
-    """Write the entries of a folder to the disk, so that a new name outlasts a failure of the power."""
-    with suppress(OSError):  # some file systems cannot
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def _rewrite_all_documents(database: Database) -> None:

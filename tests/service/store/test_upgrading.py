@@ -202,6 +202,34 @@ class TestCopy:
         assert content_of(old_file.with_name("jointstiff.db.before-0019")) == before
         assert not part.exists()
 
+    def test_a_copy_whose_process_was_killed_after_its_step_gets_its_name_at_the_next_start(
+        self, old_file: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        url, before = f"sqlite:///{old_file}", content_of(old_file)
+
+        def be_killed(_: Path) -> Path:
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as killing:
+            killing.setattr(upgrading, "name_copy", be_killed)
+            for _ in range(STEPS):
+                with pytest.raises(KeyboardInterrupt):
+                    Store.open(url, upgrade=lambda _: None)
+        Store.open(url, upgrade=lambda _: None).close()
+        copies = sorted(path.name for path in old_file.parent.glob("*before*"))
+        assert copies == [f"jointstiff.db.before-{number:04}" for number in range(19, number_of(LAYOUT) + 1)]
+        assert content_of(old_file.with_name(copies[0])) == before
+
+    def test_a_copy_that_was_not_written_to_its_end_gets_no_name(self, old_file: Path) -> None:
+        url = f"sqlite:///{old_file}"
+        upgrading.upgrade_tables(url, lambda _: None, copied=False)
+        parts = [old_file.with_name(f"jointstiff.db.before-{number}.part") for number in ("0019", "0020")]
+        for part in parts:
+            part.write_bytes(b"half" if part is parts[0] else b"")
+        Path(f"{parts[0]}-journal").write_bytes(b"journal")
+        Store.open(url, upgrade=lambda _: None).close()
+        assert not list(old_file.parent.glob("*before*"))
+
     def test_a_relative_path_that_looks_like_a_uri_is_copied(
         self, old_file: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -605,13 +633,14 @@ def test_an_upgrade_that_is_killed_at_any_moment_goes_on(
     assert layouts == sorted(layouts)
     assert set(layouts) <= {"0018", "0019", "0020", "0021"}
     before = json.loads(kept.read_kept("0018", "answers.json"))
-    assert len(list(tmp_path.glob("*before*"))) <= 3, "a copy for each step at most, and a journal"
+    assert len(list(tmp_path.glob("*before*"))) <= STEPS + 1, "a copy for each step at most, and a journal"
     with upgraded(url) as store:
         copies = {path.suffix for path in tmp_path.glob("*before*")}
         assert (".before-0019" in copies) == url.startswith("sqlite"), (
             "the file before the first step is kept"
         )
-        assert copies <= {".before-0019", ".before-0020"}, "one copy for a step after many kills"
+        of_steps = {f".before-{number:04}" for number in range(19, number_of(LAYOUT) + 1)}
+        assert copies <= of_steps, "one copy for a step after many kills"
         assert check_database(store._database).faults == []
         with kept.client_of(store) as client:
             now = kept.ask_again(client, before)
