@@ -29,7 +29,7 @@ from tests.support.springs import robot_of
 __all__ = ["run"]
 
 _STREAM = 192
-_CAMPAIGNS = 40
+_CAMPAIGNS = 80
 _DESIGNS = 20
 _REPEATABILITIES = (0.0, 1e-5, 2e-5, 4e-5)
 """Standard deviations of a joint's angle [rad]."""

@@ -12,7 +12,7 @@ from jointstiff.solver.errors import NotObservableError
 from jointstiff.solver.evidence.alternatives import BetterAlternative, find_better_alternative
 from jointstiff.solver.evidence.causes import Screening, screen_estimate
 from jointstiff.solver.evidence.refuted import leave_out, list_refuted
-from jointstiff.solver.evidence.scatter import FoundScatter, find_scatter
+from jointstiff.solver.evidence.scatter import FoundScatter, Posterior, find_scatter
 from jointstiff.solver.evidence.structure import Apart, take_apart
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify_with_fallback
@@ -28,6 +28,10 @@ class IdentifiedJoints(NamedTuple):
     estimate: Estimate
     rows: Rows  #: N observations, with the scatter that the fit accounts for
     shows_scatter: bool  #: whether the residuals show a scatter beyond the stated one
+    tested: Estimate  #: fit with the scatter that tests count: what is stated or shown
+    posterior: Posterior | None = (
+        None  #: posterior of the scatter of `rows`; None if the scatter is as stated
+    )
 
 
 class JointsAlone:
@@ -109,7 +113,7 @@ class JointsAlone:
             JointstiffError: the identification fails, for one of the reasons listed at `identify`.
         """
         settings, first = identify_with_fallback(self.given, self.stated)
-        without_scatter = IdentifiedJoints(settings, first, self.given, shows_scatter=False)
+        without_scatter = IdentifiedJoints(settings, first, self.given, shows_scatter=False, tested=first)
         found = find_scatter(self.given, first)
         if found.scatter == self.given.measurements.scatter:
             return without_scatter
@@ -118,13 +122,16 @@ class JointsAlone:
         # If the residuals are too large even with the scatter, the scatter is no explanation of them.
         if not _are_within_stated_noise(estimate):
             return without_scatter
+        if not found.scatter.is_assumed:
+            return IdentifiedJoints(settings, estimate, rows, found.is_shown, estimate, found.posterior)
+        tested = self._fit_without_assumed(first, found)
         # Errors that are only assumed must make a stated sigma seem neither too large nor right.
-        if found.scatter.is_assumed and first.sigma_given:
-            estimate = estimate.with_residuals_of(self._fit_without_assumed(first, found))
-        return IdentifiedJoints(settings, estimate, rows, found.is_shown)
+        if first.sigma_given:
+            estimate = estimate.with_residuals_of(tested)
+        return IdentifiedJoints(settings, estimate, rows, found.is_shown, tested, found.posterior)
 
     def _fit_without_assumed(self, first: Estimate, found: FoundScatter) -> Estimate:
-        """Return the fit whose residuals test a stated sigma: without errors that are only assumed.
+        """Return the fit that tests count: without errors that are only assumed.
 
         The noise of the encoders is the most likely one, as in the fit with these errors.
 

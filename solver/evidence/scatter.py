@@ -96,6 +96,10 @@ _GREATEST_RATIO: Final = 100.0
 _NARROWINGS: Final = 2
 _NEGLIGIBLE: Final = 3e-4
 """Density of a node, relative to the greatest, below which the node does not count."""
+_STEP_OF_RATIO: Final = 1e-4
+"""Step of the differences of log|V|, relative to the ratios of shared errors."""
+_REFINED: Final = 6
+"""Number of intervals between two nodes where a posterior of more readings is computed."""
 _NO_TURN: Final = 1e-6
 """Least turn at which the logarithm of a turn is computed, relative to the stated one."""
 _STEP: Final = 1e-8
@@ -108,6 +112,7 @@ class FoundScatter(NamedTuple):
     scatter: Scatter  #: roots of the posterior means of the variances
     without_assumed: Scatter  #: errors as stated, with the most likely noise of the encoders
     is_shown: bool  #: whether the residuals show such errors beyond those stated, by a test
+    posterior: Posterior | None = None  #: None if the errors are as stated
 
     @classmethod
     def as_stated(cls, scatter: Scatter) -> FoundScatter:
@@ -309,18 +314,19 @@ class RestrictedLikelihood:
         without_assumed = self.without_further_errors
         if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
             return FoundScatter.as_stated(without_assumed)
+        is_shown = p_value < SCATTER_LEVEL
+        sigma = self._measurements.sigma or self.sigma(most_likely)
+        if is_shown and compute_target_motion(block, most_likely, sigma) > LARGEST_REPEATABILITY:
+            return FoundScatter.as_stated(without_assumed)
+        # The search may miss the greatest likelihood, so that the posterior is also compared with the limit.
         posterior = self.compute_posterior(most_likely)
         motion_by_turn = compute_target_motion(block, Scatter(joints=1.0), 1.0)
         if posterior.probability_of_motion(LARGEST_REPEATABILITY, motion_by_turn) < SCATTER_LEVEL:
             return FoundScatter.as_stated(without_assumed)
-        scatter = Scatter(
-            posterior.root_mean_square_of_turns,
-            posterior.root_mean_square_of_station,
-            most_likely.encoders,
-        )
-        is_shown = p_value < SCATTER_LEVEL
+        scatter = replace(posterior.scatter, encoders=most_likely.encoders)
         is_assumed = not is_shown and not self._measurements.repeatability
-        return FoundScatter(replace(scatter, is_assumed=is_assumed), without_assumed, is_shown)
+        scatter = replace(scatter, is_assumed=is_assumed)
+        return FoundScatter(scatter, without_assumed, is_shown, posterior)
 
     def compute_posterior(self, most_likely: Scatter) -> Posterior:
         """Compute the posterior of turns and station, on a grid that is narrowed to where it counts.
@@ -385,9 +391,7 @@ class RestrictedLikelihood:
         log_likelihood = -(fit.half_log_determinant + 0.5 * fit.log_variance)[:, None] - of_residuals
         log_prior = self._log_prior_of_turns(rho[:, None] * sigma)
         log_prior = log_prior + _log_half_student(tau[:, None] * sigma / ASSUMED_STATION_ERROR)
-        log_density = log_likelihood + log_prior + measure
-        density = np.exp(log_density - log_density.max())
-        return Posterior(turns, station, sigma, density)
+        return Posterior(turns, station, sigma, log_likelihood, log_prior + measure, motions)
 
     def _log_prior_of_turns(self, turns: FloatArray) -> FloatArray:
         """Return the logarithm of the prior density of standard deviations [rad], up to a constant."""
@@ -558,7 +562,44 @@ class Posterior:
     turns: FloatArray  # (S,) ratios ρ, ascending [rad/m]
     station: FloatArray  # (U,) ratios τ, ascending
     sigma: FloatArray  # (S U, Z) [m]
-    density: FloatArray  # (S U, Z)
+    log_likelihood: FloatArray  # (S U, Z)
+    log_prior: FloatArray  # (S U, Z) per volume of a node
+    motions: _Motions  # of the targets by shared errors
+
+    @cached_property
+    def density(self) -> FloatArray:
+        """(S U, Z) density, relative to the greatest."""
+        log_density = self.log_likelihood + self.log_prior
+        return np.asarray(np.exp(log_density - log_density.max()))
+
+    def expect(self, further: int) -> Posterior:
+        """Return the posterior after a number of further postures that show no shared errors.
+
+        The posterior becomes narrower than the distances between its nodes, so that it gets `_REFINED` times
+        as many; logarithms are interpolated linearly.
+        """
+        turns, station = _refine(self.turns), _refine(self.station)
+
+        def interpolate(values: FloatArray) -> FloatArray:
+            of_nodes = values.reshape(len(self.turns), len(self.station), -1)
+            by_turns = _interpolate(self.turns, of_nodes, turns)
+            by_both = _interpolate(self.station, by_turns.swapaxes(0, 1), station).swapaxes(0, 1)
+            return np.asarray(by_both.reshape(-1, values.shape[-1]))
+
+        expected = self.log_likelihood + further * self._of_further[:, None]
+        return Posterior(
+            turns,
+            station,
+            interpolate(self.sigma),
+            interpolate(expected),
+            interpolate(self.log_prior),
+            self.motions,
+        )
+
+    @cached_property
+    def _of_further(self) -> FloatArray:
+        """(S U,) expected log-likelihood of a further posture that shows no shared errors."""
+        return self.motions.expect_without_shared_errors(self.turns, self.station)
 
     @property
     def _mass(self) -> FloatArray:
@@ -575,6 +616,11 @@ class Posterior:
     def by_station(self) -> FloatArray:
         """Density (U,) of the station, whatever turns and sigma."""
         return np.asarray(self._mass.sum(axis=(0, 2)) / _trapezoids(self.station))
+
+    @property
+    def scatter(self) -> Scatter:
+        """Roots of the posterior means of the variances, in units of sigma."""
+        return Scatter(self.root_mean_square_of_turns, self.root_mean_square_of_station)
 
     @property
     def root_mean_square_of_turns(self) -> float:
@@ -607,6 +653,22 @@ class Posterior:
 def _log_half_student(size: FloatArray) -> FloatArray:
     """Return the logarithm of the half-Student density of sizes in units of their scale, up to a constant."""
     return np.asarray(-0.5 * (_PRIOR_FREEDOM + 1.0) * np.log1p(np.square(size) / _PRIOR_FREEDOM))
+
+
+def _refine(nodes: FloatArray) -> FloatArray:
+    """Return the nodes (K,) with evenly spaced nodes in between; a single node as it is."""
+    places = np.linspace(0.0, len(nodes) - 1.0, _REFINED * (len(nodes) - 1) + 1)
+    return np.asarray(np.interp(places, np.arange(len(nodes)), nodes))
+
+
+def _interpolate(nodes: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
+    """Interpolate values (K, …) at nodes (K,), ascending, linearly at other nodes (L,)."""
+    if len(nodes) == 1:
+        return values
+    left = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, len(nodes) - 2)
+    part = (at - nodes[left]) / (nodes[left + 1] - nodes[left])
+    part = part.reshape(-1, *(1,) * (values.ndim - 1))
+    return np.asarray((1.0 - part) * values[left] + part * values[left + 1])
 
 
 def _trapezoids(nodes: FloatArray) -> FloatArray:
@@ -798,6 +860,22 @@ class _Motions:
             log_variances.append(log_of_turns[s] + log_of_station)
         log_variance = self.log_noise + np.concatenate(log_variances)
         return _Fit.solve(np.concatenate(products).reshape(-1, k, k), log_variance, self.degrees_of_freedom)
+
+    def expect_without_shared_errors(self, turns: FloatArray, station: FloatArray) -> FloatArray:
+        """Compute the expected log-likelihood (S U,) of a further posture whose targets share no errors.
+
+        The posture is the mean of those so far: ``−½ (log|V| + tr V⁻¹)`` up to a constant. The derivative of
+        log|V| by the logarithm of all shared variances is ``tr V⁻¹(V − I)``.
+
+        Args:
+            turns: (S,) ratios ρ of the joints' turns to sigma [rad/m].
+            station: (U,) ratios τ of the station's shift to sigma.
+        """
+        larger = 1.0 + _STEP_OF_RATIO
+        log_variance = self.fit(turns, station).log_variance - self.log_noise
+        of_larger = self.fit(larger * turns, larger * station).log_variance - self.log_noise
+        derivative = (of_larger - log_variance) / (2.0 * np.log(larger))
+        return np.asarray(-0.5 * (log_variance - derivative) / len(self.eigenvalues))
 
 
 def _reduce(ratios: FloatArray, eigenvalues: FloatArray) -> FloatArray:

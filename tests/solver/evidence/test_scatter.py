@@ -159,6 +159,41 @@ def test_the_posterior_is_the_restricted_likelihood_of_whole_covariances_times_t
     np.testing.assert_allclose(found, np.exp(expected - expected.max()), rtol=1e-6, atol=1e-9)
 
 
+def test_a_further_posture_without_shared_errors_has_its_expected_likelihood():
+    """By the inverse of the whole covariance: ``−½ (log|V| + tr V⁻¹)``, in units of the noise, on average."""
+    measurements = scattered(0.0, count=8)
+    rows = Rows(ROBOT, measurements)
+    compliance = identify(rows, SETTINGS).compliance
+    likelihood = RestrictedLikelihood.from_rows(rows, [JOINTS], compliance, np.ones(ROBOT.n, dtype=bool))
+    posterior = likelihood.compute_posterior(likelihood.find_significant()[0])
+    J = get_whole_block(ROBOT, measurements).jacobian.reshape(len(measurements), -1, ROBOT.n)
+    ones, noise = np.tile(np.eye(3), (len(POINTS), 1)), np.eye(J.shape[1])
+    expected = np.empty((len(posterior.turns), len(posterior.station)))
+    for s, turn in enumerate(posterior.turns):
+        for u, shift in enumerate(posterior.station):
+            V = noise + 0.5 * (turn**2 * J @ J.mT + shift**2 * ones @ ones.T)
+            traces = np.trace(np.linalg.inv(V), axis1=1, axis2=2)
+            expected[s, u] = -0.5 * (np.linalg.slogdet(V)[1] + traces).mean()
+    found = posterior.motions.expect_without_shared_errors(posterior.turns, posterior.station)
+    found = found.reshape(expected.shape)
+    np.testing.assert_allclose(found - found[0, 0], expected - expected[0, 0], rtol=1e-3, atol=1e-3)
+
+
+def test_the_scatter_of_more_readings_is_foreseen():
+    """The prior leaves less and less where readings show nothing."""
+    foreseen, found = [], []
+    for seed in range(8):
+        whole = scattered(0.0, seed=seed)
+        few = JointsAlone(Rows(ROBOT, whole[:6]), SETTINGS).identified
+        now = few.posterior.expect(0).scatter
+        assert now.joints == pytest.approx(few.rows.measurements.scatter.joints, rel=0.1)
+        later = few.posterior.expect(18).scatter
+        assert later.joints < now.joints
+        foreseen.append(later.joints)
+        found.append(JointsAlone(Rows(ROBOT, whole), SETTINGS).rows.measurements.scatter.joints)
+    assert np.mean(foreseen) == pytest.approx(np.mean(found), rel=0.3)
+
+
 def test_complete_and_partial_pose_agree_with_scatter():
     """Three targets of all coordinates tell as much as their pose, whatever they share."""
     measurements = replace(scattered(2e-5), scatter=Scatter(1.0, 0.5))
