@@ -119,4 +119,4 @@ def test_an_angle_that_is_missing_or_no_number_is_marked(visit, plan):
 
 def test_a_plan_of_targets_has_no_weight_step_to_read(visit, stored):
     page = visit("tablet", view=f"#/gearboxes?plan={stored.plan}").page
-    expect(page.get_by_text("This plan has no weight step.")).to_be_visible()
+    expect(page.get_by_text("This plan has no postures of a weight step.")).to_be_visible()

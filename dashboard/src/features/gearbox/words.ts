@@ -33,7 +33,7 @@ export const gearboxWords = {
     read: (read: number, all: number) => (read === all ? "read" : `${read} of ${all}`),
     begin: "Read the encoders",
     ofPlan: "Postures of the plan",
-    noStep: "This plan has no weight step.",
+    noStep: "This plan has no postures of a weight step.",
     unstored: "This browser stores nothing: keep this page open until the gearboxes are identified.",
     state: "State",
     states: { unloaded: "Without the load", loaded: "With the load" },
