@@ -286,7 +286,9 @@ def _find_target_frames(
             poses[index] = reference @ stated_poses[stated_name]
         elif _fold_name(frame.name) in stated_poses:
             reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
-            raise RequestError(reason, where=field, remedy="omit this frame")
+            stated_names = [_fold_name(stated.name) for stated in stated_frames]
+            place = f"{field}[{stated_names.index(_fold_name(frame.name))}].name"
+            raise RequestError(reason, where=place, remedy="omit this frame")
         else:
             poses[index] = reference @ frame.pose
     _refuse_unused_frames(stated_frames, used_names, field)
@@ -308,13 +310,13 @@ def _read_stated_poses(
     """
     poses: dict[str | None, FloatArray] = {}
     for i, frame in enumerate(stated_frames):
+        if _fold_name(frame.name) in poses:
+            raise RequestError(
+                "two frames have the same name, or two frames have no name",
+                where=f"{field}[{i}].name",
+                remedy="give each frame only once",
+            )
         poses[_fold_name(frame.name)] = _read_stated_pose(notation, frame.values, f"{field}[{i}].values")
-    if len(poses) < len(stated_frames):
-        raise RequestError(
-            "two frames have the same name, or two frames have no name",
-            where=field,
-            remedy="give each frame only once",
-        )
     return poses
 
 
@@ -331,14 +333,14 @@ def _refuse_unused_frames(
     Raises:
         RequestError: there is such a frame.
     """
-    for frame in stated_frames:
+    for i, frame in enumerate(stated_frames):
         if _fold_name(frame.name) in used_names:
             continue
         if frame.name is None:
             reason = "a frame without name is not used, because every frame of the program has numbers"
         else:
             reason = f"the program does not use the frame {quote_text(frame.name)}"
-        raise RequestError(reason, where=field, remedy="omit this frame, or correct its name")
+        raise RequestError(reason, where=f"{field}[{i}].name", remedy="omit this frame, or correct its name")
 
 
 def _find_stated_frame(
