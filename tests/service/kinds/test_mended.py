@@ -9,6 +9,10 @@ from support.api import post, posted
 from support.mistakes import clean_campaign, planted, positions
 
 import jointstiff as js
+from jointstiff.schemas.finding import AdvisedAction, Assessment, Finding
+from jointstiff.service.runs.mending import find_advised_action
+from jointstiff.service.tables.report import remedies
+from jointstiff.solver.errors import RequestError
 
 INCLUDED = {"complementary_stiffness": "included"}
 NAME = "pull, 19 configurations, motor encoders"
@@ -319,3 +323,17 @@ def test_two_mistakes_are_mended_by_one_action(local):
     assert mended["request"]["measurement_set_id"] == wrong["request"]["measurement_set_id"]
     for one, other in zip(after.result.joints, mended["result"]["joints"], strict=True):
         assert one.compliance == pytest.approx(other["compliance"], rel=1e-6)
+
+
+def test_an_action_that_shows_a_posture_is_refused_as_what_it_is():
+    reason = Finding(
+        code="deflection_unexplained",
+        weight=WITH_CARE,
+        message="m",
+        remedy="measure again",
+        action=AdvisedAction.of("show_posture", ["c05"]),
+    )
+    assessment = Assessment(verdict=WITH_CARE, reasons=[reason])
+    with pytest.raises(RequestError, match="names readings to look at, and changes no campaign; no reason"):
+        find_advised_action(assessment, "show_posture")
+    assert remedies(assessment, applies=True) == ["measure again"], "no option is offered"
