@@ -75,14 +75,14 @@ def with_less_force(reading, _first):
         (
             with_exchanged_targets,
             5.2884e-5,
-            0.37854,
+            0.63531,
             ["P10 and P11 are exchanged"],
             f"the unloaded targets are misplaced: P10 and P11 are exchanged? {AGAIN}",
         ),
         (
             with_less_force,
-            0.00016153,
-            0.0,
+            1.6153e-4,
+            2.0362e-6,
             [
                 "the arm or the tracker moved between the two readings",
                 "the force differs from the stated force",
