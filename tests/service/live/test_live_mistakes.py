@@ -84,11 +84,11 @@ def with_less_force(reading, _first):
             1.6153e-4,
             2.0362e-6,
             [
-                "the arm or the tracker moved between the two readings",
                 "the force differs from the stated force",
+                "the arm or the tracker moved between the two readings",
             ],
-            "the reading is 162 µm away from the prediction by the other readings: the arm or the tracker "
-            f"moved between the two readings or the force differs from the stated force? {AGAIN}",
+            "the reading is 162 µm away from the prediction by the other readings: the force differs from "
+            f"the stated force or the arm or the tracker moved between the two readings? {AGAIN}",
         ),
     ],
 )
