@@ -8,14 +8,22 @@ that have to be chosen in this way until the goal is met is the number of missin
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from jointstiff.schemas.plan import DecisionGoal, Goal, JointsGoal
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.design.candidates import PlanRequest, Pool, build_known_rows, build_reading_stack
+from jointstiff.solver.design.candidates import (
+    Equipment,
+    PlanRequest,
+    Pool,
+    build_known_rows,
+    build_reading_stack,
+)
 from jointstiff.solver.design.optimum import AOptimality, Atoms
 from jointstiff.solver.design.plan import DistinctPostures
 from jointstiff.solver.errors import RequestError
@@ -36,6 +44,10 @@ _AS_GOOD: Final = 1.05
 among them, because travel takes time."""
 _TWISTS: Final = 1e-9
 """Deflection caused by a joint, relative to the greatest, below which the deflection counts as rounding."""
+_FARTHER_OUT: Final = 0.3 * np.vstack([np.eye(3), -np.eye(3)[:2]])
+"""Shifts (5, 3) of the hook that are tried, in the flange frame [m]; none leads back into the arm."""
+_STRONGER: Final = 2.0
+"""Factor on the force that is tried."""
 _RATIO: Final = (0.2, 20.0)
 """Least and greatest allowed ratio of the uncertainty from readings to the uncertainty that the design
 predicts."""
@@ -149,6 +161,43 @@ class CandidateReadings:
                 "these joints",
             )
         return cls(robot, request, pool, deflections)
+
+    @cached_property
+    def with_other_loads(self) -> tuple[CandidateReadings, ...]:
+        """Candidate readings with the hook 0.3 m farther out in each direction, and with twice the force.
+
+        The goal remains that of these candidate readings. A load with which no reading is feasible is left
+        out. The robot's own weight cannot be changed.
+        """
+        if self.request.own_weight_rows is not None:
+            return ()
+        equipment = self.request.equipment
+        others = [replace(equipment, load_point=equipment.load_point + shift) for shift in _FARTHER_OUT]
+        stronger = replace(equipment.loads, force=_STRONGER * equipment.loads.force)
+        others.append(replace(equipment, loads=stronger))
+        feasible = list[CandidateReadings]()
+        for other in others:
+            with suppress(RequestError):
+                feasible.append(self._with_equipment(other))
+        return tuple(feasible)
+
+    def with_load_point(self, load_point: FloatArray) -> CandidateReadings:
+        """Return the candidate readings with the hook at `load_point` (3,), flange frame [m].
+
+        The goal remains that of these candidate readings.
+
+        Raises:
+            RequestError: no reading is feasible with this hook.
+        """
+        equipment = self.request.equipment
+        if np.array_equal(equipment.load_point, load_point):
+            return self
+        return self._with_equipment(replace(equipment, load_point=load_point))
+
+    def _with_equipment(self, equipment: Equipment) -> CandidateReadings:
+        """Return the candidate readings with another load, and the same goal."""
+        candidates = CandidateReadings.from_request(self.robot, replace(self.request, equipment=equipment))
+        return replace(candidates, work_area_deflections=self.work_area_deflections)
 
     @property
     def twisted_joints(self) -> IndexArray:

@@ -324,7 +324,7 @@ def _find_target_frames(
     for index in used_frames.tolist():
         frame = frames[index]
         if frame.pose is not None:
-            _refuse_second_numbers(frame, stated_poses, field)
+            _refuse_second_numbers(frame, stated_frames, field)
             poses[index] = reference @ frame.pose
         else:  # the program gives no numbers
             stated_name = _find_stated_frame(frame, stated_poses, field)
@@ -334,17 +334,21 @@ def _find_target_frames(
     return _Frames(poses, frame_of_target)
 
 
-def _refuse_second_numbers(
-    frame: FrameName, stated_poses: Mapping[str | None, FloatArray], field: str
-) -> None:
+def _refuse_second_numbers(frame: FrameName, stated_frames: Sequence[ProgramFrame], field: str) -> None:
     """Refuse a request that states the numbers of a frame which the program itself defines.
 
+    Args:
+        frame: frame with numbers in the program.
+        stated_frames: frames with numbers in the request; most controllers ignore the case of their names.
+        field: field of the request, `tools` or `bases`, for errors.
+
     Raises:
-        RequestError: the name of the frame is one of the names in capitals in `stated_poses`.
+        RequestError: the request has a frame of this name; the error has its index.
     """
-    if _fold_name(frame.name) in stated_poses:
-        reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
-        raise RequestError(reason, where=field, remedy="omit this frame")
+    for i, stated in enumerate(stated_frames):
+        if _fold_name(stated.name) == _fold_name(frame.name):
+            reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
+            raise RequestError(reason, where=f"{field}[{i}].name", remedy="omit this frame")
 
 
 def _read_stated_poses(
@@ -362,13 +366,13 @@ def _read_stated_poses(
     """
     poses: dict[str | None, FloatArray] = {}
     for i, frame in enumerate(stated_frames):
+        if _fold_name(frame.name) in poses:
+            raise RequestError(
+                "two frames have the same name, or two frames have no name",
+                where=f"{field}[{i}].name",
+                remedy="give each frame only once",
+            )
         poses[_fold_name(frame.name)] = _read_stated_pose(notation, frame.values, f"{field}[{i}].values")
-    if len(poses) < len(stated_frames):
-        raise RequestError(
-            "two frames have the same name, or two frames have no name",
-            where=field,
-            remedy="give each frame only once",
-        )
     return poses
 
 
@@ -385,14 +389,14 @@ def _refuse_unused_frames(
     Raises:
         RequestError: there is such a frame.
     """
-    for frame in stated_frames:
+    for i, frame in enumerate(stated_frames):
         if _fold_name(frame.name) in used_names:
             continue
         if frame.name is None:
             reason = "a frame without name is not used, because every frame of the program has numbers"
         else:
             reason = f"the program does not use the frame {quote_text(frame.name)}"
-        raise RequestError(reason, where=field, remedy="omit this frame, or correct its name")
+        raise RequestError(reason, where=f"{field}[{i}].name", remedy="omit this frame, or correct its name")
 
 
 def _find_stated_frame(

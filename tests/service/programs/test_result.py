@@ -195,7 +195,7 @@ NO_NUMBERS = (
     "tools: the program uses the frame 'TOOL_DATA[1]', but does not define its numbers; give the name "
     "'TOOL_DATA[1]' and the numbers in `tools`"
 )
-TWICE = "tools: two frames have the same name, or two frames have no name; give each frame only once"
+TWICE = "tools[1].name: two frames have the same name, or two frames have no name; give each frame only once"
 LONG = [0, 0, 500, 0, 0, 0]
 REFUSED = {
     "a load that the controller compensates": (

@@ -440,7 +440,7 @@ class Language:
 
         A pattern in `rules`, such as `GOTO @{name}`, has placeholders that become groups of a regular
         expression: `@{name}` matches a name, which must not be a word such as IF that begins statements;
-        `#{number}` matches a number, in place of which the normal form has NUL.
+        `#{number}` matches NUL, the sign of a number in the normal form.
         """
         variable = rf"(?!(?:{self.reserved})(?![\w$])){self.word}"
         pattern_of_sign = {"@": variable, "#": r"\0"}
