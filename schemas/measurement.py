@@ -547,6 +547,12 @@ class MeasurementSetHeader(SetMetadata):
         default=None,
         description="Load point in the flange frame, in units.length; an observation may have its own.",
     )
+    load_point_target: Name | None = Field(
+        default=None,
+        description="Target at the hook: its unloaded reading in any observation gives the load point. A "
+        "stated load point is tested against it.",
+        examples=["hook"],
+    )
     joint_kinds: Annotated[list[JointKind], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,
         description="Kinds of the joints as the readings state; must equal the robot's.",

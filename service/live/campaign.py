@@ -117,6 +117,13 @@ class Declaration:
             unexplained=None,
             campaign_readings=None,
         )
+        if header.load_point_target is not None:
+            raise RequestError(
+                "a live campaign needs the load point before the first reading",
+                where="load_point_target",
+                remedy="omit `load_point_target`, and give `load_point`; after the campaign, post its "
+                "readings with that of the hook as a set",
+            )
         if options.load_point is None and not isinstance(options.load, OwnWeight):
             raise RequestError(
                 "the load point is missing",

@@ -173,8 +173,8 @@ def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
         "Unit of angles (rad, deg) [deg]:",
         "Unit of lengths (m, mm, in) [mm]:",
         "Error: answer one of m, mm, in Unit of lengths (m, mm, in) [mm]:",
-        "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0):",
-        "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0):",
+        "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0), or the target at the hook:",
+        "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0), or the target at the hook:",
         "Error: '0,0' must be three numbers, such as 0,0,120.5",
         "Encoders that close the position loop (motor, secondary) [motor]:",
         "Measured robot, for the integrity checks: file or arm [none]:",
@@ -216,6 +216,16 @@ def test_a_ground_that_an_option_states_is_not_asked_for():
     assert "How the load point is known" not in said
     noise = json.loads(Path("stated.json").read_text())["noise"]
     assert (noise["sigma"], noise["grounds"]) == (0.02, {"load_point": "tracker"})
+
+
+@pytest.mark.usefixtures("asking")
+def test_the_target_at_the_hook_answers_the_question_about_the_load_point():
+    """Its ground is then no question: the reading shows the load point."""
+    Path("pre.csv").write_text(CAMPAIGN)
+    said = typed("import pre.csv --encoders motor --output hook.json", input="P10\nnone\n")
+    assert "How the load point is known" not in said
+    stored = json.loads(Path("hook.json").read_text())
+    assert (stored["load_point_target"], stored.get("load_point")) == ("P10", None)
 
 
 def test_an_unknown_ground_is_refused_with_the_known_ones():

@@ -49,6 +49,7 @@ export const importWords = {
     encoders: "Position loop closed by",
     force: "Force on the robot, x, y, z, axes of R0",
     load_point: "Load point, x, y, z, flange frame",
+    load_point_target: "Or the target at the hook, read without load",
     flange_targets: "Positions of the targets in the flange frame: name, x, y, z, one per line",
     accept_unusual: "These values are correct",
     name: "Name of the set",
