@@ -60,6 +60,10 @@ The default is None where a wrong guess could change numbers: then the person mu
 
 _GROUND_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
     "load_point": ("How the load point is known", ("tracker", "drawing", "hand")),
+    "between": (
+        "What the controller did between the readings without and under load",
+        ("still", "payload_declared", "gravity_compensated"),
+    ),
 }
 """Field of `Grounds` → (question, possible answers); a person who does not know presses Enter."""
 _NOT_KNOWN: Final = "unknown"
@@ -175,7 +179,7 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
             typer.Option(
                 metavar="KEY=VALUE",
                 help="How a statement is known: load_point=tracker (1 mm at least), drawing (3 mm) or hand "
-                "(10 mm). Repeatable.",
+                "(10 mm); between=still, payload_declared or gravity_compensated. Repeatable.",
             ),
         ],
         None,
@@ -296,9 +300,22 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
 def _complete_grounds(
     document: MeasurementSetDocument, grounds: Options, *, may_ask: bool
 ) -> MeasurementSetDocument:
-    """Return a measurement set with its grounds: those of options, then those that a person states."""
-    stated = _state_grounds(document, grounds)
-    return _state_grounds(stated, _ask_for_grounds(stated)) if may_ask else stated
+    """Return a measurement set with its grounds: those of options, then those that a person states.
+
+    Raises:
+        typer.BadParameter: the controller knew of the load, so the readings cannot be used.
+    """
+    from jointstiff.service.conversion.readings import refuse_informed_controller
+    from jointstiff.solver.errors import MeasurementError
+
+    complete_set = _state_grounds(document, grounds)
+    if may_ask:
+        complete_set = _state_grounds(complete_set, _ask_for_grounds(complete_set))
+    try:
+        refuse_informed_controller(complete_set.noise)
+    except MeasurementError as error:
+        raise typer.BadParameter(f"{error.reason}; {error.remedy}", param_hint="--ground") from error
+    return complete_set
 
 
 def _ask_for_grounds(document: MeasurementSetDocument) -> dict[str, Any]:

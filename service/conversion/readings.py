@@ -670,9 +670,13 @@ def compute_content_hash(
     # Sets were hashed before these fields existed: where nothing is stated, the hash has to stay what it was.
     newer_fields = {"refuted", "grounds"}
     unstated_fields = {name for name in newer_fields if not getattr(header.noise, name, None)}
+    excluded: dict[str, Any] = dict.fromkeys(unstated_fields, True)
+    grounds = None if header.noise is None else header.noise.grounds
+    if grounds is not None and grounds.between is None:
+        excluded["grounds"] = {"between"}
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
-        exclude={"noise": unstated_fields},
+        exclude={"noise": excluded},
     )
     if header.load_point_target is not None:
         text += f"load_point_target {header.load_point_target}"
@@ -785,6 +789,8 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         MeasurementError: the set does not fit the robot, lacks a quantity or a unit, or its noise is unclear.
     """
     _refuse_other_joints(header, readings, robot)
+    if not readings.unloaded_only.all():
+        refuse_informed_controller(header.noise)
     length = LENGTH[header.units.length]
     shots = None
     if header.load_point_target is not None:
@@ -846,6 +852,37 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         closed_on_links=header.encoders == "secondary",
         common_uncertainty=common_uncertainty,
         present=readings.present & ~unloaded_only,
+    )
+
+
+_KNOWLEDGE_OF_CONTROLLER = {
+    "payload_declared": (
+        "the load was declared as a payload to the controller",
+        "with the same declared payload before and under the load",
+    ),
+    "gravity_compensated": (
+        "the controller compensated the weight of the load",
+        "with the compensation switched off",
+    ),
+}
+"""Ground → (what the controller did, how to measure instead)."""
+
+
+def refuse_informed_controller(noise: Noise | None) -> None:
+    """Refuse readings under a load of which the controller knew: it moved the joints against the deflection.
+
+    Raises:
+        MeasurementError: a ground of the noise says so.
+    """
+    between = None if noise is None or noise.grounds is None else noise.grounds.between
+    if between is None or between not in _KNOWLEDGE_OF_CONTROLLER:
+        return
+    reason, way = _KNOWLEDGE_OF_CONTROLLER[between]
+    raise MeasurementError(
+        f"{reason} between the readings without and under load: it then moves the joints against the "
+        "deflection, and stiffnesses from these readings would be wrong by a quarter, which no check shows",
+        where="noise.grounds.between",
+        remedy=f"measure again {way}, and state `between` as `still`",
     )
 
 

@@ -31,6 +31,7 @@ from jointstiff.schemas.plan import (
 )
 from jointstiff.schemas.run import Residual, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet, check_set
+from jointstiff.service.conversion.readings import refuse_informed_controller
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.plan.work import to_design_request
 from jointstiff.service.problems import LabelTakenError
@@ -89,6 +90,8 @@ class Declaration:
                 or cannot be used; or no reading is feasible.
         """
         options, header = self.options, self.header
+        if not isinstance(options.load, OwnWeight):
+            refuse_informed_controller(header.noise)
         if isinstance(options.goal, DeflectionGoal | DecisionGoal) and options.work_area is None:
             raise RequestError(
                 "the goal is about deflections, but the request has no work area",
