@@ -18,8 +18,10 @@ from pydantic import (
     Field,
     StrictBool,
     TypeAdapter,
+    ValidationError,
     model_validator,
 )
+from pydantic_core import InitErrorDetails, PydanticCustomError
 from typing_extensions import TypeAliasType
 
 from jointstiff.schemas.joints import JOINT_UNITS
@@ -50,6 +52,21 @@ def require_exactly_one(first: str, second: str) -> Any:  # noqa: ANN401 - what 
         return message
 
     return model_validator(mode="after")(check)
+
+
+def make_fault(place: str | tuple[str | int, ...], reason: str) -> ValidationError:
+    """Return the error for a fault in a field, to be raised by a validator of a message.
+
+    Args:
+        place: name of the field in the message, or the path to a part of the field.
+        reason: what is wrong.
+    """
+    path = (place,) if isinstance(place, str) else place
+    # The reason is no template: it may contain braces.
+    fault = PydanticCustomError("value_error", "{reason}", {"reason": reason})
+    return ValidationError.from_exception_data(
+        reason, [InitErrorDetails(type=fault, loc=path, input=None)], hide_input=True
+    )
 
 
 def content_key(text: str) -> str:

@@ -19,6 +19,7 @@ from jointstiff.schemas.fields import (
     Radians,
     Terminal,
     Vector3,
+    make_fault,
     parse_force,
     parse_frame,
     parse_numbers,
@@ -81,7 +82,7 @@ class ProcessLoad(Message):
     def _require_ordered_lines(self) -> ProcessLoad:
         first, last = self.first_line, self.last_line
         if first is not None and last is not None and last < first:
-            raise ValueError("`last_line` must not come before `first_line`")
+            raise make_fault("last_line", "`last_line` must not come before `first_line`")
         return self
 
 
@@ -141,7 +142,7 @@ class Cut(Message):
             raise ValueError("state either `material`, or both `pressure` and `exponent`")
         first, last = self.first_line, self.last_line
         if first is not None and last is not None and last < first:
-            raise ValueError("`last_line` must not come before `first_line`")
+            raise make_fault("last_line", "`last_line` must not come before `first_line`")
         return self
 
 
@@ -258,13 +259,22 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     @model_validator(mode="after")
     def _require_one_load(self) -> ProgramOptions:
         """Refuse more than one statement of the load, and none unless `absolute` makes a load unnecessary."""
-        loads = (self.load is not None, bool(self.segments), self.loads is not None, self.cut is not None)
-        if sum(loads) > 1 or not (any(loads) or self.absolute):
-            raise ValueError("state the load of the process: one of `load`, `segments`, `loads` and `cut`")
-        if any(None in (each.first_line, each.last_line) for each in self.segments):
-            raise ValueError("each of `segments` needs `first_line` and `last_line`")
+        loads = {"load": self.load, "segments": self.segments, "loads": self.loads, "cut": self.cut}
+        stated = [field for field, load in loads.items() if load]
+        if not stated and not self.absolute:
+            reason = "state the load of the process: one of `load`, `segments`, `loads` and `cut`"
+            raise make_fault("load", reason)
+        if len(stated) > 1:
+            first, second, *_ = stated
+            raise make_fault(second, f"the load is stated by `{first}`, too; omit one of both")
+        for index, segment in enumerate(self.segments):
+            for line in ("first_line", "last_line"):
+                if getattr(segment, line) is None:
+                    reason = "each of `segments` needs `first_line` and `last_line`"
+                    raise make_fault(("segments", index, line), reason)
         if self.absolute and self.ramp_length:
-            raise ValueError("omit `ramp_length`: `absolute` corrects the whole path, without a ramp")
+            reason = "omit `ramp_length`: `absolute` corrects the whole path, without a ramp"
+            raise make_fault("ramp_length", reason)
         return self
 
 

@@ -9,12 +9,12 @@ from typing import Final
 
 from anyio import CapacityLimiter
 from anyio.to_thread import current_default_thread_limiter
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, Depends, FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.routing import BaseRoute
 
 from jointstiff.service.api import admin, archives, bridges, corrections, health, jobs, live, resources, runs
-from jointstiff.service.api.answers import install_error_handlers
+from jointstiff.service.api.answers import install_error_handlers, refuse_unknown_parameters
 from jointstiff.service.api.description import DescribedApplication, describe_problems
 from jointstiff.service.api.health import Metrics, Watch
 from jointstiff.service.api.jobs import Followers
@@ -121,7 +121,11 @@ def create_app(
 def all_routes() -> Sequence[BaseRoute]:
     """Return the routes of all resources and kinds of jobs; cached, as FastAPI takes 0.1 s to build them."""
     # Without a declared answer 422, FastAPI would describe its own error format, which this API never uses.
-    router_of_all = APIRouter(generate_unique_id_function=make_operation_id, responses=describe_problems(422))
+    router_of_all = APIRouter(
+        generate_unique_id_function=make_operation_id,
+        responses=describe_problems(422),
+        dependencies=[Depends(refuse_unknown_parameters)],
+    )
     for router in (
         resources.robots,
         resources.trends,

@@ -167,6 +167,23 @@ def query_names(dependant: Dependant) -> Iterator[str]:
         yield from query_names(part)
 
 
+async def refuse_unknown_parameters(request: Request) -> None:
+    """Refuse a query parameter that the route of a request does not know; otherwise it would be ignored.
+
+    Raises:
+        RequestValidationError: the address has such parameters; the fault names each.
+    """
+    known = _list_query_parameters(request)
+    unknown = [name for name in dict.fromkeys(request.query_params) if name not in known]
+    if unknown:
+        raise RequestValidationError(
+            [
+                {"type": "extra_forbidden", "loc": ("query", name), "msg": "Extra inputs are not permitted"}
+                for name in unknown
+            ]
+        )
+
+
 async def _answer_failure(request: Request, error: Exception) -> Response:
     """Return the answer to any error as a problem document; unexpected errors are logged and give 500."""
     match error:

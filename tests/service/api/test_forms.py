@@ -63,6 +63,30 @@ def run(local):
         ),
         (
             [SOURCE],
+            {"load": None},
+            "422 invalid-request | options.load | state the load of the process: one of `load`, `segments`, "
+            "`loads` and `cut` | correct the field as the reason says",
+        ),
+        (
+            [SOURCE],
+            {"segments": [{"force": [0.0, 0.0, -500.0], "first_line": 1, "last_line": 2}]},
+            "422 invalid-request | options.segments | the load is stated by `load`, too; omit one of both | "
+            "correct the field as the reason says",
+        ),
+        (
+            [SOURCE],
+            {"load": None, "segments": [{"force": [0.0, 0.0, -500.0], "first_line": 1}]},
+            "422 invalid-request | options.segments[0].last_line | each of `segments` needs `first_line` and "
+            "`last_line` | correct the field as the reason says",
+        ),
+        (
+            [SOURCE],
+            {"tools": PROGRAM["tools"] + [{"name": "TOOL_DATA[9]", "values": [0.0] * 6}]},
+            "422 invalid-request | tools[1].name | the program does not use the frame 'TOOL_DATA[9]' | "
+            "omit this frame, or correct its name",
+        ),
+        (
+            [SOURCE],
             {"format": "gcode"},
             "422 invalid-request | options.format | must be 'csv', 'krl', 'fanuc', 'rapid' or 'ur' | "
             "use one of these words exactly as written",

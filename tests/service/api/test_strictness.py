@@ -167,6 +167,20 @@ def test_an_unknown_parameter_is_compared_with_those_of_its_route_only(client, a
     assert (f"did you mean `{meant}`" in reason) if meant else ("did you mean" not in reason)
 
 
+def test_every_get_refuses_a_parameter_that_it_does_not_know(client):
+    paths = client.get("/openapi.json").json()["paths"]
+    answers = {
+        path: client.get(re.sub(r"\{\w+\}", "nothing", path) + "?limt=3&colour=red")
+        for path, operations in paths.items()
+        if "get" in operations
+    }
+    refused_by_role = {path for path, answer in answers.items() if answer.status_code == 403}
+    assert refused_by_role <= {"/v1/keys", "/v1/audit", "/v1/archive"}
+    for path in answers.keys() - refused_by_role:
+        places = [fault["where"] for fault in answers[path].json()["errors"]]
+        assert (path, answers[path].status_code, places) == (path, 422, ["query.limt", "query.colour"])
+
+
 def test_every_post_that_names_what_is_not_there_answers_a_status_that_it_declares(client):
     described = client.get("/openapi.json").json()["paths"]
     for path, operations in described.items():

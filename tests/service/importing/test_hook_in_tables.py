@@ -38,6 +38,11 @@ def test_a_hook_read_in_a_row_of_its_own_keeps_the_targets_that_were_read_with_i
     assert {(each.loaded, each.unloaded is None) for each in shot.readings} == {(None, False)}
 
 
+def test_a_hook_with_only_some_of_its_coordinates_is_a_fault():
+    with pytest.raises(ImportRefusedError, match="the cell is empty, but needs a number"):
+        imported(PULLS[0], PULLS[1].replace(";;;", ";600;;100"))
+
+
 def test_empty_cells_of_a_target_that_is_not_at_the_hook_are_still_a_fault():
     with pytest.raises(ImportRefusedError, match="the cells of target hook are empty"):
         imported(*PULLS, PULLS[0].replace("a;", "c;").replace(";;;", ";1;2;3"), load_point_target="P1")

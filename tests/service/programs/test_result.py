@@ -37,7 +37,7 @@ def about(*numbers):
 
 
 ROWS = {
-    "csv": (2, ["1;1809.798174;268.901883;1492.471897;-161.493549619;39.540872793;-170.985583356"]),
+    "csv": (2, ["1;1809.798174;268.901883;1492.471897;-161.493549620;39.540872792;-170.985583357"]),
     "krl": (7, ["LIN {X 1809.7982,Y 268.9019,Z 1492.4719,A -161.49355,B 39.54087,C -170.98558} C_DIS"]),
     "fanuc": (
         12,
@@ -62,11 +62,11 @@ ROWS = {
 }  # fmt: skip
 """The line of the first target, and its lines once corrected."""
 ROUNDED = {
-    "csv": (4.8661e-10, 6.1661e-10, 6.2588e-10),
-    "krl": (5.0806e-08, 6.9320e-08, 7.1000e-08),
-    "fanuc": (5.0806e-08, 6.9320e-08, 7.1000e-08),
-    "rapid": (5.0803e-08, 6.9457e-08, 7.1188e-08),
-    "ur": (5.0882e-08, 6.9555e-08, 7.1312e-08),
+    "csv": (4.9425e-10, 6.1391e-10, 6.2385e-10),
+    "krl": (5.0806e-8, 6.9320e-8, 7.1000e-8),
+    "fanuc": (5.0806e-8, 6.9320e-8, 7.1000e-8),
+    "rapid": (5.0803e-8, 6.9457e-8, 7.1188e-8),
+    "ur": (5.0882e-8, 6.9555e-8, 7.1312e-8),
 }
 
 
@@ -195,7 +195,7 @@ NO_NUMBERS = (
     "tools: the program uses the frame 'TOOL_DATA[1]', but does not define its numbers; give the name "
     "'TOOL_DATA[1]' and the numbers in `tools`"
 )
-TWICE = "tools: two frames have the same name, or two frames have no name; give each frame only once"
+TWICE = "tools[1].name: two frames have the same name, or two frames have no name; give each frame only once"
 LONG = [0, 0, 500, 0, 0, 0]
 REFUSED = {
     "a load that the controller compensates": (
