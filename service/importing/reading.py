@@ -266,7 +266,7 @@ class _Reader:
         has_readings = states not in _SINGLE_STATES
         if targets and has_readings:
             observations, notes_on_gaps = _drop_and_report_incomplete_readings(
-                observations, targets, faults, self._options.allow_missing
+                observations, targets, faults, self._options
             )
             notes += notes_on_gaps
         else:
@@ -687,11 +687,12 @@ def _list_labels(observations: list[ObservationRecord]) -> str:
 
 
 def _drop_and_report_incomplete_readings(
-    observations: list[ObservationRecord], targets: list[str], faults: Faults, allow_missing: bool
+    observations: list[ObservationRecord], targets: list[str], faults: Faults, options: ImportOptions
 ) -> tuple[list[ObservationRecord], list[str]]:
     """Return the observations without their incomplete readings, and a note on each omitted reading.
 
-    Unless `allow_missing` is set, each omitted reading is also reported as a fault.
+    Unless `allow_missing` is set, each omitted reading is also reported as a fault. The target at the hook
+    needs a position in one observation only, and no load.
     """
     kept_observations, notes = [], []
     # A gauge need not be read in each posture; any other target must have a reading of each observation.
@@ -701,8 +702,11 @@ def _drop_and_report_incomplete_readings(
     gaps: list[tuple[bool, Place, str]] = []  # (True if nothing was read, place, sentence)
     for observation in observations:
         points = observation.points
-        incomplete = []
-        for target in [target for target in targets if target in points or target not in gauges]:
+        omitted_hook = _list_unread_hook(points, options.load_point_target)
+        incomplete = list(omitted_hook)
+        without_gap = [*omitted_hook, *_list_targets_without_load(points, options.load_point_target)]
+        read_targets = [target for target in targets if target in points or target not in gauges]
+        for target in [target for target in read_targets if target not in without_gap]:
             with faults.collect():
                 states = points.get(target, {})
                 gap = _describe_gap(observation, target, states)
@@ -715,7 +719,7 @@ def _drop_and_report_incomplete_readings(
             kept_observations.append(replace(observation, values=values))
         else:
             notes.append(f"{observation.label}: no reading is complete; the observation was skipped")
-    if not allow_missing:
+    if not options.allow_missing:
         remedy = "add the reading, check the spelling of names, or use `allow_missing`"
         # Readings with some of their values come first, because they show better what is wrong.
         for _, place, reason in sorted(gaps, key=lambda entry: entry[0]):
@@ -725,6 +729,38 @@ def _drop_and_report_incomplete_readings(
             observations[0].place, "no observation has a reading", "correct the names of points and files"
         )
     return kept_observations, [*(f"{reason}; skipped" for _, _, reason in gaps), *notes]
+
+
+def _list_states(states: dict[State, Value]) -> set[State]:
+    """Return the states of a target that have numbers."""
+    return {state for state, point in states.items() if point.vector is not None}
+
+
+def _list_unread_hook(points: dict[str, dict[State, Value]], hook: str | None) -> list[str]:
+    """Return the target at the hook if an observation has no reading of this target; else no target."""
+    if hook is None:
+        return []
+    states = points.get(hook, {})
+    is_partly_read = any(point.lacks_coordinate for point in states.values())
+    return [] if is_partly_read or _list_states(states) else [hook]
+
+
+def _list_targets_without_load(points: dict[str, dict[State, Value]], hook: str | None) -> list[str]:
+    """Return the targets of an observation whose positions without load are complete readings.
+
+    These are the target at the hook and, in an observation without any load, the targets read with it.
+
+    Args:
+        points: target → state → value of an observation.
+        hook: target at the hook; None if no target gives the load point.
+    """
+    if hook is None or "unloaded" not in _list_states(points.get(hook, {})):
+        return []
+    states_of_others = [_list_states(states) for target, states in points.items() if target != hook]
+    has_load = any(states & {"loaded", "deflection"} for states in states_of_others)
+    if has_load:
+        return [hook]
+    return [target for target, states in points.items() if "unloaded" in _list_states(states)]
 
 
 def _describe_gap(observation: ObservationRecord, target: str, states: dict[State, Value]) -> str | None:
@@ -738,7 +774,7 @@ def _describe_gap(observation: ObservationRecord, target: str, states: dict[Stat
     partly_read = [state for state, point in states.items() if point.lacks_coordinate]
     if partly_read:
         return f"a coordinate of target {target} {_describe_states(partly_read)} is empty"
-    present = {state for state, point in states.items() if point.vector is not None}
+    present = _list_states(states)
     if "deflection" in present and len(present) > 1:
         reason = f"{quote(observation.label)}: target {target} has both positions and a deflection"
         remedy = "omit the positions or the deflection, for instance with `ignore`"
