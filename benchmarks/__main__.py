@@ -8,7 +8,7 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.metadata import version
@@ -63,6 +63,9 @@ BENCHMARKS = {
         "studies.load_paths", "tool, rope, hook, growth, another stiffness: named; clean ones", in_parts=True
     ),
     "posture_errors": Benchmark("studies.posture_errors", "errors that a posture's targets share: coverage"),
+    "repeatability": Benchmark(
+        "studies.repeatability", "few postures or one target of joints that do not repeat; some minutes"
+    ),
     "statements": Benchmark("studies.statements", "loads within what is stated: accusations, ratios"),
     "levers": Benchmark("studies.levers", "a load near axis 6: coverage, widths beside a dense grid"),
     "pure_error": Benchmark("studies.pure_error", "noise whatever the model: clean ones, mistakes"),
@@ -170,10 +173,11 @@ def main() -> None:
     console.print(f"{machine['processors']} processors, load {machine['load']:.2f}; {machine['versions']}\n")
     measured: list[Section] = []
     for name, function in functions.items():
+        sections: list[Section] = []
         with Console(stderr=True).status(f"{name} …"):
-            sections = _measured(name, function)
-        for section in sections:
-            print_section(console, section)
+            for section in _measure(name, function):
+                print_section(console, section)
+                sections.append(section)
         if arguments.record:
             record.write({name: _figures(sections)})
         measured += sections
@@ -183,10 +187,10 @@ def main() -> None:
         arguments.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
-def _functions(arguments: argparse.Namespace) -> dict[str, Callable[[], list[Section]]]:
+def _functions(arguments: argparse.Namespace) -> dict[str, Callable[[], Iterable[Section]]]:
     from benchmarks.report import Part
 
-    functions: dict[str, Callable[[], list[Section]]] = {}
+    functions: dict[str, Callable[[], Iterable[Section]]] = {}
     for name in arguments.benchmarks:
         benchmark = BENCHMARKS[name]
         run = importlib.import_module(f"benchmarks.{benchmark.module}").run
@@ -197,16 +201,17 @@ def _functions(arguments: argparse.Namespace) -> dict[str, Callable[[], list[Sec
     return functions
 
 
-def _measured(name: str, function: Callable[[], list[Section]]) -> list[Section]:
+def _measure(name: str, function: Callable[[], Iterable[Section]]) -> Iterator[Section]:
+    """Yield the sections of a benchmark, each as soon as it is measured."""
     from benchmarks.report import Section
 
     try:
-        return function()
+        yield from function()
     except FileNotFoundError as missing:
         if not str(missing.filename).startswith(str(_DATA)):
             raise
         note = "skipped, as the recorded data are not beside this checkout (../shared/data)"
-        return [Section(name, (note,), ())]
+        yield Section(name, (note,), ())
 
 
 def _figures(sections: list[Section]) -> list[Figure]:

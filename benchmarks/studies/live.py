@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.report import Figure, Part, Section
 from jointstiff.schemas.live import LiveState, MeasurementSetPost
 from jointstiff.schemas.measurement import Observation
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.live.campaign import Declaration, Entry, LiveCampaign
@@ -27,6 +28,7 @@ from jointstiff.simulator.equilibrium import deflections
 from jointstiff.simulator.experiment import plan_experiment
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
+from jointstiff.solver.run import run as identify
 
 __all__ = ["run"]
 
@@ -292,6 +294,7 @@ class _Outcome:
     right: tuple[int, int]  # intervals or decisions that hold, of how many
     first_inside: bool | None  # whether the first reading that was held out lay in its ball
     lists: Lists | None  # readings by other rules
+    ends_with_links: bool  # whether an ordinary run of the readings chooses elastic links or a base
 
 
 def _outcome(row: Row, seed: int) -> _Outcome:
@@ -310,7 +313,17 @@ def _outcome(row: Row, seed: int) -> _Outcome:
         right,
         held[0].inside if held else None,
         other_lists(reader) if compares else None,
+        _ends_with_links(campaign),
     )
+
+
+def _ends_with_links(campaign: LiveCampaign) -> bool:
+    """Return whether an ordinary run of the readings chooses a model in which more than joints bends."""
+    progress = campaign.progress
+    if progress.so_far.measurements is None:
+        return False
+    robot, noticed = progress.candidates.robot, progress.so_far.noticed
+    return identify(robot, progress.so_far.measurements, RunOptions(), noticed).links is not None
 
 
 def _share(values: Sequence[bool | None]) -> float:
@@ -345,6 +358,9 @@ def run(*, quick: bool, part: Part) -> list[Section]:
             beside["the plan in order, stopped when met"] = (in_order, 0.6)
             for name, (readings, most) in beside.items():
                 figures.append(Figure(f"{row.name}: readings over {name}", mean / readings, "at most", most))
+        if not row.links:
+            as_links = sum(each.ends_with_links for each in outcomes)
+            figures.append(Figure.none(f"{row.name}: of {len(outcomes)} rigid arms, with links", as_links))
         if of:
             least_right = 97.0 if row.goal["kind"] == "decision" else 93.0
             figures.append(Figure(f"{row.name}: right at the stop", right, "at least", least_right, " %"))

@@ -9,7 +9,7 @@ places are left out, so that the study ends within 10 minutes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 from time import process_time
@@ -413,7 +413,7 @@ def _is_illegal(judged: Judged) -> bool:
     return is_fast or is_outside or min(each.singular for each in traces) < CLEARANCE * (1.0 - 1e-3)
 
 
-def run(*, quick: bool, full: bool = False) -> list[Section]:
+def run(*, quick: bool, full: bool = False) -> Iterator[Section]:
     """Turn paths at several feeds and samplings, place them, and guess joints that were not seen."""
     arms = range(1 if quick else len(ARMS))
     shapes = list(SHAPES)[: 2 if quick else None]
@@ -426,13 +426,11 @@ def run(*, quick: bool, full: bool = False) -> list[Section]:
         sampled = cases[:: 1 if full else 5]
         placed = cases[::2] if full else cases[::7]
         timed = cases[:: 1 if full else 3]
-    return [
-        _report_turned(tasks),
-        _report_samplings(sampled),
-        _report_placed(placed, judges=not quick),
-        _report_times(timed, placed[:: 1 if full or quick else 3]),
-        _report_unseen(2 if quick else 40, judges=not quick),
-    ]
+    yield _report_turned(tasks)
+    yield _report_samplings(sampled)
+    yield _report_placed(placed, judges=not quick)
+    yield _report_times(timed, placed[:: 1 if full or quick else 3])
+    yield _report_unseen(2 if quick else 40, judges=not quick)
 
 
 def _report_turned(tasks: Sequence[tuple[Case, float]]) -> Section:

@@ -241,7 +241,7 @@ class Folds:
         # The triangle [R z] of the fold's rows [A d] has ‖R x − z‖ = ‖A x − d‖ for all unknowns x.
         R, z = part.triangle[:, :-1], part.triangle[:, -1]
         residual = unknowns @ R.T - z
-        reading_count = max(1, part.size.readings)
+        reading_count = max(1, part.sums.readings)
         return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / reading_count))
 
 

@@ -111,9 +111,10 @@ class SemidefiniteProgram:
         return self.cone.penalty(self.weight)
 
     def slack(self, x: FloatArray) -> FloatArray:
-        """Return the gradient (p,) of the objective at x (p,), which is the slack of the dual program.
+        """Return the gradient ``2 Rᵀ(R x − z) + p`` (p,) of the objective at x (p,).
 
-        At the optimum the slack is in the dual cone and orthogonal to x.
+        The gradient is also the slack of the constraints of the dual program. At the optimum it is in the
+        dual cone and orthogonal to x: a scalar or eigenvalue of x that is not zero has no slack.
         """
         R, z = self.fit.R, self.fit.z
         return np.asarray(2.0 * R.T @ (R @ x - z) + self.penalty)
@@ -157,7 +158,12 @@ class NormSum:
 
     @cached_property
     def program(self) -> Program:
-        """Program that minimises the loss with a penalty, compiled once; its parameters are penalty and h."""
+        """Program that minimises the loss with a penalty, compiled once.
+
+        Its parameters are the gradient p of the penalty and √h. Its unknowns are x and ``w = s v/√h`` for the
+        errors v, so that their loss ``‖s v‖²/(2h)`` is ``‖w‖²/2``. The program multiplies its columns of
+        errors by √h; the columns ``B / s`` then have the effect ``(B / s) √h w = B v``.
+        """
         from jointstiff.solver.fit import programs  # takes a second to import
 
         return programs.state_sum_of_norms(self.A, self.d, self.cone, self.B / self.statement)
@@ -221,12 +227,27 @@ def _propose_cone_solutions(program: SemidefiniteProgram) -> Iterator[ConeSoluti
             point = program.find_interior_point(tolerance, unit)
             if witness is None:
                 witness = point
-            for _ in range(1 + _NEWTON_STEPS):
-                if point is None:  # Clarabel or the last step failed
-                    break
-                x = program.cone.project(point)
-                yield ConeSolution(x, certify_cone(program, x, witness))
-                point = Face(program, x).take_newton_step()
+            yield from _refine_by_newton(program, point, witness)
+
+
+def _refine_by_newton(
+    program: SemidefiniteProgram, point: FloatArray | None, witness: FloatArray | None
+) -> Iterator[ConeSolution]:
+    """Yield the solution at a point of Clarabel (p,), then those after each of several steps of Newton.
+
+    The steps end early if one of them fails; without a point there is no solution.
+
+    Args:
+        program: program with squared residuals.
+        point: (p,) answer of Clarabel; None if Clarabel failed.
+        witness: (p,) Clarabel's first answer, with which each solution is compared; None without any.
+    """
+    for _ in range(1 + _NEWTON_STEPS):
+        if point is None:
+            return
+        x = program.cone.project(point)
+        yield ConeSolution(x, certify_cone(program, x, witness))
+        point = Face.near(program, x).take_newton_step()
 
 
 def solve_robust(
@@ -348,7 +369,7 @@ def certify_robust(
     gap_of_cone = _compute_complementarity(feasible.slack, x, cone, _NORMS_SLACK_ROUNDING)
     root_h = np.sqrt(h)
     B_nu = np.einsum("kiq,ki->q", loss.B, nu)  # Bᵀν
-    imbalance_of_errors = s / root_h * errors + root_h / s * B_nu
+    imbalance_of_errors = s / root_h * errors + root_h / s * B_nu  # zero at the optimum
     gap_of_errors = 0.5 * float(imbalance_of_errors @ imbalance_of_errors)
     gap = float(gap_of_targets + (gap_of_cone + gap_of_errors))
     primal_violation = max(0.0, -cone.least_value(x))
@@ -394,20 +415,10 @@ def _make_dual_feasible(cone: Cone, weight: float, rows: FloatArray, dual: Float
         rows: A (m, p).
         dual: nearly feasible ν, (m,) for squared residuals, or (K, 3) with norms of at most one.
     """
-    penalty, nu = cone.penalty(weight), dual.ravel()
-    without_penalty, penalised_scalars = slice(0, cone.free), slice(cone.free, cone.nonnegative)
-    columns_without_penalty = rows[:, without_penalty].T
-    shortfall = np.maximum(-(columns_without_penalty @ nu), 0.0)
-    if shortfall.any():
-        correction, *_ = np.linalg.lstsq(columns_without_penalty, shortfall, rcond=None)
-        nu = nu + correction
+    penalty = cone.penalty(weight)
+    nu = _correct_slacks_without_penalty(cone, rows, dual.ravel())
     gradient = rows.T @ nu
-    slack = gradient + penalty
-    must_not_be_negative = slack[penalised_scalars].tolist()
-    for size, place in cone.blocks():
-        eigenvalues = np.linalg.eigvalsh(to_matrix(slack[place], size))
-        must_not_be_negative.append(float(eigenvalues.min()))
-    violation = max(0.0, -min(must_not_be_negative, default=0.0))
+    violation = _find_violation(cone, slack=gradient + penalty)
     factor = weight / (weight + violation)
     multipliers = nu.reshape(dual.shape)
     has_norms = multipliers.ndim > 1
@@ -415,6 +426,38 @@ def _make_dual_feasible(cone: Cone, weight: float, rows: FloatArray, dual: Float
         greatest_norm = float(np.linalg.norm(multipliers, axis=1).max(initial=0.0))
         factor = min(factor, 1.0 / max(greatest_norm, 1.0))
     return _DualPoint(factor * multipliers, violation / weight, penalty + factor * gradient)
+
+
+def _correct_slacks_without_penalty(cone: Cone, rows: FloatArray, nu: FloatArray) -> FloatArray:
+    """Return multipliers (m,) near ν with which no scalar without a penalty has a negative slack.
+
+    The slack of such a scalar is ``A_jᵀν`` with its column A_j. The shortest change of ν that raises the
+    negative slacks to zero, and keeps the other slacks, is a least-squares solution.
+
+    Args:
+        cone: cone of the parameters.
+        rows: A (m, p).
+        nu: (m,) multipliers ν.
+    """
+    columns_without_penalty = rows[:, : cone.free].T
+    shortfall = np.maximum(-(columns_without_penalty @ nu), 0.0)
+    if not shortfall.any():
+        return nu
+    correction, *_ = np.linalg.lstsq(columns_without_penalty, shortfall, rcond=None)
+    return np.asarray(nu + correction)
+
+
+def _find_violation(cone: Cone, slack: FloatArray) -> float:
+    """Return how far the slack (p,) of penalised scalars and blocks is outside the dual cone; zero if inside.
+
+    This is minus the least slack of a scalar or eigenvalue of a block's slack.
+    """
+    penalised_scalars = slice(cone.free, cone.nonnegative)
+    must_not_be_negative = slack[penalised_scalars].tolist()
+    for size, place in cone.blocks():
+        eigenvalues = np.linalg.eigvalsh(to_matrix(slack[place], size))
+        must_not_be_negative.append(float(eigenvalues.min()))
+    return max(0.0, -min(must_not_be_negative, default=0.0))
 
 
 def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, rounding: float) -> float:
@@ -526,38 +569,43 @@ class _EigenSplit(NamedTuple):
 class _BlockFace:
     """Face of one block: the matrices X = U X_r Uᵀ of rank r near the optimum, with the slack V S_s Vᵀ.
 
-    The slack is the gradient of the objective; at the optimum it is zero on the range U of X.
+    The slack is the gradient of the objective; at the optimum it is zero on the range U of X. A change of X
+    along the face is ``U A Uᵀ + U B Vᵀ + V Bᵀ Uᵀ``: A (r, r) changes X within its range, B (r, size − r)
+    turns the range. The entries of A and B are the block's tangent coordinates.
     """
 
-    place: slice  # of the block in the parameters
+    place: slice  # of the block in the p parameters
+    first_coordinate: int  # index of the block's first tangent coordinate among those of the whole face
     U: FloatArray  # (size, r) range of X
     V: FloatArray  # (size, size − r) null space of X
-    core: FloatArray  # (r, r) X_r
-    slack: FloatArray  # (size − r, size − r) S_s
+    X_r: FloatArray  # (r, r) diagonal matrix of the eigenvalues of X that are not zero
+    S_s: FloatArray  # (size − r, size − r) slack on the null space
 
     @classmethod
-    def from_slack(cls, place: slice, split: _EigenSplit, slack: FloatArray) -> _BlockFace:
-        """Return the face of a block X = U diag(values) Uᵀ, given the slack (size, size) of the block.
+    def from_slack(
+        cls, place: slice, first_coordinate: int, split: _EigenSplit, slack: FloatArray
+    ) -> _BlockFace:
+        """Return the face of a block X = U diag(values) Uᵀ, given the slack of the block.
 
         At the optimum the slack on the null space V of X is positive semidefinite: S_s is the positive
         semidefinite matrix nearest to it.
 
         Args:
             place: place of the block in the parameters.
+            first_coordinate: number of tangent coordinates of the scalars and blocks before this one.
             split: range U and null space V of X, with its eigenvalues that are not zero.
-            slack: gradient of the objective with respect to X.
+            slack: (q,) gradient of the objective with respect to X, as the vector of a matrix.
         """
-        slack_on_null_space = split.V.T @ slack @ split.V
+        slack_on_null_space = split.V.T @ to_matrix(slack, len(split.U)) @ split.V
         eigenvalues, vectors = np.linalg.eigh(slack_on_null_space)
         S_s = (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
-        return cls(place, split.U, split.V, core=np.diag(split.values), slack=S_s)
+        return cls(place, first_coordinate, split.U, split.V, X_r=np.diag(split.values), S_s=S_s)
 
     @cached_property
     def basis(self) -> FloatArray:
-        """Orthonormal tangent vectors (q, d) of the face of a block, as columns.
+        """Orthonormal tangent vectors of the block's face (q, a + b), as columns; q is the length of a block.
 
-        First the changes of the part of the matrix within the range U, then the changes between U and its
-        complement V. q is the number of entries of the block as a vector.
+        First those of the a = r (r + 1) / 2 entries of A, then those of the b = r (size − r) entries of B.
         """
         size, rank = self.U.shape
         entry_count = size * (size + 1) // 2  # q
@@ -574,10 +622,25 @@ class _BlockFace:
         return to_vector(np.array(tangents)).T
 
     @property
-    def coordinates_within(self) -> int:
-        """Number of tangent vectors within the range U; they come first."""
-        rank = len(self.core)
-        return rank * (rank + 1) // 2
+    def coordinates(self) -> slice:
+        """Tangent coordinates of the block, A and B, among those of the whole face."""
+        return slice(self.first_coordinate, self.first_coordinate + self.basis.shape[1])
+
+    @property
+    def coordinates_across(self) -> slice:
+        """Tangent coordinates of B, across the range of X; they follow those of A."""
+        rank = len(self.X_r)
+        entries_of_A = rank * (rank + 1) // 2
+        return slice(self.coordinates.start + entries_of_A, self.coordinates.stop)
+
+    def compute_curvature(self) -> FloatArray:
+        """Return the Hessian (b, b) that the curvature of the face adds to the objective, by those of B.
+
+        X stays of rank r only if ``V Bᵀ X_r⁻¹ B Vᵀ`` is added to a change by B. The slack V S_s Vᵀ changes
+        the objective by ``tr(S_s Bᵀ X_r⁻¹ B)`` for it. The tangent vectors have unit length, so that B is
+        the coordinates over √2: the Hessian is ``X_r⁻¹ ⊗ S_s``.
+        """
+        return np.kron(np.linalg.inv(self.X_r), self.S_s)
 
     def take_step(self, step: FloatArray) -> FloatArray | None:
         """Return the block as a vector (q,) after a step that keeps its rank r; None if it leaves the cone.
@@ -586,18 +649,19 @@ class _BlockFace:
         block is ``W C⁻¹ Wᵀ``: equal to X + Z to first order, and of rank r.
 
         Args:
-            step: (d,) coordinates of Z in the tangent vectors of the face.
+            step: coordinates of Z in the tangent vectors `basis`.
         """
-        if not len(self.core):
+        if not len(self.X_r):
             return np.zeros(len(self.basis))
         Z = to_matrix(self.basis @ step, len(self.U))
-        C = self.core + self.U.T @ Z @ self.U
+        C = self.X_r + self.U.T @ Z @ self.U
         if np.linalg.eigvalsh(C)[0] <= 0.0:
             return None
         W = self.U @ C + self.V @ (self.V.T @ Z @ self.U)
         return to_vector(W @ np.linalg.solve(C, W.T))
 
 
+@dataclass(frozen=True, eq=False)
 class Face:
     """Face of a cone near the optimum: scalars and eigenvalues that exceed their slack count as not zero.
 
@@ -606,75 +670,67 @@ class Face:
     term meets the slack ``V S_s Vᵀ`` and bends the objective by ``tr(S_s Bᵀ X_r⁻¹ B)`` (Shapiro,
     *Perturbation analysis of optimization problems in Banach spaces*, 1992). The Hessian serves Newton's
     method, which refines Clarabel's answer, and the derivative of the fit with respect to the readings.
+
+    The d tangent coordinates are the changes of the scalars that are not zero, then those of each block.
     """
 
+    program: SemidefiniteProgram  #: program with squared residuals
     x: FloatArray  #: (p,) point on the face
+    slack: FloatArray  #: (p,) gradient of the objective at x
     free: IndexArray  #: indices of the scalars that are not zero
-    #: face of each block, and the slice of its tangent coordinates
-    blocks: tuple[tuple[_BlockFace, slice], ...]
-    basis: FloatArray  #: (p, d) tangent vectors: the free scalars', then those of the blocks
-    information: FloatArray  #: (d, d) Gram matrix 2 RᵀR of the readings in tangent coordinates
-    hessian: FloatArray  #: (d, d) Hessian of the objective on the face
+    blocks: tuple[_BlockFace, ...]  #: face of each block
 
-    def __init__(self, program: SemidefiniteProgram, x: FloatArray) -> None:
-        """Determine the face at a feasible point x (p,): zero scalars, and the rank of each block.
+    @classmethod
+    def near(cls, program: SemidefiniteProgram, x: FloatArray) -> Face:
+        """Determine the face near a feasible point x (p,): zero scalars, and the rank of each block.
 
-        The point is moved onto the face: small scalars and eigenvalues become zero. The unit of the slack is
-        the weight of the penalty.
+        The point is moved onto the face: small scalars and eigenvalues become zero. At the optimum a scalar
+        or its slack is zero. Near it the smaller one counts as zero; blocks: see `_split_blocks`.
         """
-        cone, slack = program.cone, program.slack(x)
-        scalars, matrices = slice(0, cone.nonnegative), slice(cone.nonnegative, None)
-        self.free = np.flatnonzero(x[scalars] > slack[scalars])
-        self.x = np.zeros(len(x))
-        self.x[self.free] = x[self.free]
-        largest = max(_SMALL, float(np.abs(x[matrices]).max(initial=0.0)))
-        slack_to_x = largest / program.weight
-        splits = []
-        for size, place in cone.blocks():
-            X, S = to_matrix(x[place], size), to_matrix(slack[place], size)
-            split = _EigenSplit.of(X, _ROUNDING * largest, scaled_slack=slack_to_x * S)
-            self.x[place] = to_vector(split.matrix)
-            splits.append(split)
-        self._slack = program.slack(self.x)
-        faces = []
-        for (size, place), split in zip(cone.blocks(), splits, strict=True):
-            faces.append(_BlockFace.from_slack(place, split, to_matrix(self._slack[place], size)))
-        self.blocks = self._number_tangents(faces)
-        self.basis = self._build_basis()
-        R = program.fit.R @ self.basis
-        self.information = 2.0 * R.T @ R
-        self.hessian = self._add_curvature(self.information)
+        slack = program.slack(x)
+        scalars = slice(0, program.cone.nonnegative)
+        free = np.flatnonzero(x[scalars] > slack[scalars])
+        splits = _split_blocks(program, x, slack)
+        on_face = np.zeros(len(x))
+        on_face[free] = x[free]
+        for (_, place), split in zip(program.cone.blocks(), splits, strict=True):
+            on_face[place] = to_vector(split.matrix)
+        slack_on_face = program.slack(on_face)
 
-    def _number_tangents(self, faces: list[_BlockFace]) -> tuple[tuple[_BlockFace, slice], ...]:
-        """Return each block's face with the slice of its tangent coordinates; those of scalars come first."""
-        numbered = []
-        start = len(self.free)
-        for face in faces:
-            stop = start + face.basis.shape[1]
-            numbered.append((face, slice(start, stop)))
-            start = stop
-        return tuple(numbered)
+        blocks = list[_BlockFace]()
+        coordinate_count = len(free)  # so far
+        for (_, place), split in zip(program.cone.blocks(), splits, strict=True):
+            block = _BlockFace.from_slack(place, coordinate_count, split, slack_on_face[place])
+            coordinate_count = block.coordinates.stop
+            blocks.append(block)
+        return cls(program, on_face, slack_on_face, free, tuple(blocks))
 
-    def _build_basis(self) -> FloatArray:
-        """Return the tangent vectors (p, d): a unit vector for each free scalar, then those of each block."""
-        width = len(self.free) + sum(face.basis.shape[1] for face, _ in self.blocks)
+    @cached_property
+    def basis(self) -> FloatArray:
+        """Tangent vectors (p, d): a unit vector for each free scalar, then those of each block."""
+        width = len(self.free) + sum(block.basis.shape[1] for block in self.blocks)
         basis = np.zeros((len(self.x), width))
         basis[self.free, np.arange(len(self.free))] = 1.0
-        for face, coordinates in self.blocks:
-            basis[face.place, coordinates] = face.basis
+        for block in self.blocks:
+            basis[block.place, block.coordinates] = block.basis
         return basis
 
-    def _add_curvature(self, information: FloatArray) -> FloatArray:
-        """Return the Hessian: the information, and the curvature ``tr(S_s Bᵀ X_r⁻¹ B)`` of each block's face.
+    @cached_property
+    def information(self) -> FloatArray:
+        """Gram matrix 2 RᵀR (d, d) of the readings in tangent coordinates."""
+        R = self.program.fit.R @ self.basis
+        return 2.0 * R.T @ R
 
-        B are the block's last coordinates, of changes between the range and the null space of X. A small
-        ridge keeps the point where it is in directions without curvature.
+    @cached_property
+    def hessian(self) -> FloatArray:
+        """Hessian (d, d) of the objective on the face: the information, and the curvature of each block.
+
+        A small ridge keeps the point where it is in directions without curvature.
         """
-        hessian = information.copy()
-        for face, coordinates in self.blocks:
-            if len(face.core):
-                of_B = slice(coordinates.start + face.coordinates_within, coordinates.stop)
-                hessian[of_B, of_B] += np.kron(np.linalg.inv(face.core), face.slack)
+        hessian = self.information.copy()
+        for block in self.blocks:
+            of_B = block.coordinates_across
+            hessian[of_B, of_B] += block.compute_curvature()
         diagonal = np.diag_indices_from(hessian)
         hessian[diagonal] += _RIDGE * hessian.diagonal().max(initial=0.0)
         return hessian
@@ -685,21 +741,44 @@ class Face:
         A step fails if the Hessian is singular or the step leaves the cone. The point may be worse than
         before, so it needs a certificate.
         """
-        gradient = self.basis.T @ self._slack
+        hessian, gradient = self.hessian, self.basis.T @ self.slack
         try:
-            step = np.asarray(np.linalg.solve(self.hessian, -gradient), dtype=np.float64)
+            step = np.asarray(np.linalg.solve(hessian, -gradient), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
         new_x = np.zeros(len(self.x))
         step_of_scalars = step[: len(self.free)]
         new_x[self.free] = self.x[self.free] + step_of_scalars
-        for face, coordinates in self.blocks:
-            block = face.take_step(step[coordinates])
-            if block is None:
+        for block in self.blocks:
+            new_block = block.take_step(step[block.coordinates])
+            if new_block is None:
                 return None
-            new_x[face.place] = block
+            new_x[block.place] = new_block
         is_in_cone = np.isfinite(new_x).all() and (new_x[self.free] >= 0.0).all()
         return new_x if is_in_cone else None
+
+
+def _split_blocks(program: SemidefiniteProgram, x: FloatArray, slack: FloatArray) -> tuple[_EigenSplit, ...]:
+    """Split each block of x into its range and its null space, near the optimum.
+
+    An eigenvalue counts as zero if it is smaller than the slack in its direction. The slack of blocks is as
+    large as the weight λ of the penalty, which may be decades smaller than the blocks, so the slack is first
+    multiplied by the greatest entry of the blocks over λ.
+
+    Args:
+        program: program with squared residuals.
+        x: (p,) feasible point.
+        slack: (p,) gradient of the objective at x.
+    """
+    cone = program.cone
+    entries_of_blocks = x[cone.nonnegative :]
+    largest_entry = max(_SMALL, float(np.abs(entries_of_blocks).max(initial=0.0)))
+    slack_to_x = largest_entry / program.weight
+    splits = []
+    for size, place in cone.blocks():
+        X, S = to_matrix(x[place], size), to_matrix(slack[place], size)
+        splits.append(_EigenSplit.of(X, _ROUNDING * largest_entry, scaled_slack=slack_to_x * S))
+    return tuple(splits)
 
 
 def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
@@ -717,14 +796,14 @@ def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> Fl
         An array (p,) whose sum is the effective number: each scalar's part of the number, and each block's
         part at the block's first entry; zero at the other entries.
     """
-    face = Face(program, x)
+    face = Face.near(program, x)
     # One part of the trace for each tangent vector of the face: the free scalars', then those of the blocks.
     parts = np.diagonal(np.linalg.solve(face.hessian, face.information))
     freedom = np.zeros(len(x))
     freedom[face.free] = parts[: len(face.free)]
-    for block, coordinates in face.blocks:
+    for block in face.blocks:
         first_entry = block.place.start
-        freedom[first_entry] = parts[coordinates].sum()
+        freedom[first_entry] = parts[block.coordinates].sum()
     return freedom
 
 

@@ -202,7 +202,7 @@ def _find_ranges(estimate: ElasticFit, to_effective: FloatArray, quantile: float
     program = reduced.state(_LIGHTER * likelihood.weight)
     optimum = solve_cone(program, wanted_gap=_GAP).x
     functions = to_effective[:, reduced.columns] * reduced.unit  # of the program's parameters x
-    root_of_increase = quantile * likelihood.sigma / reduced.size
+    root_of_increase = quantile * likelihood.sigma / reduced.reading_norm
     lower, upper = compute_penalised_range(program, optimum, root_of_increase**2, functions).T
     if estimate.candidate.model.name == "joints_and_base":
         least, greatest = compute_unconstrained_range(reduced.squares, functions, root_of_increase).T

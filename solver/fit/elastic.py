@@ -292,7 +292,7 @@ def _find_certified_optimum(reduced: Reduced, candidate: Candidate, weight: floa
         witness=solution.certificate.witness,
         squares=squares,
         weight_of_squares=weight_of_squares,
-        target_weights=loss.weigh_targets(unknowns),
+        target_weights=loss.compute_target_weights(unknowns),
     )
 
 
@@ -354,8 +354,8 @@ def _summarise_residuals(
         squares.state(weight), squares.to_parameters(compliances)
     )
     degrees_of_freedom = max(0.0, part.count - float(effective_freedom.sum()))
-    rows = part.with_errors_fitted  # [A d] of compliances and readings
-    residuals = rows[:, :-1] @ compliances - rows[:, -1]
+    S, s = part.regression
+    residuals = S @ compliances - s
     sum_of_squares = float(np.square(residuals).sum())
     if sigma is None and degrees_of_freedom >= _LEAST_FREEDOM:
         sigma = sqrt(sum_of_squares / degrees_of_freedom)
@@ -370,17 +370,17 @@ def _compute_gap_scale(reduced: Reduced) -> float:
     optimum more exact than these residuals would have no use. If sigma is None, the rms residual of a fit of
     joints alone replaces sigma.
     """
-    squares, reading_count = reduced.squares, reduced.part.size.readings
+    squares, reading_count = reduced.squares, reduced.part.sums.readings
     joint_count = reduced.cone.free  # the first parameters, which have no penalty
     joint_columns = squares.R[:, :joint_count]
     compliances, *_ = np.linalg.lstsq(joint_columns, squares.z, rcond=None)
     joints_residual = float(np.linalg.norm(joint_columns @ compliances - squares.z))
     # `squares.origin` are the parameters of the unconstrained fit.
     least_residual = float(np.linalg.norm(squares.R @ squares.origin - squares.z))
-    # Residuals are relative to the norm of the readings, `reduced.size` [m].
-    joints_scale = max(joints_residual, _LEAST_SCALE) * reduced.size
+    # Residuals are relative to the norm of the readings, `reduced.reading_norm` [m].
+    joints_scale = max(joints_residual, _LEAST_SCALE) * reduced.reading_norm
     noise = reduced.sigma or joints_scale / sqrt(max(1, reading_count - joint_count))
-    return max(noise, least_residual * reduced.size / sqrt(max(1, reading_count)))
+    return max(noise, least_residual * reduced.reading_norm / sqrt(max(1, reading_count)))
 
 
 def _build_uncertified_error(weight: float) -> UnsupportedMethodError:

@@ -102,25 +102,21 @@ class FreeLoad:
     ) -> FreeLoad:
         """Build the least-squares problem ``A c + B e ≈ d``, compressed by QR; the arguments are as of `of`.
 
-        c are the compliances of the p joints, e the K errors. The columns B depend on the compliances: B
-        changes by ``levers[:, j]`` for each unit of compliance of joint j.
+        c are the compliances of the p joints, e the K errors in units of their standard uncertainties. The
+        columns B depend on the compliances: B changes by ``levers[:, j]`` for a unit of compliance of joint
+        j.
         """
         triangle = _compress_rows_with_levers(rows, settings, statements)
-        R, columns_of = triangle.R, triangle.span  # QR factor of all rows; columns of each term in it
-        n = rows.robot.n
+        columns_of = triangle.span  # indices of the columns of each term, by its name
+        columns_of_joints = columns_of[JOINTS.name][joints]
         columns_of_errors = np.concatenate([columns_of[term.name] for term in statements.terms])
-        levers = np.zeros((len(R), n, len(columns_of_errors)))  # (rows, joints, errors)
-        for term in statements.terms:
-            if term.name in BY_JOINT:  # only errors of the load have levers
-                index_of_error = np.searchsorted(columns_of_errors, columns_of[term.name])
-                columns_by_joint = R[:, columns_of[BY_JOINT[term.name].name]]
-                levers[:, :, index_of_error] = columns_by_joint.reshape(len(R), n, -1)
+        levers_of_all_joints = _collect_levers(triangle, statements, rows.robot.n)
         free_load = cls(
             joints=joints,
-            A=R[:, joints],
-            B=R[:, columns_of_errors],
-            levers=levers[:, joints],
-            d=R[:, -1],
+            A=triangle.R[:, columns_of_joints],
+            B=triangle.R[:, columns_of_errors],
+            levers=levers_of_all_joints[:, joints],
+            d=triangle.rhs,
             compliance=statements.compliance[joints],
             sigma=statements.sigma,
             constraints=settings.constraints.select(joints),
@@ -187,16 +183,113 @@ def _compress_rows_with_levers(rows: Rows, settings: Settings, statements: State
     return triangle
 
 
-class _ProfiledColumns(NamedTuple):
-    """Columns of the least-squares problem ``v a + (B + (v − ĉ) lever) e ≈ d`` of one joint.
+def _collect_levers(triangle: Triangle, statements: Statements, n: int) -> FloatArray:
+    """Return the levers (m, n, K): effects of K errors at compliance 1 of one joint and 0 of the others.
 
-    The unknowns are the compliance v of the joint, whose fitted value is ĉ, and the K errors e.
+    Only errors of the load act through the joints, so the levers of other errors are zero.
+
+    Args:
+        triangle: m compressed rows, with a column for each error and joint (`_compress_rows_with_levers`).
+        statements: terms of the K errors; a term has one or several errors.
+        n: number of the robot's joints.
+    """
+    widths = [len(triangle.span[term.name]) for term in statements.terms]  # number of errors of each term
+    levers = np.zeros((len(triangle.R), n, sum(widths)))
+    start = 0
+    for term, width in zip(statements.terms, widths, strict=True):
+        errors_of_term = slice(start, start + width)
+        if term.name in BY_JOINT:
+            term_by_joint = BY_JOINT[term.name]
+            columns = triangle.R[:, triangle.span[term_by_joint.name]]  # (m, n · width), joint by joint
+            levers[:, :, errors_of_term] = columns.reshape(-1, n, width)
+        start += width
+    return levers
+
+
+class _ProfiledColumns(NamedTuple):
+    """Columns of the problem ``v a + C c' + (B + (v − ĉ) lever) e ≈ d`` of one joint.
+
+    v is the compliance of the joint, and ĉ its fitted value. The other unknowns are the compliances c' of the
+    other joints and the K errors e, in units of their standard uncertainties.
     """
 
     a: FloatArray  # (m, 1) column of the joint
-    B: FloatArray  # (m, K) columns of the errors at the fitted compliances
+    C: FloatArray  # (m, p − 1) columns of the other joints; (m, 0) after they are projected out
+    B: FloatArray  # (m, K) columns of the errors if the joint has its fitted compliance ĉ
     lever: FloatArray  # (m, K) change of B by a unit compliance of the joint
     d: FloatArray  # (m, 1) readings
+
+    def project_others_out(self) -> _ProfiledColumns:
+        """Return the columns without their part in the span of the other joints' columns.
+
+        A fit to the result equals a fit in which the other compliances are free.
+        """
+        scaled_others, _ = unit_columns(self.C)
+        Q = orthonormal_basis(scaled_others, INDEPENDENT)
+        return _ProfiledColumns(
+            a=self.a - Q @ (Q.T @ self.a),
+            C=self.C[:, :0],
+            B=self.B - Q @ (Q.T @ self.B),
+            lever=self.lever - Q @ (Q.T @ self.lever),
+            d=self.d - Q @ (Q.T @ self.d),
+        )
+
+
+class _ProfileRows(NamedTuple):
+    """Least-squares rows ``E e + C c' ≈ r`` of the unknowns e and c', for each of V compliances of one joint.
+
+    For each compliance there are m rows of the readings, then K rows that state that the errors are zero.
+    """
+
+    E: FloatArray  # (V, m + K, K) columns of the errors e
+    C: FloatArray  # (V, m + K, p − 1) columns of the other compliances c'; without any if these are free
+    r: FloatArray  # (V, m + K, 1) right-hand side
+
+    @classmethod
+    def build(
+        cls, compliance: FloatArray, fitted: float, columns: _ProfiledColumns, sigma: float
+    ) -> _ProfileRows:
+        """Build the rows of the readings, and a row ``σ e_k = 0`` of each error.
+
+        The rows of the readings are ``(B + (v − ĉ) lever) e + C c' ≈ d − v a``. The factor σ gives the
+        statement on an error, e_k = 0 ± 1, the weight of a reading with standard uncertainty σ.
+
+        Args:
+            compliance: (V,) compliances v of the joint [rad/(N·m)].
+            fitted: fitted compliance ĉ of the joint [rad/(N·m)].
+            columns: a, C, B, lever and d.
+            sigma: standard uncertainty σ of a reading [m].
+        """
+        m, error_count = columns.B.shape
+        row_count = m + error_count
+        v = compliance[:, None, None]
+        E = np.zeros((len(compliance), row_count, error_count))
+        C = np.zeros((len(compliance), row_count, columns.C.shape[1]))
+        r = np.zeros((len(compliance), row_count, 1))
+        E[:, :m] = columns.B + (v - fitted) * columns.lever
+        E[:, m:] = sigma * np.eye(error_count)
+        C[:, :m] = columns.C
+        r[:, :m] = columns.d - v * columns.a
+        return cls(E, C, r)
+
+    def compute_factors(self) -> FloatArray:
+        """Return the QR factors of the V matrices [E C r], (V, K + p, K + p)."""
+        return compute_triangular_factor(np.concatenate([self.E, self.C, self.r], axis=-1))
+
+    def minimise(self) -> FloatArray:
+        """Return the least sums of squares (V,) over all e and c'."""
+        # The last entry of a QR factor of [E C r] is the length of the residual of the fit to r.
+        length_of_residual = self.compute_factors()[:, -1, -1]
+        return np.square(length_of_residual)
+
+    def eliminate_errors(self) -> FloatArray:
+        """Return rows [R z] (V, p, p) of the problems ``R c' ≈ z`` that remain for the best errors e.
+
+        In the QR factor of [E C r] the first K rows determine the errors for any c'; below them are the rows
+        of c' alone.
+        """
+        error_count = self.E.shape[-1]
+        return self.compute_factors()[:, error_count:, error_count:]
 
 
 class Profile:
@@ -210,118 +303,85 @@ class Profile:
     """
 
     def __init__(self, load: FreeLoad, j: int) -> None:
-        """Prepare the profile of the joint with index j among the p joints that the readings show.
-
-        Whether the readings leave an upper end to the compliance is what the profile tells, so the joint's
-        own upper bound does not constrain it.
-        """
+        """Prepare the profile of the joint with index j among the p joints that the readings show."""
         self._load, self._j = load, j
-        self._others = np.delete(np.arange(len(load.joints)), j)
+        self._fitted = float(load.compliance[j])
+        self._others = np.delete(np.arange(len(load.joints)), j)  # the other joints, among the p
+        self._constraints = _remove_upper_bound(load.constraints, j)
         self.programs = 0
-        # A unit of compliance moves the readings, and the effects of the errors of the load on the readings.
-        effect_on_readings = np.linalg.norm(load.A[:, j])
-        effect_on_errors = np.linalg.norm(load.levers[:, j])
-        self.unit = load.sigma / float(np.hypot(effect_on_readings, effect_on_errors))
-        bounds = load.constraints.bounds
-        upper = bounds.upper.copy()
-        upper[j] = np.inf
-        self._constraints = replace(load.constraints, bounds=Bounds(bounds.lower, upper))
+        # A unit of v moves the readings by a + lever · e, with the column a of the joint. For errors e of one
+        # standard uncertainty, the mean square of this motion is ‖a‖² + ‖lever‖².
+        effect_of_compliance = np.linalg.norm(load.A[:, j])
+        effect_through_errors = np.linalg.norm(load.levers[:, j])
+        self.unit = load.sigma / float(np.hypot(effect_of_compliance, effect_through_errors))
 
     @property
     def _columns(self) -> _ProfiledColumns:
-        """Columns of this joint, of the errors, and of the readings."""
+        """Columns of this joint, of the other joints, of the errors, and of the readings."""
         load, j = self._load, self._j
-        return _ProfiledColumns(load.A[:, j : j + 1], load.B, load.levers[:, j], load.d[:, None])
+        return _ProfiledColumns(
+            a=load.A[:, j : j + 1],
+            C=load.A[:, self._others],
+            B=load.B,
+            lever=load.levers[:, j],
+            d=load.d[:, None],
+        )
 
     @cached_property
     def _columns_without_others(self) -> _ProfiledColumns:
-        """The columns with those of the other joints projected out.
+        """The columns with those of the other joints projected out, which leaves the other joints free."""
+        return self._columns.project_others_out()
 
-        A fit to the result equals a fit in which the other compliances are free.
-        """
-        columns_of_others, _ = unit_columns(self._load.A[:, self._others])
-        basis = orthonormal_basis(columns_of_others, INDEPENDENT)
-        projected = [columns - basis @ (basis.T @ columns) for columns in self._columns]
-        return _ProfiledColumns(*projected)
+    def _build_rows(self, compliance: FloatArray, columns: _ProfiledColumns) -> _ProfileRows:
+        """Build the least-squares rows of the unknowns for each of V compliances (V,) of the joint."""
+        return _ProfileRows.build(compliance, self._fitted, columns, self._load.sigma)
 
     def minimise_without_constraints(self, compliance: FloatArray) -> FloatArray:
         """Minimise the sum of squares over all other unknowns for each of V compliances of the joint.
 
-        Returns the least sums (V,) without constraints on the compliances.
+        Args:
+            compliance: (V,) compliances v of the joint [rad/(N·m)].
+
+        Returns:
+            The least sums (V,), without constraints on the compliances.
         """
-        rows = self._build_rows_of_errors(compliance, self._columns_without_others)
-        # The last entry of the QR factor of rows [A d] is the length of the residual of ``A x ≈ d``.
-        factors = compute_triangular_factor(rows)
-        return np.square(factors[:, -1, -1])
+        return self._build_rows(compliance, self._columns_without_others).minimise()
 
     def minimise_within_constraints(self, compliance: FloatArray) -> FloatArray:
         """Minimise the sum of squares over all other unknowns for each of V compliances of the joint.
 
-        Returns the least sums (V,) within the constraints on the compliances; infinite where no compliances
-        of the other joints satisfy the constraints.
+        Args:
+            compliance: (V,) compliances v of the joint [rad/(N·m)].
+
+        Returns:
+            The least sums (V,), within the constraints on the compliances; infinite where no compliances of
+            the other joints satisfy the constraints.
         """
-        rows = self._build_rows_of_all_unknowns(compliance)
-        # The errors have no constraints, and their columns come first. So the QR factor has a first part for
-        # the errors, and below it a part for the other compliances alone.
-        error_count = self._load.B.shape[1]
-        factors = compute_triangular_factor(rows)[:, error_count:, error_count:]
+        # Only the compliances have constraints, so that the errors can be eliminated first.
+        rows_of_others = self._build_rows(compliance, self._columns).eliminate_errors()
         least_sums = []
-        for value, factor in zip(compliance, factors, strict=True):
-            least_sums.append(self._minimise_over_other_joints(value, factor))
+        for v, rows in zip(compliance.tolist(), rows_of_others, strict=True):
+            least_sums.append(self._minimise_over_other_joints(v, rows))
         return np.array(least_sums)
 
-    def _build_rows_of_errors(self, compliance: FloatArray, columns: _ProfiledColumns) -> FloatArray:
-        """Build the least-squares rows of the errors e for each of V compliances v of the joint.
+    def _minimise_over_other_joints(self, v: float, rows: FloatArray) -> float:
+        """Return the least sum of squares over the other compliances c' within the constraints.
 
-        First m rows ``(B + (v − ĉ) lever) e = d − v a`` of the readings, with ĉ the fitted compliance, then K
-        rows ``σ e = 0``, which state that the errors are near zero.
-
-        Args:
-            compliance: (V,) compliances v.
-            columns: a, B, lever and d.
-
-        Returns:
-            Rows (V, m + K, K + 1), the right-hand side last.
-        """
-        a, B, lever, d = columns
-        m, error_count = B.shape
-        v = compliance[:, None, None]
-        rows = np.zeros((len(compliance), m + error_count, error_count + 1))
-        rows[:, :m, :-1] = B + (v - self._load.compliance[self._j]) * lever
-        rows[:, :m, -1:] = d - v * a
-        rows[:, m:, :-1] = self._load.sigma * np.eye(error_count)
-        return rows
-
-    def _build_rows_of_all_unknowns(self, compliance: FloatArray) -> FloatArray:
-        """Build the least-squares rows of the errors and the other joints, for V compliances of the joint.
-
-        Returns:
-            Rows (V, m + K, K + p): K columns of errors, p − 1 columns of other compliances, the right-hand
-            side.
-        """
-        rows = self._build_rows_of_errors(compliance, self._columns)
-        reading_count = len(self._load.A)
-        columns_of_others = np.zeros((*rows.shape[:2], len(self._others)))
-        columns_of_others[:, :reading_count] = self._load.A[:, self._others]
-        return np.concatenate([rows[..., :-1], columns_of_others, rows[..., -1:]], axis=-1)
-
-    def _minimise_over_other_joints(self, value: float, factor: FloatArray) -> float:
-        """Return the least sum of squares over the other compliances within the constraints.
-
-        The result is infinite if the order of the joints excludes the compliance of this joint.
+        The result is infinite if the order of the joints excludes the compliance v of this joint.
 
         Args:
-            value: compliance of this joint [rad/(N·m)].
-            factor: (p, p) triangular factor of the rows of the other compliances, the right-hand side last.
+            v: compliance of this joint [rad/(N·m)].
+            rows: (p, p) rows [R z] of the problem ``R c' ≈ z``.
         """
         self.programs += 1
         try:
-            remaining = self._constraints.fix_joints(np.array([self._j]), np.array([value]), self._others)
+            constraints = self._constraints.fix_joints(np.array([self._j]), np.array([v]), self._others)
         except RequestError:
             return np.inf
-        R, z = factor[:, :-1], factor[:, -1]
-        solution = solve_step(IdentificationProblem(R, z, remaining.bounds, remaining.inequalities))
-        return float(np.square(R @ solution.compliance - z).sum())
+        R, z = rows[:, :-1], rows[:, -1]
+        problem = IdentificationProblem(R, z, constraints.bounds, constraints.inequalities)
+        other_compliances = solve_step(problem).compliance
+        return float(np.square(R @ other_compliances - z).sum())
 
     def find_ends(self, radii: FloatArray) -> ProfileEnds:
         """Return intervals of the joint's compliance, in which the least sum of squares is near its minimum.
@@ -331,26 +391,45 @@ class Profile:
         so that their interval is contained in the other.
 
         Args:
-            radii: (q,) half-widths in standard uncertainties, times sigma.
+            radii: (q,) roots of the allowed rises of the sum: half-widths in standard uncertainties, times
+                sigma [m].
         """
-        estimate = float(self._load.compliance[self._j])
-        free = _Curve.around(estimate, self.unit, -np.inf, self.minimise_without_constraints)
+        free = _Curve.around(self._fitted, self.unit, -np.inf, self.minimise_without_constraints)
         free_ends = free.find_intervals(radii)
         best_fit = self._fit_without_constraints(free.bottom)
         if self._constraints.are_satisfied_by(best_fit):
             return ProfileEnds(free_ends, free_ends)
-        least = float(self._constraints.bounds.lower[self._j])
-        constrained = _Curve.around(estimate, self.unit, least, self.minimise_within_constraints)
+        lower_bound = float(self._constraints.bounds.lower[self._j])
+        constrained = _Curve.around(self._fitted, self.unit, lower_bound, self.minimise_within_constraints)
         return ProfileEnds(free_ends, constrained.find_intervals(radii))
 
-    def _fit_without_constraints(self, value: float) -> FloatArray:
-        """Return the compliances (p,) of the fit without constraints for a compliance of the joint."""
-        rows = self._build_rows_of_all_unknowns(np.array([value]))[0]
-        columns, lengths = unit_columns(rows[:, :-1])
-        scaled_unknowns, *_ = np.linalg.lstsq(columns, rows[:, -1], rcond=INDEPENDENT)
-        unknowns = scaled_unknowns / lengths  # first the errors, then the other compliances
-        error_count = self._load.B.shape[1]
-        return np.insert(unknowns[error_count:], self._j, value)
+    def _fit_without_constraints(self, v: float) -> FloatArray:
+        """Fit the other compliances and the errors, without constraints, for a compliance v of the joint.
+
+        Returns:
+            The compliances (p,) of all joints that the readings show, v among them [rad/(N·m)].
+        """
+        rows = self._build_rows(np.array([v]), self._columns)
+        E, C, r = rows.E[0], rows.C[0], rows.r[0, :, 0]
+        columns, lengths = unit_columns(np.hstack([E, C]))  # unit columns make `INDEPENDENT` meaningful
+        scaled_unknowns, *_ = np.linalg.lstsq(columns, r, rcond=INDEPENDENT)
+        unknowns = scaled_unknowns / lengths
+        error_count = E.shape[1]
+        compliances = np.empty(len(self._load.joints))
+        compliances[self._j] = v
+        compliances[self._others] = unknowns[error_count:]
+        return compliances
+
+
+def _remove_upper_bound(constraints: Constraints, j: int) -> Constraints:
+    """Return the constraints without the upper bound of joint j.
+
+    Whether the readings leave an upper end to the compliance is what its profile tells, so the joint's own
+    upper bound must not end the profile.
+    """
+    upper = constraints.bounds.upper.copy()
+    upper[j] = np.inf
+    return replace(constraints, bounds=Bounds(constraints.bounds.lower, upper))
 
 
 class ProfileEnds(NamedTuple):
@@ -364,7 +443,7 @@ class ProfileEnds(NamedTuple):
 class _Curve:
     """Sum of squares P(v) of a profile at compliances v of one joint, and its minimum."""
 
-    squares: Callable[[FloatArray], FloatArray]  #: the function P: sums of squares (V,) at compliances (V,)
+    compute: Callable[[FloatArray], FloatArray]  #: the function P: sums of squares (V,) at compliances (V,)
     grid: FloatArray  #: (G,) compliances at which P was computed first, ascending [rad/(N·m)]
     values: FloatArray  #: (G,) P on the grid
     unit: float  #: first step of the grid [rad/(N·m)]
@@ -374,38 +453,46 @@ class _Curve:
 
     @classmethod
     def around(
-        cls, estimate: float, unit: float, least: float, squares: Callable[[FloatArray], FloatArray]
+        cls, estimate: float, unit: float, least: float, compute: Callable[[FloatArray], FloatArray]
     ) -> _Curve:
         """Compute the profile on a grid around the estimate, and find the minimum between points of the grid.
 
         Args:
-            estimate: estimate [rad/(N·m)].
+            estimate: fitted compliance [rad/(N·m)].
             unit: first step from the estimate [rad/(N·m)].
             least: lower bound of the compliance [rad/(N·m)].
-            squares: sums of squares (V,) at compliances (V,).
+            compute: the function P: sums of squares (V,) at compliances (V,).
         """
         steps = unit * _STEPS
         points = np.concatenate([estimate - steps, [estimate], estimate + steps])
         grid = np.unique(np.clip(points, least, None))  # ascending
-        values = squares(grid)
+        values = compute(grid)
         lowest = int(values.argmin())
-        on_grid = cls(squares, grid, values, unit, least, float(grid[lowest]), float(values[lowest]))
+        on_grid = cls(compute, grid, values, unit, least, float(grid[lowest]), float(values[lowest]))
         if not np.isfinite(on_grid.minimum):
             return replace(on_grid, bottom=estimate)
-        before, after = grid[max(lowest - 1, 0)], grid[min(lowest + 1, len(grid) - 1)]
+        return on_grid._refine_minimum(lowest)
+
+    def _refine_minimum(self, lowest: int) -> _Curve:
+        """Return the curve with the minimum between the neighbours of the grid's lowest point.
+
+        Args:
+            lowest: index on the grid of the point with the least value.
+        """
+        before, after = max(lowest - 1, 0), min(lowest + 1, len(self.grid) - 1)
         found = minimize_scalar(
-            on_grid.compute_at,
-            bounds=(float(before), float(after)),
+            self.compute_at,
+            bounds=(float(self.grid[before]), float(self.grid[after])),
             method="bounded",
-            options={"maxiter": _MOST_STEPS_TO_MINIMUM, "xatol": _MINIMUM_TOLERANCE * unit},
+            options={"maxiter": _MOST_STEPS_TO_MINIMUM, "xatol": _MINIMUM_TOLERANCE * self.unit},
         )
-        if found.fun < on_grid.minimum:
-            return replace(on_grid, bottom=float(found.x), minimum=float(found.fun))
-        return on_grid
+        if found.fun < self.minimum:
+            return replace(self, bottom=float(found.x), minimum=float(found.fun))
+        return self
 
     def compute_at(self, v: float) -> float:
         """Return P at the compliance v."""
-        return float(self.squares(np.array([v]))[0])
+        return float(self.compute(np.array([v]))[0])
 
     def find_intervals(self, radii: FloatArray) -> FloatArray:
         """Find the intervals (q, 2) in which P exceeds its minimum by at most each squared radius.
@@ -420,22 +507,33 @@ class _Curve:
         return np.array([self._find_interval(radius) for radius in radii.tolist()]).reshape(-1, 2)
 
     def _find_interval(self, radius: float) -> tuple[float, float]:
-        """Return the ends of the interval around the minimum in which P rises by at most radius²."""
+        """Return the ends of the interval around the minimum in which P rises by at most radius².
+
+        Each end is between the outermost point of the grid that is inside, and its neighbour on the grid.
+        Without such a neighbour the end is the lower bound, or infinite.
+        """
         roots_of_rises = np.sqrt(np.maximum(self.values - self.minimum, 0.0))
         inside = np.append(self.grid[roots_of_rises <= radius], self.bottom)
-        first, last = float(inside.min()), float(inside.max())
-        below, above = self.grid[self.grid < first], self.grid[self.grid > last]
+        first_inside, last_inside = float(inside.min()), float(inside.max())
+        below, above = self.grid[self.grid < first_inside], self.grid[self.grid > last_inside]
         lower, upper = self.least, np.inf
         if len(below):
-            lower = self._find_crossing(first, float(below[-1]), radius)
+            lower = self._find_crossing(first_inside, float(below[-1]), radius)
         if len(above):
-            upper = self._find_crossing(last, float(above[0]), radius)
+            upper = self._find_crossing(last_inside, float(above[0]), radius)
         return lower, upper
 
     def _find_crossing(self, inside: float, beyond: float, radius: float) -> float:
-        """Return the compliance, between two neighbours on the grid, at which P has risen by radius²."""
+        """Return the compliance between two others at which P has risen by radius² above its minimum.
+
+        Args:
+            inside: compliance with a smaller rise [rad/(N·m)].
+            beyond: compliance with a greater rise [rad/(N·m)].
+            radius: root of the rise [m].
+        """
 
         def compute_excess(v: float) -> float:
+            """Return by how much the root of the rise at v exceeds the radius."""
             rise = max(self.compute_at(v) - self.minimum, 0.0)
             return float(np.sqrt(rise)) - radius
 

@@ -23,46 +23,75 @@ _BLOCK: Final = 256
 
 
 @dataclass(frozen=True, eq=False)
-class Size:
-    """Sums over observations that determine the scale of the penalty."""
+class Sums:
+    """Counts and sums over the observations of a part, which determine the scale of the penalty."""
 
-    configurations: int  #: number of observations
+    observations: int  #: number of observations
     readings: int  #: number of coordinates and encoders that were read
     targets: int  #: number of targets that were read
-    force: float  #: sum over the observations of ‖F‖² [N²]
-    moment: float  #: sum over the observations of ‖M‖² [N²·m²]
+    squared_force: float  #: sum over the observations of ‖F‖² [N²]
+    squared_moment: float  #: sum over the observations of ‖M‖² [N²·m²]
     #: (n + 1,) sum of the squared distances of the load point from the origins of the joint frames and, as
     #: the last number, of the base [m²]
-    lever: FloatArray
-    deflection: float  #: sum over the targets of ‖δp‖² [m²]
+    squared_levers: FloatArray
+    squared_deflection: float  #: sum over the targets of ‖δp‖² [m²]
 
     @classmethod
-    def add(cls, sizes: Sequence[Size]) -> Size:
-        """Return the sums over all observations of several sizes."""
+    def add(cls, parts: Sequence[Sums]) -> Sums:
+        """Return the counts and sums over the observations of several parts together."""
         sums = {}
         for field in fields(cls):
-            sums[field.name] = sum(getattr(size, field.name) for size in sizes)
+            sums[field.name] = sum(getattr(of_part, field.name) for of_part in parts)
         return cls(**sums)
 
 
-class _EliminatedErrors(NamedTuple):
-    """Least-squares problem in the P compliances x alone, and the K errors that fit best."""
+class RowColumns(NamedTuple):
+    """Columns of rows [A B d] of the least-squares problem ``A x + B v ≈ d``, as views of the rows.
 
-    rows: FloatArray  # (P + 1, P + 1) rows [S s] of the problem ``S x ≈ s``
-    map_to_errors: FloatArray  # (K, P + 1) [V v_0]: the best errors are v_0 − V x
+    The unknowns are the P compliances x and K systematic errors v with a prior.
+    """
+
+    A: FloatArray  #: (..., P) columns of the compliances x
+    B: FloatArray  #: (..., K) columns of the errors v, in units of their standard uncertainties
+    d: FloatArray  #: (...,) readings
+
+    @classmethod
+    def split(cls, rows: FloatArray, compliances: int) -> RowColumns:
+        """Split rows (..., P + K + 1); `compliances` is the number P of compliances."""
+        return cls(rows[..., :compliances], rows[..., compliances:-1], rows[..., -1])
+
+
+class Regression(NamedTuple):
+    """Least-squares problem ``S x ≈ s`` in the P compliances x."""
+
+    S: FloatArray  #: (P + 1, P) regressor
+    s: FloatArray  #: (P + 1,) readings
+
+    @classmethod
+    def split(cls, rows: FloatArray) -> Regression:
+        """Split rows [S s] (P + 1, P + 1)."""
+        return cls(rows[:, :-1], rows[:, -1])
+
+
+class _EliminatedErrors(NamedTuple):
+    """Least-squares problem in the P compliances x alone, and the K errors ``v = v_0 − V x`` that fit x."""
+
+    regression: Regression  # problem in x alone, with the same optimum as the problem in x and v
+    V: FloatArray  # (K, P) by how much the best errors fall for a unit of each compliance
+    v_0: FloatArray  # (K,) the best errors if all compliances are zero
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
     """Part of a measurement set, such as a fold: its rows for all elastic models, compressed.
 
-    The columns A of P compliances come first, then the columns B of K stated errors, in units of their
-    standard uncertainties, then the readings d.
+    The rows are [A B d]: columns A of P compliances, then columns B of K stated errors in units of their
+    standard uncertainties, then the readings d. `RowColumns` splits such rows.
     """
 
     #: (P + K + 1, P + K + 1) with ``TᵀT`` the Gram matrix of the rows [A B d], whitened in units of sigma
     triangle: FloatArray
-    size: Size
+    sums: Sums  #: counts and sums over the observations
     #: (T, 3, P + K + 1) whitened rows [A B d] of each target, which a robust loss needs; T = 0 for more than
     #: `MOST_TARGETS` targets
     targets: FloatArray
@@ -76,12 +105,12 @@ class Part:
         The QR factor of the stacked QR factors of the parts is that of all their rows. The rows of single
         targets are dropped if they become too many.
         """
-        size = Size.add([part.size for part in parts])
+        sums = Sums.add([part.sums for part in parts])
         factors = np.concatenate([part.triangle for part in parts])
         targets = np.concatenate([part.targets for part in parts])
-        if size.targets > MOST_TARGETS:
+        if sums.targets > MOST_TARGETS:
             targets = targets[:0]
-        return replace(parts[0], triangle=compute_triangular_factor(factors), size=size, targets=targets)
+        return replace(parts[0], triangle=compute_triangular_factor(factors), sums=sums, targets=targets)
 
     def with_sigma(self, sigma: float) -> Part:
         """Return the part with statements weighted by another standard uncertainty of a reading [m]."""
@@ -97,33 +126,43 @@ class Part:
         """Rows (q, P + K + 1) of the priors: first of the K errors, then of the compliances."""
         return self.statements.build_rows(self.compliances, self.stated_errors)
 
+    @property
+    def target_columns(self) -> RowColumns:
+        """Columns of the rows of single targets: A (T, 3, P), B (T, 3, K) and the deflections d (T, 3)."""
+        return RowColumns.split(self.targets, self.compliances)
+
     @cached_property
     def _eliminated(self) -> _EliminatedErrors:
         """The least-squares problem ``A x + B v ≈ d`` of readings and priors, with the K errors v eliminated.
 
-        The QR factor of the rows [B A d] of readings and priors has K upper rows [R_B R_A r] and lower rows
-        [0 S s]: ``S x ≈ s`` is the problem without errors, and ``v = R_B⁻¹ (r − R_A x)`` the best errors.
+        The QR factor of the rows [B A d] of readings and priors is
+
+            [R_B  R_A  r]    K rows
+            [ 0    S   s]    P + 1 rows
+
+        The errors appear only in the upper rows, which ``v = R_B⁻¹ (r − R_A x)`` satisfies exactly for any
+        x. So the lower rows ``S x ≈ s`` are the problem in x alone.
         """
-        P, K = self.compliances, self.stated_errors
-        rows = np.vstack([self.triangle, self.stated])  # [A B d] of readings, then of priors
-        A, B, d = rows[:, :P], rows[:, P : P + K], rows[:, P + K :]
-        factor = compute_triangular_factor(np.hstack([B, A, d]))
+        K = self.stated_errors
+        readings_and_priors = np.vstack([self.triangle, self.stated])
+        A, B, d = RowColumns.split(readings_and_priors, self.compliances)
+        factor = compute_triangular_factor(np.hstack([B, A, d[:, None]]))
         R_B, R_A_r, S_s = factor[:K, :K], factor[:K, K:], factor[K:, K:]
-        map_to_errors = np.linalg.solve(R_B, R_A_r)
-        return _EliminatedErrors(S_s, np.asarray(map_to_errors, dtype=np.float64))
+        V_v_0 = np.asarray(np.linalg.solve(R_B, R_A_r), dtype=np.float64)
+        return _EliminatedErrors(Regression.split(S_s), V=V_v_0[:, :-1], v_0=V_v_0[:, -1])
 
     @property
-    def with_errors_fitted(self) -> FloatArray:
-        """Upper triangular rows [S s] (P + 1, P + 1) of the problem ``S x ≈ s`` in the compliances x alone.
+    def regression(self) -> Regression:
+        """Least-squares problem ``S x ≈ s`` of readings and priors in the compliances x alone.
 
         Its solution equals the compliances of a fit together with the K systematic errors, which have priors.
         """
-        return self._eliminated.rows if len(self.stated) else self.triangle
+        return self._eliminated.regression if len(self.stated) else Regression.split(self.triangle)
 
     @property
     def count(self) -> int:
         """Number of readings and of stated compliances."""
-        return self.size.readings + len(self.stated) - self.stated_errors
+        return self.sums.readings + len(self.stated) - self.stated_errors
 
     def append_fitted_errors(self, compliances: FloatArray) -> FloatArray:
         """Append to compliances x (..., P) the systematic errors v (..., K) that fit best in least squares.
@@ -132,26 +171,30 @@ class Part:
         """
         if not self.stated_errors:
             return compliances
-        map_to_errors = self._eliminated.map_to_errors
-        V, v_0 = map_to_errors[:, :-1], map_to_errors[:, -1]
-        errors = v_0 - compliances @ V.T
+        V, v_0 = self._eliminated.V, self._eliminated.v_0
+        errors = v_0 - compliances @ V.T  # for each row of compliances
         return np.concatenate([compliances, errors], axis=-1)
 
     def compute_residual_norms(self, unknowns: FloatArray) -> FloatArray:
-        """Return the norm (T,) [m] of each target's whitened residual.
+        """Return the norm ‖A x + B v − d‖ (T,) [m] of the whitened residual of each target.
 
-        `unknowns` (P + K,) are the compliances, then the systematic errors.
+        Args:
+            unknowns: (P + K,) compliances x, then systematic errors v.
         """
-        regressor, readings = self.targets[..., :-1], self.targets[..., -1]  # (T, 3, P + K), (T, 3)
-        residuals = regressor @ unknowns - readings
+        regressor, deflections = self.targets[..., :-1], self.targets[..., -1]  # [A B] and d
+        residuals = regressor @ unknowns - deflections  # (T, 3)
         return np.asarray(np.linalg.norm(residuals, axis=1))
 
-    def weigh_targets(self, weight: FloatArray) -> Part:
-        """Return the part for weighted least squares: the squared residual of target t has the weight[t].
+    def with_target_weights(self, weights: FloatArray) -> Part:
+        """Return the part for weighted least squares, in which target t counts with the factor weights[t].
 
-        Only the compressed rows, `triangle`, are weighted: the rows `targets` remain as they are.
+        The factor multiplies the squared residual of the target. Only the compressed rows, `triangle`, are
+        weighted: the rows `targets` remain as they are.
+
+        Args:
+            weights: (T,) positive factors.
         """
-        weighted_rows = np.sqrt(weight)[:, None, None] * self.targets  # (T, 3, P + K + 1)
+        weighted_rows = np.sqrt(weights)[:, None, None] * self.targets  # (T, 3, P + K + 1)
         flat = weighted_rows.reshape(-1, weighted_rows.shape[-1])
         return replace(self, triangle=compute_triangular_factor(flat))
 
@@ -192,9 +235,9 @@ class _PartBuilder:
         """Start without rows; `part` are the ascending indices of the part's observations among the rows."""
         self._part = part
         self._measurements = rows.measurements[part]
-        self._factors = list[FloatArray]()  # QR factor of the rows of each block
-        self._targets = list[FloatArray]()  # rows of the targets of each block
-        self._squared_lever = np.zeros(rows.robot.n + 1)  # sums for each joint frame and the base [m²]
+        self._factors = list[FloatArray]()  # QR factor of the rows [A B d] of each block
+        self._targets = list[FloatArray]()  # (targets of a block, 3, P + K + 1) their rows [A B d]
+        self._squared_levers = np.zeros(rows.robot.n + 1)  # sums for each joint frame and the base [m²]
         self._reading_count = 0
         self._keeps_targets = int(self._measurements.present.sum()) <= MOST_TARGETS
 
@@ -202,45 +245,54 @@ class _PartBuilder:
         """Add the rows of those observations of a block that belong to the part.
 
         Args:
-            whitened: whitened rows of the B observations from index `start` to `stop` of the set.
+            whitened: whitened rows of the observations from index `start` to `stop` of the set.
             start: index of the block's first observation in the set.
             stop: index after its last observation.
         """
         in_part = select_rows_of_part(self._part, start, stop)  # indices in the block
-        rows = whitened.flat[in_part]  # (observations, rows of each, columns)
+        rows = whitened.flat[in_part]  # (observations, rows of each, P + K + 1)
         self._factors.append(compute_triangular_factor(rows.reshape(-1, rows.shape[-1])))
         self._reading_count += int(whitened.read[in_part].sum())
         if self._keeps_targets:
             was_read = whitened.block.measurements.present[in_part]
             self._targets.append(whitened.targets[in_part][was_read])
-        # Levers of the load: (B, n + 1, 3) vectors from the origin of each frame to the load point [m].
+        # Vectors (observations, n + 1, 3) from the origin of each joint's frame and the base's, which is the
+        # last, to the load point [m].
         _, _, to_load_point = whitened.block.frames
-        self._squared_lever += np.square(to_load_point[in_part]).sum(axis=(0, 2))
+        self._squared_levers += np.square(to_load_point[in_part]).sum(axis=(0, 2))
 
     def build(self, statements: Statements, columns: Columns) -> Part:
         """Return the part of the measurement set whose rows were added.
 
         Args:
-            statements: systematic errors with a prior, whose columns are in the rows.
-            columns: columns of the compliances in the rows.
+            statements: systematic errors with a prior, whose columns B are in the rows [A B d].
+            columns: layout of the columns A of the compliances.
         """
-        measurements = self._measurements
-        factors = np.concatenate(self._factors)
-        width = factors.shape[1]
-        triangle = Triangle(unknowns=width - 1)
+        factors = np.concatenate(self._factors)  # QR factors of all blocks, below each other
+        all_columns = factors.shape[1]  # P + K + 1
+        triangle = Triangle(unknowns=all_columns - 1)
         triangle.add(factors)
-        size = Size(
-            configurations=len(measurements),
+        no_targets = np.zeros((0, 3, all_columns))
+        return Part(
+            triangle=triangle.R,
+            sums=self._sum_up(),
+            targets=np.concatenate([no_targets, *self._targets]),
+            statements=statements,
+            compliances=columns.width,
+        )
+
+    def _sum_up(self) -> Sums:
+        """Return the counts and sums over all observations of the part."""
+        measurements = self._measurements
+        return Sums(
+            observations=len(measurements),
             readings=self._reading_count,
             targets=int(measurements.present.sum()),
-            force=float(np.square(measurements.force).sum()),
-            moment=float(np.square(measurements.moment).sum()),
-            lever=self._squared_lever,
-            deflection=float(np.square(measurements.deflection).sum()),
+            squared_force=float(np.square(measurements.force).sum()),
+            squared_moment=float(np.square(measurements.moment).sum()),
+            squared_levers=self._squared_levers,
+            squared_deflection=float(np.square(measurements.deflection).sum()),
         )
-        no_targets = np.zeros((0, 3, width))
-        targets = np.concatenate([no_targets, *self._targets])
-        return Part(triangle.R, size, targets, statements, columns.width)
 
 
 def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:

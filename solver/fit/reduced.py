@@ -42,7 +42,7 @@ from jointstiff.solver.fit.conic import (
     solve_robust,
 )
 from jointstiff.solver.fit.method import DEFAULT_THRESHOLD
-from jointstiff.solver.fit.part import MOST_TARGETS, Part, Size
+from jointstiff.solver.fit.part import MOST_TARGETS, Part, RowColumns, Sums
 from jointstiff.solver.fit.problem import Bounds, IdentificationProblem
 from jointstiff.solver.fit.solution import solve_step
 from jointstiff.solver.fit.stages import MEDIAN_NORM
@@ -91,11 +91,28 @@ class Candidate:
 
 
 class _Element(NamedTuple):
-    """Element with a penalty: the trace of K C K of its compliance C."""
+    """Elastic element with a compliance matrix C, whose penalty is the trace of K C K, with K diagonal."""
 
-    columns: IndexArray  #: columns of the entries of C
-    root: FloatArray  #: diagonal of K
+    columns: IndexArray  #: (q,) columns of the parameters: C's diagonal, or its upper triangle
+    root: FloatArray  #: (size,) diagonal of K
     is_full: bool  #: whether C is a full matrix; else it is diagonal
+
+    def compute_units(self, typical_compliance: float) -> FloatArray:
+        """Return the units (q,) of the entries of C, in which their parameters are those of ``K C K / u``.
+
+        The entry C_ij has the unit u / (K_i K_j), with the typical compliance u [m/N].
+        """
+        if not self.is_full:
+            return typical_compliance / self.root**2
+        i, j = triangle_indices(len(self.root))
+        return np.asarray(typical_compliance / (self.root[i] * self.root[j]))
+
+
+class _PenaltyScale(NamedTuple):
+    """Quantities that make the penalty on elastic elements free of units."""
+
+    typical_compliance: float  #: u, deflection over force [m/N]
+    levers: FloatArray  #: (n + 1,) lever ρ of the load about each joint's frame and, last, the base [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,28 +124,30 @@ class Reduced:
     cone: Cone  #: cone that contains the parameters
     columns: IndexArray  #: (p,) column of the rows that belongs to each parameter
     unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
-    size: float  #: norm ‖d‖ of the whitened readings [m], by which the readings are divided
+    reading_norm: float  #: norm ‖d‖ of all whitened readings [m], by which the squared loss divides residuals
     sigma: float | None  #: stated sigma of one coordinate of one reading [m]; None if no sigma is stated
 
     @cached_property
-    def total(self) -> float:
-        """Sum of the lengths of all targets' deflections [m]: the unit of robust losses."""
-        return float(np.linalg.norm(self.part.targets[..., -1], axis=1).sum())
+    def total_deflection(self) -> float:
+        """Sum Σ ‖d_i‖ of the lengths of all targets' deflections [m], by which Huber's loss is divided."""
+        deflections = self.part.target_columns.d  # (T, 3)
+        return float(np.linalg.norm(deflections, axis=1).sum())
 
     @cached_property
     def norms(self) -> NormSum:
-        """Robust objective ``Σ ρ(‖A_i x + B_i v − d_i‖)`` over the targets i, without the penalty.
+        """Huber's loss ``Σ ρ(‖A_i x + B_i v − d_i‖)`` of the targets i, without the penalty.
 
-        x are the parameters, v systematic errors with a prior, d_i the deflection of target i; all lengths
-        are in units of `total`.
+        x (p,) are the parameters, v (K,) systematic errors in units of their stated uncertainties, d_i (3,)
+        is the deflection of target i. All lengths are divided by `total_deflection`, so that Σ ‖d_i‖ = 1.
         """
-        rows = self.part.targets / self.total  # [A B d] of each target, with columns A of all compliances
+        in_total_deflections = self.part.targets / self.total_deflection
+        of_compliances, of_errors, d = RowColumns.split(in_total_deflections, self.part.compliances)
         return NormSum(
-            A=rows[..., self.columns] * self.unit,
-            d=rows[..., -1],
+            A=of_compliances[..., self.columns] * self.unit,
+            d=d,
             cone=self.cone,
-            B=rows[..., self.part.compliances : -1],
-            statement=self.part.statements.sigma / self.total,
+            B=of_errors,
+            statement=self.part.statements.sigma / self.total_deflection,
         )
 
     def state(self, weight: float) -> SemidefiniteProgram:
@@ -159,7 +178,7 @@ class Reduced:
             unknowns: (P + K,) fitted compliances, then fitted systematic errors.
         """
         norms = self.part.compute_residual_norms(unknowns)
-        mean_deflection = self.total / max(1, len(norms))
+        mean_deflection = self.total_deflection / max(1, len(norms))
         scale = float(np.median(norms)) / MEDIAN_NORM  # `MEDIAN_NORM` is the median norm of normal noise
         return max(scale, _LEAST_SCALE * mean_deflection)
 
@@ -195,37 +214,35 @@ def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: flo
         UnsupportedMethodError: no target moved, or no load acts, so that the size of the penalty is
             undefined.
     """
-    rows = part.with_errors_fitted  # [A d] of compliances and readings
-    regressor, z = rows[:, :-1], rows[:, -1]
+    regressor, z = part.regression
     reading_norm = float(np.linalg.norm(part.triangle[:, -1]))
     joint_norms = np.linalg.norm(regressor[:, candidate.columns.joints], axis=0)
     is_determined = visible & (joint_norms > _NO_COLUMN * joint_norms.max())
     joints = np.flatnonzero(is_determined)
-    penalty_unit, lever_arms = _scale_penalty(part.size, reading_norm)
-    elements = list(_list_penalised_elements(candidate, is_determined, lever_arms))
+    typical_compliance, levers = _scale_penalty(part.sums, reading_norm)
+    elements = list(_list_penalised_elements(candidate, is_determined, levers))
     diagonal = [element for element in elements if not element.is_full]
     full = [element for element in elements if element.is_full]
 
+    # The parameters in their order, which is that of `Cone`.
     columns = [joints]
     units = [reading_norm / joint_norms[joints]]
-    for element in diagonal:
+    for element in [*diagonal, *full]:
         columns.append(element.columns)
-        units.append(penalty_unit / element.root**2)
-    scalar_count = sum(len(each) for each in columns)
-    for element in full:
-        i, j = triangle_indices(len(element.root))
-        columns.append(element.columns)
-        units.append(penalty_unit / (element.root[i] * element.root[j]))
-
-    column, unit = np.concatenate(columns), np.concatenate(units)
-    matrix_sizes = tuple(len(element.root) for element in full)
+        units.append(element.compute_units(typical_compliance))
+    columns_of_x, unit = np.concatenate(columns), np.concatenate(units)
+    diagonal_entry_count = sum(len(element.columns) for element in diagonal)
     return Reduced(
         part=part,
-        squares=LeastSquares((regressor / reading_norm)[:, column] * unit, z / reading_norm),
-        cone=Cone(scalar_count, matrix_sizes, penalised=scalar_count - len(joints)),
-        columns=column,
+        squares=LeastSquares((regressor / reading_norm)[:, columns_of_x] * unit, z / reading_norm),
+        cone=Cone(
+            nonnegative=len(joints) + diagonal_entry_count,
+            sizes=tuple(len(element.root) for element in full),
+            penalised=diagonal_entry_count,
+        ),
+        columns=columns_of_x,
         unit=unit,
-        size=reading_norm,
+        reading_norm=reading_norm,
         sigma=sigma,
     )
 
@@ -262,39 +279,59 @@ def _list_penalised_elements(
             yield _Element(diagonal_columns, root, is_full=False)
 
 
-def _scale_penalty(size: Size, reading_norm: float) -> tuple[float, FloatArray]:
-    """Return a typical compliance u [m/N] and the levers ρ (n + 1,) [m] by which the penalty is scaled.
+def _scale_penalty(sums: Sums, reading_norm: float) -> _PenaltyScale:
+    """Return the typical compliance u and the levers ρ by which the penalty is scaled.
 
-    u is the root mean square deflection divided by the root mean square force. The lever ρ of a joint's
-    frame, or of the base, is the root mean square distance from its origin to the load point. A moment counts
-    as the force that causes this moment on the levers of the joints: a force F on a lever ρ of random
-    direction causes a squared moment of 2/3 ρ² F² on average, so that F² is 3/2 of the squared moment over
-    ρ². If the load point is the origin of every joint's frame, all levers are zero, and there is no scale.
+    u is the root mean square deflection of a target, divided by the root mean square force of a load.
 
     Args:
-        size: sums over the observations.
+        sums: sums over the observations.
         reading_norm: norm of the whitened readings [m]; zero if no target moved.
 
     Raises:
         UnsupportedMethodError: no target moved, or no load has a lever arm.
     """
-    levers = np.sqrt(size.lever / size.configurations)  # of the joints' frames, the base's last
-    longest_of_joints = levers[:-1].max()
-    levers = np.maximum(levers, _SHORTEST_LEVER * longest_of_joints)
-    sum_of_squared_forces = 0.0
-    has_levers = levers.all()
-    if has_levers:
-        squared_force_per_moment = float(np.mean(1.5 / levers[:-1] ** 2))
-        sum_of_squared_forces = size.force + size.moment * squared_force_per_moment
+    levers = _compute_levers(sums)
+    sum_of_squared_forces = _sum_squared_forces(sums, levers)
     if reading_norm == 0.0 or sum_of_squared_forces == 0.0:
         raise UnsupportedMethodError(
             "no target moved, or no load has a lever arm, so the penalty on link compliance has no scale",
             where="elasticity",
             remedy="use elasticity joints",
         )
-    squared_deflection = size.deflection / size.targets
-    squared_force = sum_of_squared_forces / size.configurations
-    return float(np.sqrt(squared_deflection / squared_force)), levers
+    squared_deflection = sums.squared_deflection / sums.targets  # mean of a target
+    squared_force = sum_of_squared_forces / sums.observations  # mean of an observation
+    return _PenaltyScale(float(np.sqrt(squared_deflection / squared_force)), levers)
+
+
+def _compute_levers(sums: Sums) -> FloatArray:
+    """Return the levers ρ (n + 1,) of the load [m], about the frames of the n joints and, last, the base.
+
+    A lever is the root mean square distance from the frame's origin to the load point. Levers near zero are
+    raised to a small fraction of the longest lever of a joint.
+    """
+    levers = np.sqrt(sums.squared_levers / sums.observations)
+    longest_of_joints = levers[:-1].max()
+    return np.asarray(np.maximum(levers, _SHORTEST_LEVER * longest_of_joints))
+
+
+def _sum_squared_forces(sums: Sums, levers: FloatArray) -> float:
+    """Return the sum of ‖F‖² over all loads [N²], in which a moment M counts as the force that causes it.
+
+    A force F on a lever of length ρ and random direction causes a squared moment of 2/3 ρ² ‖F‖² on average.
+    So a moment counts as ‖F‖² = 3/2 ‖M‖² / ρ², averaged over the levers of the joints.
+
+    Args:
+        sums: sums over the observations.
+        levers: (n + 1,) levers ρ of the joints' frames and, last, of the base [m].
+
+    Returns:
+        The sum; zero if the load point is the origin of every joint's frame, so that no lever has a length.
+    """
+    if not levers.all():
+        return 0.0
+    squared_force_per_moment = float(np.mean(1.5 / levers[:-1] ** 2))
+    return sums.squared_force + sums.squared_moment * squared_force_per_moment
 
 
 class Loss(ABC):
@@ -320,8 +357,15 @@ class Loss(ABC):
         """Return the duality gap at compliances (P,) that differ slightly from those of a solution."""
 
     @abstractmethod
-    def weigh_targets(self, unknowns: FloatArray) -> FloatArray | None:
-        """Return weights (T,) with which weighted squares have the same optimum; None for weights of 1."""
+    def compute_target_weights(self, unknowns: FloatArray) -> FloatArray | None:
+        """Return the weights (T,) of the targets with which weighted squares have the optimum of this loss.
+
+        Args:
+            unknowns: (P + K,) fitted compliances, then fitted systematic errors.
+
+        Returns:
+            The weights; None if all are 1.
+        """
 
     @abstractmethod
     def build_weighted_squares(
@@ -351,7 +395,7 @@ class SquaredLoss(Loss):
         x = self.reduced.to_parameters(compliances)
         return certify_cone(self.reduced.state(weight), x).gap
 
-    def weigh_targets(self, unknowns: FloatArray) -> None:  # noqa: ARG002
+    def compute_target_weights(self, unknowns: FloatArray) -> None:  # noqa: ARG002
         """Return None: all targets have the weight 1."""
         return
 
@@ -367,14 +411,15 @@ class SquaredLoss(Loss):
 
 @dataclass(frozen=True, eq=False)
 class HuberLoss(Loss):
-    """Huber's loss of the norm of each target's residual, over the sum of the deflections' lengths."""
+    """Huber's loss ρ of the norm of each target's residual, over the sum of the deflections' lengths."""
 
     reduced: Reduced
-    threshold: float  #: length h of a residual from which the loss is linear [m]
+    threshold: float  #: h, the length of a residual from which ρ is linear [m]
 
     def _state_program(self, weight: float) -> RobustProgram:
         """Return the program with Huber's loss and λ times the penalty, in the unit of robust losses."""
-        return RobustProgram(self.reduced.norms, weight, self.threshold / self.reduced.total)
+        threshold = self.threshold / self.reduced.total_deflection
+        return RobustProgram(self.reduced.norms, weight, threshold)
 
     def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> RobustSolution:
         """Minimise Huber's loss plus λ times the penalty; arguments and errors are those of `Loss.solve`."""
@@ -387,10 +432,11 @@ class HuberLoss(Loss):
         multipliers = solution.certificate.multipliers
         return certify_robust(self._state_program(weight), x, errors, multipliers).gap
 
-    def weigh_targets(self, unknowns: FloatArray) -> FloatArray:
+    def compute_target_weights(self, unknowns: FloatArray) -> FloatArray:
         """Return weights (T,): 1 up to the threshold h, and h/‖r‖ for a target whose residual r is longer.
 
-        With these weights, the gradient of the weighted squares is a multiple of that of Huber's loss.
+        With these weights w, the gradient 2 w r of a weighted square is 2h times the gradient of Huber's
+        loss, which is r/h up to h and r/‖r‖ beyond.
         """
         norms = self.reduced.part.compute_residual_norms(unknowns)
         return np.asarray(self.threshold / np.maximum(norms, self.threshold))
@@ -400,27 +446,48 @@ class HuberLoss(Loss):
     ) -> tuple[Reduced, float]:
         """Return a weighted least-squares problem with the optimum of the fit, and its penalty weight.
 
-        The weighted squares are 2h times Huber's loss in the gradient, where h is the threshold. Each loss is
-        divided by its own norm of the readings, and the penalty's weight makes up for these factors.
+        The fit minimises ``Σ ρ(r_i) / Σ ‖d_i‖ + λ tr`` over the parameters, with the residuals r_i, the
+        deflections d_i and Huber's loss ρ with threshold h. The problem is ``Σ w_i ‖r_i‖² / ‖d_w‖² + λ_s tr``
+        with the weights w_i of `compute_target_weights` and the norm ‖d_w‖ of the weighted readings. At the
+        fitted unknowns ``Σ w_i ‖r_i‖²`` has 2h times the gradient of ``Σ ρ(r_i)``. So both optima are the
+        same for ``λ_s = 2h λ Σ ‖d_i‖ / ‖d_w‖²``.
+
+        Args:
+            candidate: elastic elements that bend.
+            unknowns: (P + K,) fitted compliances, then fitted systematic errors.
+            weight: weight λ of the penalty in the fit.
+
+        Returns:
+            The weighted problem, and λ_s.
         """
-        reduced = self.reduced
-        was_determined = np.isin(np.arange(candidate.columns.n), reduced.columns)
-        weighted_part = reduced.part.weigh_targets(self.weigh_targets(unknowns))
-        squares = reduce_part(weighted_part, candidate, was_determined, reduced.sigma)
-        ratio_of_gradients = 2.0 * reduced.total * self.threshold
-        return squares, ratio_of_gradients * weight / squares.size**2
+        part, sigma = self.reduced.part, self.reduced.sigma
+        weighted_part = part.with_target_weights(self.compute_target_weights(unknowns))
+        squares = reduce_part(weighted_part, candidate, self._find_fitted_joints(candidate), sigma)
+        numerator = 2.0 * self.reduced.total_deflection * self.threshold * weight
+        return squares, numerator / squares.reading_norm**2
+
+    def _find_fitted_joints(self, candidate: Candidate) -> BoolArray:
+        """Return the mask (n,) of the joints whose compliances are parameters of the fit."""
+        joints = np.arange(candidate.columns.n)  # the first columns, in the order of the joints
+        return np.isin(joints, self.reduced.columns)
 
 
 def compute_gap_unit(reduced: Reduced, candidate: Candidate) -> float:
-    """Return the factor [m] that converts the duality gap of a fit to a length.
+    """Return the length [m] that corresponds to a duality gap of 1: `gap · length` is the error of a fit.
 
-    With the squared loss, the length is how far the fitted readings are from those at the exact optimum. With
-    a robust loss, the length is by how much the mean norm of the targets' residuals exceeds that at the exact
-    optimum.
+    The gap of an answer, `Certificate.gap`, bounds how far the answer is from the exact optimum. It has no
+    unit, because a loss is divided by the size of the readings d:
+
+        squared    Σ ‖r_i‖² / ‖d‖²       The gap is the root of the excess of the loss. With ‖d‖ as its unit
+                                         it is the distance of the fitted readings from those at the optimum.
+        huber      Σ ρ(r_i) / Σ ‖d_i‖    The gap is the excess of the loss. With the mean length of the
+                                         deflections, Σ ‖d_i‖ over their number, as its unit it is the excess
+                                         of the mean loss of a target, which is a length.
     """
     if candidate.loss == "squared":
-        return reduced.size  # the norm of the readings, by which squared losses are divided
-    return reduced.total / reduced.part.size.targets  # the mean length of the deflections
+        return reduced.reading_norm
+    target_count = reduced.part.sums.targets
+    return reduced.total_deflection / target_count
 
 
 class Fitted(NamedTuple):
@@ -474,8 +541,8 @@ def convert_weight_to_squares(
     """
     if candidate.loss == "squared":
         return weight
-    ratio_of_gradients = _compare_gradients(reduced, candidate, unknowns)
-    return max(weight * ratio_of_gradients, _LEAST_WEIGHT)
+    ratio = _compute_ratio_of_gradients(reduced, candidate, unknowns)
+    return max(weight * ratio, _LEAST_WEIGHT)
 
 
 def convert_weight_to_huber(
@@ -489,24 +556,29 @@ def convert_weight_to_huber(
         unknowns: (P + K,) compliances, then systematic errors, fitted by squares.
         weight: weight λ of the penalty in the fit by squares.
     """
-    ratio_of_gradients = _compare_gradients(reduced, candidate, unknowns)
-    return weight / ratio_of_gradients
+    return weight / _compute_ratio_of_gradients(reduced, candidate, unknowns)
 
 
-def _compare_gradients(reduced: Reduced, candidate: Candidate, unknowns: FloatArray) -> float:
-    """Return the ratio of the gradient of squares to that of Huber's loss, at the fitted unknowns.
+def _compute_ratio_of_gradients(reduced: Reduced, candidate: Candidate, unknowns: FloatArray) -> float:
+    """Return the ratio of the gradient of the squared loss to that of Huber's loss, at fitted unknowns.
 
-    A penalty of the same weight is weaker by this ratio in a fit by squares. A residual r contributes ‖r‖/h
-    to the gradient of Huber's loss up to the threshold h, and 1 beyond; to that of squares it contributes
-    2‖r‖. The ratio is therefore 2 max(‖r‖, h), here averaged over the targets.
+    A fit balances the gradient of its loss and that of the penalty. So a weight λ of the penalty with Huber's
+    loss is as strong as `ratio · λ` with squares. For residuals r_i and deflections d_i of the targets:
+
+        loss       Σ ‖r_i‖² / ‖d‖²        Σ ρ(r_i) / Σ ‖d_i‖
+        gradient   2 ‖r_i‖ / ‖d‖²         min(‖r_i‖/h, 1) / Σ ‖d_i‖     by the length of r_i
+        ratio      2 max(‖r_i‖, h) Σ ‖d_i‖ / ‖d‖²                       averaged over the targets
+
+    Args:
+        reduced: rows of the fit.
+        candidate: threshold h of Huber's loss ρ, in units of sigma.
+        unknowns: (P + K,) fitted compliances, then fitted systematic errors.
     """
-    scale = reduced.sigma or reduced.estimate_residual_scale(unknowns)
-    threshold = candidate.threshold * scale
-    norms = reduced.part.compute_residual_norms(unknowns)
-    mean_ratio = 2.0 * float(np.maximum(norms, threshold).mean())
-    # Squares are divided by ‖d‖² of the readings d, Huber's loss by the sum of their lengths.
-    squared_norm_of_readings, sum_of_lengths = reduced.size**2, reduced.total
-    return mean_ratio * sum_of_lengths / squared_norm_of_readings
+    sigma = reduced.sigma or reduced.estimate_residual_scale(unknowns)
+    h = candidate.threshold * sigma
+    norms = reduced.part.compute_residual_norms(unknowns)  # ‖r_i‖
+    mean_ratio = 2.0 * float(np.maximum(norms, h).mean())
+    return mean_ratio * reduced.total_deflection / reduced.reading_norm**2
 
 
 def list_losses_to_compare(measurements: Measurements, losses: tuple[LossName, ...]) -> tuple[LossName, ...]:

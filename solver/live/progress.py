@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -22,8 +22,10 @@ from jointstiff.schemas.options import OwnWeight, RunOptions, StiffnessPrior
 from jointstiff.schemas.plan import DecisionGoal, Goal, JointsGoal
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.design.candidates import Equipment
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.evidence.scatter import Posterior
 from jointstiff.solver.fit.estimate import stiffness_interval
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
@@ -38,7 +40,7 @@ from jointstiff.solver.live.innovation import (
 from jointstiff.solver.live.priors import Standing, compare_priors
 from jointstiff.solver.mechanics.measurements import Measurements, Scatter
 from jointstiff.solver.run import run
-from jointstiff.solver.text import length_text
+from jointstiff.solver.text import figure, length_text
 
 FEWEST: Final = 5
 """Fewest readings with which a goal can be met."""
@@ -49,6 +51,8 @@ _FEWEST_TO_FIND_MISTAKE: Final = 3
 """Fewest readings with which a mistake in one of them can be found."""
 ENOUGH_TO_SAY: Final = 10
 """Number of readings from which on a goal may be reported as out of reach."""
+_MANY: Final = 8
+"""Number of missing readings from which on another load is looked for."""
 _SIGNIFICANT: Final = 0.2
 """p-value of the residuals for the stated noise, below which a model error is assumed."""
 
@@ -65,6 +69,31 @@ class ReadingsSoFar:
     kept: frozenset[str] = frozenset()  #: labels of doubtful readings that the user kept
     skipped: tuple[tuple[float, ...], ...] = ()  #: postures that the user skipped [rad or m]
     check: HeldOut | None = None  #: check of the last reading that counts; None if it was not held out
+
+
+class _Fitted(NamedTuple):
+    """Joints fitted to the readings so far."""
+
+    compliance: FloatArray  # (n,) [rad/(N·m)], zero or more
+    scatter: Scatter  # errors that the targets of a posture share
+    posterior: Posterior | None  # of the scatter; None if the scatter is as stated
+
+
+@dataclass(frozen=True, eq=False)
+class OtherLoad:
+    """Load with which further readings meet the goal sooner than with the present load."""
+
+    equipment: Equipment  #: equipment with this load
+    is_stronger: bool  #: whether the force is greater; else the hook is farther out
+    missing: int  #: number of readings until the goal is met
+
+    @property
+    def words(self) -> str:
+        """Load in words, as a condition."""
+        if self.is_stronger:
+            return f"with {figure(self.equipment.loads.force)} N, if the arm may carry it,"
+        x, y, z = (figure(1e3 * coordinate) for coordinate in self.equipment.load_point)
+        return f"with the load farther out, at {x}, {y}, {z} mm in the flange frame,"
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,25 +124,22 @@ class Progress:
         fitted, robot = self._fitted, self.candidates.robot
         if self.weight is not None or readings.direction is not None or fitted is None:
             return None, None
-        compliance, scatter = fitted
-        readings = replace(readings, scatter=scatter)
-        found = compare_last_reading(robot, readings, compliance)
+        readings = replace(readings, scatter=fitted.scatter)
+        found = compare_last_reading(robot, readings, fitted.compliance)
         if not self.awaits_held_out or found.doubtful:
             return found, None
-        return found, check_held_out_reading(robot, readings, compliance, len(readings) - 1)
+        return found, check_held_out_reading(robot, readings, fitted.compliance, len(readings) - 1)
 
     @cached_property
-    def _fitted(self) -> tuple[FloatArray, Scatter] | None:
-        """Compliances (n,) from the readings that count [rad/(N·m)], and scatter shared by targets.
-
-        None if the readings do not identify any joint.
-        """
+    def _fitted(self) -> _Fitted | None:
+        """Fit of the joints to the readings that count; None if the readings do not identify any joint."""
         robot, measurements = self.candidates.robot, self.so_far.measurements
         if measurements is None:
             return None
         try:
             joints = JointsAlone(Rows(robot, measurements), Settings.from_options(RunOptions(), robot))
-            return np.maximum(joints.estimate.compliance, 0.0), joints.measurements.scatter
+            compliance = np.maximum(joints.estimate.compliance, 0.0)
+            return _Fitted(compliance, joints.measurements.scatter, joints.identified.posterior)
         except JointstiffError:
             return None
 
@@ -164,7 +190,10 @@ class Progress:
     @cached_property
     def known(self) -> KnownCompliances:
         """Compliances from the readings so far; the covariance contains stated errors, not assumed errors."""
-        return self._extract_known_compliances(self.result, assumed=False)
+        known = self._extract_known_compliances(self.result, assumed=False)
+        if self.weight is not None or self._fitted is None:
+            return known
+        return replace(known, scatter=self._fitted.scatter, posterior=self._fitted.posterior)
 
     def _extract_known_compliances(
         self, result: RunResult | JointstiffError | None, *, assumed: bool
@@ -278,11 +307,52 @@ class Progress:
     def next(self) -> NextReading | None:
         """Posture and load of the next reading; None if no candidate remains."""
         m = self.so_far.measurements
-        excluded = np.array(self.so_far.skipped, dtype=np.float64).reshape(-1, self.candidates.robot.n)
+        present_posture = None if m is None else m.joints[-1]
+        return self._choose_next(self._present_candidates, present_posture)
+
+    @cached_property
+    def _present_candidates(self) -> CandidateReadings:
+        """Candidate readings with the hook of the last reading: whoever moves the hook goes on with it."""
+        m = self.so_far.measurements
+        if m is None or self.weight is not None:
+            return self.candidates
+        return self.candidates.with_load_point(m.load_point[-1])
+
+    def _choose_next(
+        self, candidates: CandidateReadings, present_posture: FloatArray | None
+    ) -> NextReading | None:
+        """Choose the next of some candidate readings; None if no candidate remains.
+
+        `present_posture` (n,) is that of the arm [rad]; None if travel does not matter.
+        """
+        m = self.so_far.measurements
+        excluded = np.array(self.so_far.skipped, dtype=np.float64).reshape(-1, candidates.robot.n)
         if m is not None:
             excluded = np.concatenate([excluded, m.joints])
-        present_posture = None if m is None else m.joints[-1]
-        return self.candidates.choose_next(self.goal, self.known, m, excluded, present_posture)
+        return candidates.choose_next(self.goal, self.known, m, excluded, present_posture)
+
+    @cached_property
+    def other_load(self) -> OtherLoad | None:
+        """Load with which the goal needs at most half as many further readings; None if there is none.
+
+        A hook that is farther out is preferred to a greater force, which the arm may not carry.
+        """
+        missing = self._missing
+        is_far = missing is None or missing >= _MANY
+        if not (is_far and isinstance(self.result, RunResult)):
+            return None
+        found = list[OtherLoad]()
+        present_force = self._present_candidates.request.equipment.loads.force
+        for candidates in self._present_candidates.with_other_loads:
+            following = self._choose_next(candidates, None)
+            if following is None or following.missing is None:
+                continue
+            equipment = candidates.request.equipment
+            found.append(OtherLoad(equipment, equipment.loads.force > present_force, following.missing))
+        best = min(found, key=lambda each: (each.missing, each.is_stronger), default=None)
+        if best is None or (missing is not None and 2 * best.missing > missing):
+            return None
+        return best
 
     @property
     def _missing(self) -> int | None:
@@ -302,8 +372,13 @@ class Progress:
         if self.mistake is not None or not np.isfinite(self.share.greatest_share):
             return None
         missing = self._missing
-        if missing is None:
-            return None
+        return None if missing is None else self._count_with_check(missing)
+
+    def _count_with_check(self, missing: int) -> int:
+        """Return the number of further readings, the held-out reading included.
+
+        `missing` is the number until the uncertainty meets the goal.
+        """
         to_fewest = self.fewest_readings - self.count
         if self.fewest_readings == FEWEST:
             # The last of the missing readings is the held-out reading; see `awaits_held_out`.
@@ -335,11 +410,12 @@ class Progress:
             return self._describe_mistake_state(self.mistake)
         missing = self.still_needed
         if self.count >= ENOUGH_TO_SAY and self._missing is None:
-            return "cannot", f"the goal will not be met: {self._describe_obstacle()}"
+            obstacle = self._describe_obstacle()
+            return "cannot", f"the goal will not be met: {obstacle}{self._describe_other_load()}"
         if isinstance(self.result, JointstiffError):
             does = "does" if self.count == 1 else "do"
             return "measuring", f"{read} {does} not give a result yet: {self.result.reason}"
-        left = "" if missing is None else f"; about {missing} more"
+        left = "" if missing is None else f"; about {missing} more{self._describe_other_load()}"
         if 0 < self.count < self.fewest_readings and self.share.greatest_share <= 1.0:
             left = f": the goal needs {self.fewest_readings} readings and then a held-out reading{left}"
         return "measuring", f"{read}{left}"
@@ -395,6 +471,14 @@ class Progress:
             f"; without the assumed errors of load point and force (± {100 * greatest:.0f} % with these "
             "errors)"
         )
+
+    def _describe_other_load(self) -> str:
+        """Return which load meets the goal with fewer readings; an empty string if there is none."""
+        other = self.other_load
+        if other is None:
+            return ""
+        needed = self._count_with_check(other.missing)
+        return f"; {other.words} about {needed} more would meet the goal"
 
     def _describe_obstacle(self) -> str:
         """Return a sentence that names the joint or the deflection that keeps the goal from being met."""

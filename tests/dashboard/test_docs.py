@@ -38,4 +38,5 @@ def test_pages_are_shown_without_a_fault(visit):
     for page in ("index", "reference/http", "reference/messages", "glossary", "genindex"):
         visited.page.goto(f"{visited.url}/docs/{page}.html")
         visited.page.locator("h1").wait_for()
-    visited.page.wait_for_load_state("networkidle")
+        loaded = visited.page.evaluate("document.fonts.ready.then(() => document.readyState)")
+        assert loaded == "complete"

@@ -90,7 +90,8 @@ def collect_loads(
 ) -> Loads:
     """Return the load at each visit of a target, from the table of loads or else from the options.
 
-    The options have a milling cut, one load for all moves, or loads for segments of lines.
+    A visit is the arrival of a move at a target. The options have a milling cut, one load for all moves, or
+    loads for segments of lines of the program.
 
     Args:
         options: options with one load for the whole program, or with loads for segments of lines.
@@ -111,11 +112,21 @@ def collect_loads(
         return _read_packed_table(table, points, measure_lengths)
     if table is not None:
         return read_load_table(table, points, names, measure_lengths, common)
-    # Row 0 of the loads is the zero load, for visits without load.
     if options.cut is not None:
         no_load, no_moment = np.zeros(6), np.zeros(3)
         load_of_cut = np.append(convert_cut(options.cut).mean_force(), no_moment)
         return Loads(np.stack([no_load, load_of_cut]), _find_segments([options.cut], lines))
+    return _convert_stated_loads(options, lines)
+
+
+def _convert_stated_loads(options: ProgramOptions, lines: IndexArray) -> Loads:
+    """Convert the loads that the options state to N and N·m: one for all moves, or one for each segment.
+
+    Row 0 of the loads is the zero load, for visits without a load; `lines` (v,) are those of the visits.
+
+    Raises:
+        RequestError: segments overlap, or the unit of a moment is missing.
+    """
     stated: Sequence[ProcessLoad] = options.segments if options.load is None else [options.load]
     forces = np.array([load.force for load in stated]).reshape(-1, 3)
     moments = np.array([load.moment for load in stated]).reshape(-1, 3)
@@ -173,10 +184,10 @@ def read_load_table(
     measure_lengths: Callable[[], FloatArray],
     common: Collection[str] = (),
 ) -> Loads:
-    """Read the CSV file of loads, and return the loads; a point without a row has no load.
+    """Read the CSV file of loads, such as `point, Fx [N], Fy [N], Fz [N]` with a row for each point.
 
-    The first column has numbers of points, or labels: names of targets in the program; or lengths along the
-    path, between whose rows the loads are interpolated.
+    The first column has the number of a point, its label (the name of a target in the program), or a length
+    along the path. Between the rows of a table by length, the loads are interpolated.
 
     Args:
         content: content of the file.
@@ -185,39 +196,80 @@ def read_load_table(
         measure_lengths: function that returns the length (v,) of the path up to each visit [m].
         common: names in capitals that mean all of their points.
 
+    Returns:
+        The load of each visit; a point without a row has no load.
+
     Raises:
         FilesError: a line of the file has a mistake; the error has the line.
     """
     point_count = int(points.max(initial=0))
-    number_points = f"number the points from 1 to {point_count}, and give each point at most once"
-    rows = _split_rows(content, point_count, number_points)
+    rows = _split_rows(content, point_count)
     header = rows[0] if rows else []
     columns = _parse_header(header)
     key = _parse_key(header[0])
     if key == "length":
         return _interpolate_loads(_read_lengths(rows, columns), measure_lengths(), columns)
+    table = _LoadsOfPoints(point_count, columns)
     points_of_label = _number_labels(names, common) if key == "label" else None
-    loads = [np.zeros(_ROW_WIDTH)]  # row 0 is the zero load
-    load_of_point = np.zeros(point_count + 1, dtype=np.intp)  # index in `loads` by the point's number
     for line, row in enumerate(rows[1:], start=_FIRST_ROW):
         is_blank = not any(row)
         if is_blank:
             continue
         first_cell, *cells = row
+        # One label may mean several points.
         numbers = [first_cell] if points_of_label is None else _find_label(line, first_cell, points_of_label)
-        for number_text in numbers:
-            number, load = _parse_load_row(line, [number_text, *cells], columns)
+        table.add(line, numbers, cells)
+    return table.collect(points)
+
+
+class _LoadsOfPoints:
+    """Loads of the points of a program, while the rows of a table of loads are added."""
+
+    def __init__(self, point_count: int, columns: Sequence[_LoadColumn]) -> None:
+        """Begin without loads.
+
+        Args:
+            point_count: number of points of the program, which have the numbers 1 to `point_count`.
+            columns: columns of the table after the first.
+        """
+        self._point_count, self._columns = point_count, columns
+        self._loads = [np.zeros(_ROW_WIDTH)]  # row 0 is the zero load, for points without a row
+        self._load_of_point = np.zeros(
+            point_count + 1, dtype=np.intp
+        )  # row of `_loads` by the point's number
+
+    def add(self, line: int, points: Sequence[str], cells: Sequence[str]) -> None:
+        """Add the load of a row for one point, or for all points with the label of the row.
+
+        Args:
+            line: line of the row, for errors.
+            points: numbers of the points, as texts.
+            cells: cells of the row after the first.
+
+        Raises:
+            FilesError: a point is not in the program, or has a load already; or a cell is no number.
+        """
+        for text in points:
+            number, load = _parse_load_row(line, [text, *cells], self._columns)
             point = int(number) if number == int(number) else 0
-            is_known = 1 <= point <= point_count
-            if not is_known or load_of_point[point] != 0:
-                reason = f"point {number_text} occurs twice, or is not in the program"
-                raise _table_fault(line, reason, number_points)
-            load_of_point[point] = len(loads)  # the index that `load` is about to get
-        loads.append(load)
-    return _split_feed(np.array(loads), load_of_point[points], columns)
+            is_known = 1 <= point <= self._point_count
+            if not is_known or self._load_of_point[point] != 0:
+                reason = f"point {text} occurs twice, or is not in the program"
+                raise _table_fault(line, reason, _advise_to_number(self._point_count))
+            self._load_of_point[point] = len(self._loads)  # the row that `load` gets below
+        self._loads.append(load)
+
+    def collect(self, points: IndexArray) -> Loads:
+        """Return the loads at the visits of points, whose numbers are `points` (v,)."""
+        return _split_feed(np.array(self._loads), self._load_of_point[points], self._columns)
 
 
-def _split_rows(content: bytes, point_count: int, number_points: str) -> Sequence[Sequence[str]]:
+def _advise_to_number(point_count: int) -> str:
+    """Return what the user has to do if a table by points does not fit the points of the program."""
+    return f"number the points from 1 to {point_count}, and give each point at most once"
+
+
+def _split_rows(content: bytes, point_count: int) -> Sequence[Sequence[str]]:
     """Return the cells of a table of loads, row by row.
 
     A table by points may have two lines for each point (one of them blank), and `_MORE_LINES` more.
@@ -225,7 +277,6 @@ def _split_rows(content: bytes, point_count: int, number_points: str) -> Sequenc
     Args:
         content: content of the file.
         point_count: number of points of the program.
-        number_points: what the user has to do if a table by points is too long.
 
     Raises:
         FilesError: the table has more lines or cells than it may have, or is not readable.
@@ -234,20 +285,25 @@ def _split_rows(content: bytes, point_count: int, number_points: str) -> Sequenc
     first_line = text.lstrip().partition("\n")[0][:40]
     is_by_length = first_line.lstrip('" ').lower().startswith("length")
     most_lines = _MOST_LENGTHS if is_by_length else 2 * point_count + _MORE_LINES
-    most_cells = _TABLE_CELLS * most_lines
     # A huge file is refused before it is split into cells, which would take much memory.
-    has_too_many_lines = any(text.count(line_end) > most_lines for line_end in "\n\r")
-    has_too_many_cells = any(text.count(separator) > most_cells for separator in ",;\t")
-    if has_too_many_lines or has_too_many_cells:
+    if _is_too_large(text, most_lines):
         too_many = "the table has too many lines or cells"
         if is_by_length:
             raise _table_fault(1, f"{too_many}: at most {most_lines:,} lines", "leave rows out")
-        raise _table_fault(1, f"{too_many} for the program's points", number_points)
+        raise _table_fault(1, f"{too_many} for the program's points", _advise_to_number(point_count))
     try:
         rows, _ = split_table_rows(text)
     except csv.Error:
         raise _table_fault(1, "the file of loads is not a readable CSV table", _REMEDY) from None
     return rows
+
+
+def _is_too_large(text: str, most_lines: int) -> bool:
+    """Return whether a table has more than `most_lines` lines, or more cells than such a table may have."""
+    most_cells = _TABLE_CELLS * most_lines
+    has_too_many_lines = any(text.count(line_end) > most_lines for line_end in "\n\r")
+    has_too_many_cells = any(text.count(separator) > most_cells for separator in ",;\t")
+    return has_too_many_lines or has_too_many_cells
 
 
 def _parse_key(header: str) -> str:
@@ -268,7 +324,12 @@ def _parse_key(header: str) -> str:
 def _read_packed_table(
     content: bytes, points: IndexArray, measure_lengths: Callable[[], FloatArray]
 ) -> Loads:
-    """Read a table of loads that was packed as numbers; its columns are those of a CSV file.
+    """Read a table of loads that a client has packed as numbers; its columns are those of a CSV file.
+
+    Args:
+        content: the packed table.
+        points: (v,) number of the point at each visit, from 1.
+        measure_lengths: function that returns the length (v,) of the path up to each visit [m].
 
     Raises:
         FilesError: a column is missing or unknown, or a row has a mistake.
@@ -280,27 +341,47 @@ def _read_packed_table(
     key = _parse_key(header[0])
     if sheet.texts or key == "label":
         raise _table_fault(1, "the packed table has labels", "number the points")
-    first, *others = sheet.columns.values()
-    numbers = np.stack([first, *others], axis=1)
-    is_known = (np.abs(numbers) <= _GREATEST).all(axis=1)
-    lines = _FIRST_ROW + np.arange(len(numbers))
-    if not is_known.all():
-        line = int(lines[np.argmin(is_known)])
-        raise _table_fault(line, "a number is out of range", "give a finite number in each column")
-    loads = np.zeros((len(numbers), _ROW_WIDTH))
+    keys, *others = sheet.columns.values()  # points or lengths, and the columns of the loads
+    lines = _FIRST_ROW + np.arange(len(keys))
+    _refuse_great_numbers(np.stack([keys, *others], axis=1), lines)
+    loads = np.zeros((len(keys), _ROW_WIDTH))
     for column, cells in zip(columns, others, strict=True):
         loads[:, column.component] = column.factor * cells
     if key == "length":
-        places = _parse_length_unit(header[0]) * numbers[:, 0]
+        places = _parse_length_unit(header[0]) * keys
         return _interpolate_loads(_LoadsByLength(places, loads, lines), measure_lengths(), columns)
-    count = int(points.max(initial=0))
-    is_distinct = len(np.unique(first)) == len(first)
-    if not (is_distinct and np.isin(first, np.arange(1, count + 1)).all()):
-        remedy = f"number the points from 1 to {count}, and give each point at most once"
-        raise _table_fault(1, f"the table has {len(first)} points, and the path {count}", remedy)
-    load_of_point = np.zeros(count + 1, dtype=np.intp)  # row 0 of the loads is the zero load
-    load_of_point[first.astype(np.intp)] = np.arange(1, len(first) + 1)
-    return _split_feed(np.vstack([np.zeros(_ROW_WIDTH), loads]), load_of_point[points], columns)
+    load_of_point = _number_rows_of_points(keys, int(points.max(initial=0)))
+    zero_load = np.zeros(_ROW_WIDTH)  # row 0, for points without a load
+    return _split_feed(np.vstack([zero_load, loads]), load_of_point[points], columns)
+
+
+def _refuse_great_numbers(numbers: FloatArray, lines: IndexArray) -> None:
+    """Refuse rows (k, c) with a number that is too great or NaN; `lines` (k,) are for the error.
+
+    Raises:
+        FilesError: names the first such row.
+    """
+    is_in_range = (np.abs(numbers) <= _GREATEST).all(axis=1)
+    if not is_in_range.all():
+        line = int(lines[np.argmin(is_in_range)])
+        raise _table_fault(line, "a number is out of range", "give a finite number in each column")
+
+
+def _number_rows_of_points(points: FloatArray, point_count: int) -> IndexArray:
+    """Return the number of the row, from 1, of each point (point_count + 1,); 0 for a point without a row.
+
+    `points` (k,) are the numbers of the points in the rows of the table.
+
+    Raises:
+        FilesError: a point occurs twice, or is not one of 1 to `point_count`.
+    """
+    is_distinct = len(np.unique(points)) == len(points)
+    if not (is_distinct and np.isin(points, np.arange(1, point_count + 1)).all()):
+        reason = f"the table has {len(points)} points, and the path {point_count}"
+        raise _table_fault(1, reason, _advise_to_number(point_count))
+    row_of_point = np.zeros(point_count + 1, dtype=np.intp)
+    row_of_point[points.astype(np.intp)] = np.arange(1, len(points) + 1)
+    return row_of_point
 
 
 def _interpolate_loads(table: _LoadsByLength, lengths: FloatArray, columns: Sequence[_LoadColumn]) -> Loads:
@@ -316,23 +397,28 @@ def _interpolate_loads(table: _LoadsByLength, lengths: FloatArray, columns: Sequ
     Raises:
         FilesError: lengths decrease, or the table leaves a part of the path out.
     """
-    places, loads, lines = table
-    _refuse_unsorted(places, lines)
-    _refuse_uncovered(places, lines, float(lengths[-1]))
-    # Each visit is between two rows of the table, `before` and `after`.
-    after = np.clip(np.searchsorted(places, lengths, side="right"), 1, len(places) - 1)
-    before = after - 1
-    distance = lengths - places[before]
-    width = places[after] - places[before]
-    fraction = np.divide(distance, width, out=np.ones(len(lengths)), where=width > 0.0)
-    fraction = np.clip(fraction, 0.0, 1.0)[:, None]  # of the way from the row before to the row after
-    interpolated = (1.0 - fraction) * loads[before] + fraction * loads[after]
+    _refuse_unsorted(table.places, table.lines)
+    _refuse_uncovered(table.places, table.lines, float(lengths[-1]))
+    interpolated = _interpolate_rows(table, lengths)
     # Row 0 is the zero load. Equal loads share a row, so that a target that is visited twice may have one.
     distinct, index = np.unique(interpolated, axis=0, return_inverse=True)
     is_loaded = interpolated.any(axis=1)
     of_visit = np.where(is_loaded, index.reshape(-1) + 1, 0)
     zero_load = np.zeros((1, _ROW_WIDTH))
     return _split_feed(np.concatenate([zero_load, distinct]), of_visit, columns)
+
+
+def _interpolate_rows(table: _LoadsByLength, lengths: FloatArray) -> FloatArray:
+    """Return the loads (v, 7) at lengths (v,) along the path [m], linear between the rows of the table."""
+    places, loads = table.places, table.loads
+    # Each length is between two rows of the table, `before` and `after`.
+    after = np.clip(np.searchsorted(places, lengths, side="right"), 1, len(places) - 1)
+    before = after - 1
+    distance = lengths - places[before]
+    width = places[after] - places[before]
+    fraction = np.divide(distance, width, out=np.ones(len(lengths)), where=width > 0.0)
+    fraction = np.clip(fraction, 0.0, 1.0)[:, None]  # of the way from the row before to the row after
+    return np.asarray((1.0 - fraction) * loads[before] + fraction * loads[after])
 
 
 def _read_lengths(rows: Sequence[Sequence[str]], columns: Sequence[_LoadColumn]) -> _LoadsByLength:
@@ -399,7 +485,9 @@ def _refuse_uncovered(places: FloatArray, lines: IndexArray, whole: float) -> No
 
 
 def _split_feed(values: FloatArray, of_visit: IndexArray, columns: Sequence[_LoadColumn]) -> Loads:
-    """Return the loads and feeds of a table; a feed of zero means that the row states none.
+    """Return the loads of a table, whose last number is no load but the feed: the speed of the tool.
+
+    A feed of zero means that the row states none; without a column of feeds, no row does.
 
     Args:
         values: (k, 7) force [N], moment [N·m] and feed [m/s] of each row.

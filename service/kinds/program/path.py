@@ -124,16 +124,30 @@ class ProgramFrames:
             block = slice(start, start + BLOCK)
             targets = indices[block]
             written = program.targets.values[targets] if values is None else values[block]
-            tool_in_base = np.full((len(targets), 4, 4), np.nan)
-            for notation, rows in program.targets.group_by_notation(targets):
-                position_and_orientation = written[rows, : 3 + notation.count]
-                if notation.has_pose:
-                    tool_in_base[rows] = notation.to_poses(position_and_orientation)
-                elif not notation.is_joints:  # a position, and perhaps the direction of the tool's axis
-                    tool_in_base[rows] = self._poses_from_axis(notation, position_and_orientation)
+            tool_in_base = self._find_tool_poses(program, targets, written)
             base_in_r0, flange_in_tool = self.base.select(targets), self.tool.select_inverse(targets)
             flange_in_r0[block] = base_in_r0 @ tool_in_base @ flange_in_tool
         return flange_in_r0
+
+    def _find_tool_poses(self, program: Program, targets: IndexArray, written: FloatArray) -> FloatArray:
+        """Return the poses (m, 4, 4) [m], tool in base, that targets state; NaN for joint angles.
+
+        Args:
+            program: the program, which has a notation, the meaning of the numbers, for each target.
+            targets: (m,) indices of the targets.
+            written: (m, 7) numbers of the targets, as the program writes them.
+
+        Raises:
+            RequestError: neither the targets nor the request have an angle about the tool's axis.
+        """
+        tool_in_base = np.full((len(targets), 4, 4), np.nan)
+        for notation, rows in program.targets.group_by_notation(targets):
+            position_and_orientation = written[rows, : 3 + notation.count]
+            if notation.has_pose:
+                tool_in_base[rows] = notation.to_poses(position_and_orientation)
+            elif not notation.is_joints:  # a position, and perhaps the direction of the tool's axis
+                tool_in_base[rows] = self._poses_from_axis(notation, position_and_orientation)
+        return tool_in_base
 
     def find_flange_poses(
         self, program: Program, indices: IndexArray, robot: Robot, joints: FloatArray
@@ -167,10 +181,21 @@ class ProgramFrames:
     def convert_poses_to_numbers(
         self, program: Program, indices: IndexArray, flange: FloatArray
     ) -> FloatArray:
-        """Convert poses (m, 4, 4) of the flange in R0 [m] to numbers (m, 7) as the program writes them.
+        """Convert poses of the flange to the numbers by which the program writes its targets.
 
-        Of several numbers for the same pose (angles differ by whole turns), the nearest to the program's
-        numbers are returned. NaN fills columns that a notation does not have, and rows of joint targets.
+        The targets of a program may be written in different ways: as a pose (position, and angles or a
+        quaternion), as a position with or without the direction of the tool's axis, or as joint angles.
+        Angles that differ by 360° mean the same pose: the numbers nearest to the program's numbers are
+        returned.
+
+        Args:
+            program: the program.
+            indices: (m,) indices of the targets.
+            flange: (m, 4, 4) poses of the flange in R0 [m].
+
+        Returns:
+            (m, 7) numbers; NaN behind the last number of a target, and in all columns of one in joint angles,
+            which no pose determines.
         """
         tool_in_base = self.base.select_inverse(indices) @ flange @ self.tool.select(indices)
         numbers = np.full((len(indices), NUMBERS), np.nan)
@@ -188,8 +213,8 @@ class ProgramFrames:
     def _poses_from_axis(self, notation: Notation, numbers: FloatArray) -> FloatArray:
         """Return poses (m, 4, 4) [m], tool in base, of targets without an angle about the tool's axis.
 
-        The z axis of a pose points from spindle to tip. Its x axis is the direction `x_axis` without the part
-        along z, made a unit vector.
+        The z axis of a pose points from spindle to tip. Its x axis is the direction `x_axis` of the request,
+        turned until it is perpendicular to z; its y axis is z × x.
 
         Args:
             notation: meaning of the numbers: a position, and perhaps the direction of the tool's axis.
@@ -209,21 +234,36 @@ class ProgramFrames:
         if notation.orientation is Orientation.TOOL_AXIS:
             tip_to_spindle = numbers[:, 3:]
         z_axis = -tip_to_spindle / np.linalg.norm(tip_to_spindle, axis=1, keepdims=True)
-        part_along_z = (z_axis @ self.x_axis)[:, None] * z_axis
-        part_across_z = self.x_axis - part_along_z
-        length = np.linalg.norm(part_across_z, axis=1, keepdims=True)
-        is_parallel = ~(length > _LEAST_SINE * np.linalg.norm(self.x_axis))
-        if is_parallel.any():
-            raise RequestError(
-                "`tool_x` is parallel to the tool's axis", where="tool_x", remedy="give another direction"
-            )
-        x_axis = part_across_z / length
+        x_axis = _find_perpendicular(self.x_axis, z_axis)
         poses = np.tile(np.eye(4), (len(numbers), 1, 1))
         poses[:, :3, 0] = x_axis
         poses[:, :3, 1] = np.cross(z_axis, x_axis)
         poses[:, :3, 2] = z_axis
         poses[:, :3, 3] = numbers[:, :3] * notation.length
         return poses
+
+
+def _find_perpendicular(direction: FloatArray, z_axis: FloatArray) -> FloatArray:
+    """Return the unit vectors (m, 3) perpendicular to m axes that are nearest to a direction (3,).
+
+    For a unit axis z and a direction d, the vector is d − (d · z) z, divided by its length.
+
+    Args:
+        direction: (3,) option `tool_x` of the request.
+        z_axis: (m, 3) unit vectors of the tools' axes.
+
+    Raises:
+        RequestError: the direction is parallel to an axis.
+    """
+    part_along_z = (z_axis @ direction)[:, None] * z_axis
+    part_across_z = direction - part_along_z
+    length = np.linalg.norm(part_across_z, axis=1, keepdims=True)
+    is_parallel = ~(length > _LEAST_SINE * np.linalg.norm(direction))
+    if is_parallel.any():
+        raise RequestError(
+            "`tool_x` is parallel to the tool's axis", where="tool_x", remedy="give another direction"
+        )
+    return np.asarray(part_across_z / length)
 
 
 def _rotate(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
@@ -261,6 +301,9 @@ def _find_target_frames(
 ) -> _Frames:
     """Return the tool or base frames of all targets, with numbers of the program or of the request.
 
+    A program may name a frame, such as BASE_DATA[1], whose numbers only the controller has. The request then
+    has to state these numbers, and only these.
+
     Args:
         reference: (4, 4) pose [m] to which the frames are relative: world in R0, or the controller's flange.
         notation: how the program writes the numbers of frames.
@@ -280,19 +323,35 @@ def _find_target_frames(
     used_frames = np.unique(frame_of_target[frame_of_target != _NO_FRAME])
     for index in used_frames.tolist():
         frame = frames[index]
-        if frame.pose is None:  # the program gives no numbers
+        if frame.pose is not None:
+            _refuse_second_numbers(frame, stated_poses, field)
+            poses[index] = reference @ frame.pose
+        else:  # the program gives no numbers
             stated_name = _find_stated_frame(frame, stated_poses, field)
             used_names.add(stated_name)
             poses[index] = reference @ stated_poses[stated_name]
-        elif _fold_name(frame.name) in stated_poses:
-            reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
-            stated_names = [_fold_name(stated.name) for stated in stated_frames]
-            place = f"{field}[{stated_names.index(_fold_name(frame.name))}].name"
-            raise RequestError(reason, where=place, remedy="omit this frame")
-        else:
-            poses[index] = reference @ frame.pose
     _refuse_unused_frames(stated_frames, used_names, field)
     return _Frames(poses, frame_of_target)
+
+
+def _refuse_second_numbers(
+    frame: FrameName, stated_poses: Mapping[str | None, FloatArray], field: str
+) -> None:
+    """Refuse a request that states the numbers of a frame which the program itself defines.
+
+    Args:
+        frame: frame whose numbers the program gives.
+        stated_poses: poses of the request by their names in capitals, in the order of the request.
+        field: field of the request, `tools` or `bases`, for errors.
+
+    Raises:
+        RequestError: the request states a pose of this name.
+    """
+    name = _fold_name(frame.name)
+    if name in stated_poses:
+        reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
+        place = f"{field}[{list(stated_poses).index(name)}].name"
+        raise RequestError(reason, where=place, remedy="omit this frame")
 
 
 def _read_stated_poses(
@@ -438,6 +497,19 @@ class _Word:
         least[is_unknown], greatest[is_unknown] = -np.inf, np.inf
         return np.stack([least, greatest], axis=1)
 
+    def find_wrong_numbers(self, numbers: FloatArray, before: FloatArray, after: FloatArray) -> BoolArray:
+        """Return a mask (m,) of the numbers that agree with the angle before a correction, but not after it.
+
+        Args:
+            numbers: (m,) numbers that m targets state for this word of the configuration; NaN without one.
+            before: (m,) angles of the joint before the correction [rad].
+            after: (m,) angles of the joint after the correction [rad].
+        """
+        least, greatest = self.ranges(numbers).T
+        agreed_before = (least - _NEAR <= before) & (before <= greatest + _NEAR)
+        disagrees_after = (after < least - _ROUNDING) | (after > greatest + _ROUNDING)
+        return np.asarray(agreed_before & disagrees_after & np.isfinite(numbers))
+
     def update_number(self, number: int, angle: float) -> int:
         """Return the number of the configuration that allows an angle [rad].
 
@@ -510,7 +582,9 @@ class StatedConfigurations:
     ) -> list[tuple[int, Edit]]:
         """Return (target index, edit) for each configuration number that a correction makes wrong.
 
-        A number is changed if it agreed with the joint's angle before the correction, but does not after.
+        The number cf1 of ABB, for example, states the quarter turn in which joint 1 is: 0 from 0° to 90°. If
+        a correction turns joint 1 from 89.9° to 90.1°, its cf1 has to become 1. A number is changed if it
+        agreed with the joint's angle before the correction, but does not after.
 
         Args:
             indices: (m,) indices of targets.
@@ -521,11 +595,8 @@ class StatedConfigurations:
         for word, column, positions in self._iterate_words(indices):
             targets = indices[positions]
             numbers = self._word_numbers(targets, column)
-            least, greatest = word.ranges(numbers).T
             before, after = programmed[positions, word.joint], corrected[positions, word.joint]
-            agreed_before = (least - _NEAR <= before) & (before <= greatest + _NEAR)
-            disagrees_after = (after < least - _ROUNDING) | (after > greatest + _ROUNDING)
-            is_wrong = agreed_before & disagrees_after & np.isfinite(numbers)
+            is_wrong = word.find_wrong_numbers(numbers, before, after)
             for k in np.flatnonzero(is_wrong):
                 key = (int(targets[k]), column)
                 # A number with sign bits has several joints: earlier changes of other bits are kept.
@@ -632,7 +703,10 @@ class ProgramPath:
 
 @dataclass(frozen=True, eq=False)
 class Visits:
-    """All v visits of targets by moves, in the order of the program, and the loads of the visits."""
+    """All v visits of targets by moves, in the order of the program, and the loads of the visits.
+
+    A visit is the arrival of a move at a target. Several moves may visit one target.
+    """
 
     targets: IndexArray  # (v,) index of the target at each visit
     order: IndexArray  # (m,) indices of the visited targets, each once, in order of their first visits
@@ -665,39 +739,56 @@ class Visits:
             FaultsError: the program has no move, or a target has two loads.
         """
         moves = program.moves
-        visits = moves.visits  # index of the visited target
-        if len(visits) == 0:
+        if len(moves.visits) == 0:
             file = program.sources[0].name
             raise FaultsError([Fault(file, None, "the program has no move", "send a program with moves")])
-        targets, first_visit, place_in_targets = np.unique(visits, return_index=True, return_inverse=True)
-        # Renumber the targets from the order of their indices to the order of their first visits.
-        order = np.argsort(first_visit)
-        number_of_place = np.empty_like(order)
-        number_of_place[order] = np.arange(len(order))
-        numbers = number_of_place[place_in_targets]
-        targets, first_visits = targets[order], first_visit[order]
-        names = [program.targets.names[i] for i in targets.tolist()] if table is not None else ()
+        points = _number_points(moves.visits)
+        names = [program.targets.names[i] for i in points.targets.tolist()] if table is not None else ()
         lines = moves.line[moves.move_of_visit]
         loads = collect_loads(
-            options, table, lines, numbers + 1, names, measure_lengths, program.common_names
+            options, table, lines, points.of_visit + 1, names, measure_lengths, program.common_names
         )
         _refuse_program_without_load(loads, options)
-        load_of_target = loads.of_visit[first_visits]
-        has_other_load = loads.of_visit != load_of_target[numbers]
+        load_of_point = loads.of_visit[points.first_visits]
+        has_other_load = loads.of_visit != load_of_point[points.of_visit]
         reason = "moves visit this target under two different loads"
-        _refuse_targets(program, visits[has_other_load], reason, "use a separate target for each load")
+        _refuse_targets(program, moves.visits[has_other_load], reason, "use a separate target for each load")
         is_continuous = ~moves.is_visit_of_joint_move
         is_continuous[0] = False
         return cls(
-            targets=visits,
-            order=targets,
-            number=numbers,
-            first=first_visits,
+            targets=moves.visits,
+            order=points.targets,
+            number=points.of_visit,
+            first=points.first_visits,
             continuous=is_continuous,
             middles=moves.is_middle_of_arc,
             loads=loads,
-            loaded=np.flatnonzero((load_of_target > 0) | options.absolute),
+            loaded=np.flatnonzero((load_of_point > 0) | options.absolute),
         )
+
+
+class _Points(NamedTuple):
+    """The m points of a path: the visited targets, each once, numbered in order of their first visits."""
+
+    targets: IndexArray  # (m,) index of each point's target
+    first_visits: IndexArray  # (m,) index of the first visit of each point
+    of_visit: IndexArray  # (v,) number from 0 of the point at each visit
+
+
+def _number_points(visits: IndexArray) -> _Points:
+    """Number the targets that moves visit, in order of their first visits.
+
+    Visits of the targets 7, 3, 7 and 5 give the points 0, 1, 0 and 2.
+
+    Args:
+        visits: (v,) index of the target at each visit.
+    """
+    targets, first_visits, place_of_visit = np.unique(visits, return_index=True, return_inverse=True)
+    # `targets` are in order of their indices: renumber them in order of their first visits.
+    order = np.argsort(first_visits)
+    number_of_place = np.empty_like(order)
+    number_of_place[order] = np.arange(len(order))
+    return _Points(targets[order], first_visits[order], number_of_place[place_of_visit])
 
 
 def _refuse_program_without_load(loads: Loads, options: ProgramOptions) -> None:
@@ -822,6 +913,9 @@ def find_wanted_postures(
 ) -> FloatArray:
     """Return the programmed posture (v, n) at each visit of a target, as the controller shows it [rad or m].
 
+    A target in joint angles states its posture. A pose can be reached in several postures: the stated
+    configuration of the arm decides, or else the posture before.
+
     Args:
         program: program with the targets.
         options: options of the request.
@@ -850,13 +944,27 @@ def find_wanted_postures(
         start = convert_start_joints(options, robot)
     with as_request_errors("robot"):
         joints, unreached = choose_postures(inverse, poses, programmed_joints, ranges, takes_stated, start)
+    _refuse_unreached_targets(program, visits, unreached)
+    return joints
+
+
+def _refuse_unreached_targets(program: Program, visits: IndexArray, unreached: IndexArray) -> None:
+    """Refuse a program with targets for which no posture was found.
+
+    Args:
+        program: the program.
+        visits: (v,) index of the target at each visit.
+        unreached: (v,) why no posture was found, as a value of `Unreached`; 0 where one was found.
+
+    Raises:
+        FaultsError: it has a fault for each visit of such a target.
+    """
     faults = []
     for row in np.flatnonzero(unreached):
         reason, remedy = _REASONS[Unreached(unreached[row])]
         faults.append(_make_fault(program, int(visits[row]), reason, remedy))
     if faults:
         raise FaultsError(faults)
-    return joints
 
 
 def convert_start_joints(options: ProgramOptions, robot: Robot) -> FloatArray | None:

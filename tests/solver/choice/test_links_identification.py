@@ -325,7 +325,7 @@ def test_readings_along_directions_fit_as_the_same_components_do():
         Part.merge([whole_rows(robot, part) for part in parts]),
         whole_rows(robot, measurements),
     )
-    assert merged.size.readings == whole.size.readings
+    assert merged.sums.readings == whole.sums.readings
     gram = whole.triangle.T @ whole.triangle
     np.testing.assert_allclose(merged.triangle.T @ merged.triangle, gram, atol=1e-12 * np.abs(gram).max())
     of_direction = estimate(robot, parts[0], "diagonal_links", 1e-2)

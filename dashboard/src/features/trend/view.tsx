@@ -28,9 +28,12 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
     ...(sameLoad && { same_load: "true" }),
     ...(sameCell && { same_cell: "true" }),
   };
-  const trend = useQuery(queries.trend(id, { ...asked, ...shared, serial_number: serial }));
-  const { data: robot } = useQuery(queries.robot(id));
-  const name = robot?.name ?? "…";
+  const trend = useQuery({
+    ...queries.trend(id, { ...asked, ...shared, serial_number: serial }),
+    placeholderData: (earlier: Found | undefined) => (earlier?.robot_id === id ? earlier : undefined),
+  });
+  const robot = useQuery(queries.robot(id));
+  const name = robot.data?.name ?? "…";
   return (
     <>
       <Head
@@ -43,50 +46,54 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
           </>
         }
       />
-      <Show of={trend}>
-        {(found) => (
-          <>
-            <div class="filters compact">
-              <Select
-                label={text.run.method}
-                value={asked.method ?? found.selection?.method ?? "partial_pose"}
-                change={(method) => setAsked({ ...asked, method: method as Method })}
-                options={text.methods}
-              />
-              <Select
-                label={words.encoders}
-                value={asked.encoders ?? found.selection?.encoders ?? "motor"}
-                change={(encoders) => setAsked({ ...asked, encoders: encoders as "motor" })}
-                options={text.files.encoders}
-              />
-              {serialsOf(found).length > 1 && (
-                <Select
-                  label={words.serial}
-                  value={found.selection?.serial_number ?? ""}
-                  change={(chosen) => go(link(["compare", "trend", id], { serial: chosen }))}
-                  options={serialsOf(found)}
-                />
-              )}
-            </div>
-            {robot && <Charts trend={found} robot={robot} />}
-            {found.left_out.length > 0 && (
-              <details>
-                <summary>{words.leftOut(found.left_out.length)}</summary>
-                <Rows
-                  rows={found.left_out.map(({ measurement_set_id: set, name, reason }) => ({
-                    id: set,
-                    href: link(["sets", set]),
-                    name,
-                    how: reason,
-                  }))}
-                />
-              </details>
+      <Show of={robot}>
+        {(arm) => (
+          <Show of={trend}>
+            {(found) => (
+              <>
+                <div class="filters compact">
+                  <Select
+                    label={text.run.method}
+                    value={asked.method ?? found.selection?.method ?? "partial_pose"}
+                    change={(method) => setAsked({ ...asked, method: method as Method })}
+                    options={text.methods}
+                  />
+                  <Select
+                    label={words.encoders}
+                    value={asked.encoders ?? found.selection?.encoders ?? "motor"}
+                    change={(encoders) => setAsked({ ...asked, encoders: encoders as "motor" })}
+                    options={text.files.encoders}
+                  />
+                  {serialsOf(found).length > 1 && (
+                    <Select
+                      label={words.serial}
+                      value={found.selection?.serial_number ?? ""}
+                      change={(chosen) => go(link(["compare", "trend", id], { serial: chosen }))}
+                      options={serialsOf(found)}
+                    />
+                  )}
+                </div>
+                <Charts trend={found} robot={arm} />
+                {found.left_out.length > 0 && (
+                  <details>
+                    <summary>{words.leftOut(found.left_out.length)}</summary>
+                    <Rows
+                      rows={found.left_out.map(({ measurement_set_id: set, name, reason }) => ({
+                        id: set,
+                        href: link(["sets", set]),
+                        name,
+                        how: reason,
+                      }))}
+                    />
+                  </details>
+                )}
+                <Toggle label={compareWords.sameLoad} checked={sameLoad} change={setSameLoad} />
+                <Toggle label={compareWords.sameCell} checked={sameCell} change={setSameCell} />
+              </>
             )}
-          </>
+          </Show>
         )}
       </Show>
-      <Toggle label={compareWords.sameLoad} checked={sameLoad} change={setSameLoad} />
-      <Toggle label={compareWords.sameCell} checked={sameCell} change={setSameCell} />
     </>
   );
 }

@@ -20,18 +20,24 @@ _MAX_WORK: Final = 10_000_000
 
 
 class Work:
-    """Count of the steps of an interpretation, which ends before it takes too long."""
+    """Count of the steps by which a program is followed, which refuses a program that needs too many.
+
+    A step is one operation through which the contents of all variables are passed, or one variable that is
+    compared where two paths meet. Programs may come from strangers: without an end of the steps, one with
+    many branches would be followed for hours.
+    """
 
     def __init__(self, refuse: Callable[[None, str, str], NoReturn]) -> None:
-        """Begin without steps.
+        """Begin without steps; `count` refuses the program once they are more than `_MAX_WORK`.
 
         Args:
-            refuse: function that refuses the program: of a line (None for all of it), a reason and a remedy.
+            refuse: function that raises the error of a refused program. Its arguments are the line (None for
+                the whole program), the reason and a remedy.
         """
         self._steps, self._refuse = 0, refuse
 
     def count(self, steps: int) -> None:
-        """Add steps of the interpretation; refuse a program that needs more than `_MAX_WORK`.
+        """Add steps by which the program is followed; refuse a program that needs more than `_MAX_WORK`.
 
         Raises:
             ProgramError: the program needs too many steps.
@@ -47,12 +53,12 @@ class Calls:
     def __init__(
         self, flow: ControlFlow, changes: Changes, work: Work, allowed: Collection[str], *, trusted: bool
     ) -> None:
-        """Prepare to follow calls.
+        """Prepare to find out what the calls of a program may start, and what an unknown routine may do.
 
         Args:
             flow: control flow with the routines of the program.
-            changes: names that each routine may change; they may be collected later.
-            work: count of steps.
+            changes: names of variables that each routine may change; they may be collected later.
+            work: count of the steps by which the program is followed, which ends if they are too many.
             allowed: routines that, as the user states, neither move the robot nor change frames.
             trusted: whether the user states this for all routines of other files.
         """
@@ -106,8 +112,8 @@ class Calls:
     def list_meant(self, op: ir.Call) -> list[str]:
         """Return the routines of this program that a call may mean.
 
-        The name of a call may be computed while the program runs. Then only its beginning is known, and all
-        routines whose names begin so are returned.
+        The name of a call may be computed while the program runs, as in `CallByVar "sub",n;`. Then only its
+        beginning `sub` is known, and all routines whose names begin so are returned.
         """
         if op.name in self._flow.begins:
             return [str(op.name)]
@@ -120,9 +126,9 @@ class Calls:
     def find_unknown_in_attached(self, place: Place, op: ir.Call) -> Cause | None:
         """Return the cause why values are unknown once routines of the program are attached to an event.
 
-        Such a routine may run at any time, and call an unknown routine. The operation attaches one routine to
-        an event, or it switches on an event, to which routines were attached before. Return None if none of
-        these routines calls an unknown one.
+        `CONNECT stop WITH brake;` attaches the routine brake to the event stop: brake may run at any time,
+        and call an unknown routine. The operation attaches one routine, or it switches on an event, to which
+        routines were attached before. Return None if none of these routines calls an unknown one.
         """
         name = place.qualify(op.name)
         attached_here = [name] if op.event else []

@@ -185,12 +185,35 @@ class _FurtherNumbers(NamedTuple):
     common: FloatArray  # (t, c) numbers that all targets have to share, such as that of the tool
 
 
-class _LeftMoves(NamedTuple):
-    """Moves that are left because the numbers of a target have to stay, and what other moves get instead."""
+class _UncorrectedMoves(NamedTuple):
+    """Moves that are not corrected because a target has to keep its numbers, and what others get instead."""
 
-    is_left: BoolArray  # (k,) mask of the moves that are left
-    # numbers that a move, by its index, may get in place of the names of targets
+    is_uncorrected: BoolArray  # (k,) mask of the moves that are not corrected
+    # by the index of a move, numbers that it may get in place of the names of its targets
     own_numbers: dict[int, list[OwnNumbers]]
+
+
+class _MovesOfTargets:
+    """Moves to each target, and targets of each move."""
+
+    def __init__(self, moves: Moves, target_count: int) -> None:
+        """Prepare to look up the moves to targets, which have the indices 0 to `target_count` - 1."""
+        self._moves = moves
+        self._begins = np.append(0, moves.ends[:-1])  # index of the first visit of each move
+        # Visits in order of their targets: those of target t are the range from bound t to bound t + 1.
+        self._visits_by_target = np.argsort(moves.visits, kind="stable")
+        targets_in_order = moves.visits[self._visits_by_target]
+        self._bounds = np.searchsorted(targets_in_order, np.arange(target_count + 1))
+
+    def list_moves(self, target: int) -> list[int]:
+        """Return the indices of the moves that visit a target, each once."""
+        visits = self._visits_by_target[self._bounds[target] : self._bounds[target + 1]]
+        return list(dict.fromkeys(self._moves.move_of_visit[visits].tolist()))
+
+    def list_targets(self, move: int) -> list[int]:
+        """Return the indices of the targets that a move visits, in its order."""
+        targets: list[int] = self._moves.visits[self._begins[move] : self._moves.ends[move]].tolist()
+        return targets
 
 
 class Columns:
@@ -310,7 +333,7 @@ class Columns:
         if has_too_many_visits or len(self._left) > MAX_VISITS:
             self._refuse_visits(line)
         if cause is not None:
-            self._leave_move(line, targets, frames, cause)
+            self._add_uncorrected_move(line, targets, frames, cause)
             return
         for target, frames_of_target in zip(targets, frames, strict=True):
             self._visits.append(self._index_target(target, frames_of_target, line))
@@ -327,10 +350,13 @@ class Columns:
         reason = f"the moves of the program have more than {MAX_VISITS} targets"
         self._refuse(line, reason, "split the program")
 
-    def _leave_move(
+    def _add_uncorrected_move(
         self, line: int, targets: Sequence[WrittenNumbers], frames: Sequence[Frames], cause: Cause
     ) -> None:
-        """Note a move that cannot be corrected for a cause; the numbers of its targets have to stay.
+        """Note a move that cannot be corrected for a cause; the numbers of its named targets have to stay.
+
+        Another move may have the target p1 of such a move, too. The declaration of p1 cannot get new numbers,
+        because they would shift this move.
 
         Args:
             line: line of the move.
@@ -347,15 +373,15 @@ class Columns:
         reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
         self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
         for target in targets:
-            is_declared = bool(target.label)
-            if is_declared:  # another move may have the target, too
+            is_named = bool(target.label)
+            if is_named:
                 self.keep_numbers(target, cause, line)
 
     def add_offset(self, target: WrittenNumbers, frames: Frames, line: int) -> None:
-        """Add a remark to a move that ends at an offset from a target: correcting the target shifts the end.
+        """Add a remark to a move that ends at an offset from a target, such as `MoveL Offs(p1,0,0,50),...`.
 
-        If base or tool of the move are unknown, the target is not corrected, for the reason in `frames`. The
-        target is not corrected either if they differ from its own.
+        A correction of p1 shifts the end of the move. If base or tool of the move are unknown, or differ from
+        those of p1, then p1 is not corrected: the shift would have another direction.
 
         Args:
             target: target from which the offset counts.
@@ -368,7 +394,7 @@ class Columns:
                 return
         self._index_target(target, frames, line)  # this notes whether the frames differ from its own
         has_own_numbers = target.label in self._own_labels
-        if has_own_numbers:  # numbers at the moves are corrected, and the declaration stays as it is
+        if has_own_numbers:  # copies at the moves are corrected, and the declaration stays as it is
             return
         name = quote_text(_get_plain_name(target.label))
         place = f"the move ends at an offset from {name}"
@@ -423,15 +449,16 @@ class Columns:
         """
         self._refuse(line, f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
 
-    def _index_target(self, target: WrittenNumbers, frames: Frames | None, used: int) -> int:
-        """Return the index of a target; add the target if its numbers are new.
+    def _index_target(self, target: WrittenNumbers, frames: Frames | None, line_of_use: int) -> int:
+        """Return the index of a target among all targets; add the target if its numbers are new.
 
-        A target that is used with two bases or two tools gets a cause why it cannot be corrected.
+        Two moves to p1 have one target, because p1 has its numbers once in the text. A target that is used
+        with two bases or two tools gets a cause why it cannot be corrected.
 
         Args:
             target: the target.
             frames: base and tool with which the target is used; None if they are not known.
-            used: line on which the target is used.
+            line_of_use: line on which the target is used.
         """
         base_frame, tool_frame = frames or (None, None)
         base, tool = self._index_frame("base", base_frame), self._index_frame("tool", tool_frame)
@@ -441,19 +468,20 @@ class Columns:
         is_new = index == next_index
         if is_new:
             if index >= MAX_TARGETS:
-                self._refuse_targets(used)
-            row = _TargetRow(target.source, target.line, target.first, used, literal, base, tool)
+                self._refuse_targets(line_of_use)
+            row = _TargetRow(target.source, target.line, target.first, line_of_use, literal, base, tool)
             self._targets.extend(row)
             self._names.append(target.label)
         elif frames is not None:
-            self._compare_frames(target, index, base, tool, used)
+            self._compare_frames(target, index, base, tool, line_of_use)
         return index
 
     def _make_key(self, target: WrittenNumbers, literal: int) -> int:
         """Return a number that is the same for the same numbers in the text, read in the same way.
 
-        File, index of the first number in the file, and `literal`, the index of the way to read the numbers,
-        are put together, because one integer takes less memory than a tuple.
+        It has in its upper bits the file and `literal`, the index of the way to read the numbers; and in its
+        lower bits the index of the target's first number in the file. One integer takes less memory than a
+        tuple.
         """
         file_and_literal = literal * len(self._sources) + target.source
         return file_and_literal << _KEY_BITS | target.first
@@ -499,18 +527,20 @@ class Columns:
         return index
 
     def keep_numbers(self, target: WrittenNumbers, cause: Cause, line: int) -> None:
-        """Note why the numbers of a target, which is used on a line, have to stay as they are.
+        """Note why the numbers of a target cannot be corrected, and stay as they are; the first cause counts.
 
-        The first cause of each target counts.
+        `line` is one on which the target is used.
         """
         index = self._index_target(target, None, line)
         self._target_causes.setdefault(index, cause)
 
     def settle_targets(self, used: Mapping[str, At], external_axes: ExternalAxes) -> None:
-        """Note which targets have to stay, fill the columns of targets and sort the moves.
+        """Note which targets cannot be corrected, fill the columns of targets and sort the moves.
+
+        From here on no target and no move is added.
 
         Args:
-            used: place of use of each name whose numbers are used for something else than targets.
+            used: place of use of each name whose numbers are used for something else than moves.
             external_axes: what the user states on external axes and other groups.
         """
         self._target_indices.clear()  # its memory serves for the columns
@@ -525,25 +555,38 @@ class Columns:
         self._name_own_numbers()
 
     def _keep_used_targets(self, used: Mapping[str, At]) -> None:
-        """Note the targets whose numbers have to stay because something else than a move uses them.
+        """Note the named targets whose numbers cannot be corrected, because something else uses them, too.
 
-        A target also has to stay if its moves have own numbers: copies of its numbers, in place of its name.
+        The line `Grind p1;` uses the numbers of p1 in a way that is not known: corrected numbers might be
+        wrong there.
 
-        `used` has the place of such a use for each name.
+        Args:
+            used: by the full name of each variable that is used so, the place of the use.
         """
-        own_of_label = {own.label: own for own in self._own}
-        for index, label in enumerate(self._names):
-            if not label:
+        copied = {own.label: own for own in self._own}  # by the names of targets
+        for index, name in enumerate(self._names):
+            if not name:  # the target is numbers in a move: nothing else can use it
                 continue
-            own = own_of_label.get(label)
-            at = used.get(label) or used.get(get_array_name(label))
-            if own is not None:
-                cause = Cause(own.line, own.reason, own.remedy)
-            elif at is not None:
-                cause = self._explain_use(label, at)
-            else:
-                continue
-            self._target_causes.setdefault(index, cause)
+            cause = self._explain_kept_numbers(name, copied, used)
+            if cause is not None:
+                self._target_causes.setdefault(index, cause)
+
+    def _explain_kept_numbers(
+        self, name: str, copied: Mapping[str, OwnNumbers], used: Mapping[str, At]
+    ) -> Cause | None:
+        """Return why the numbers in the declaration of a target have to stay; None if moves alone use them.
+
+        Args:
+            name: full name of the target.
+            copied: by the names of targets, a copy of the numbers that a move has in place of the name. Where
+                there is one, the copies are corrected, and the declaration is not.
+            used: by the names of variables, the place of a use by something else than a move.
+        """
+        own = copied.get(name)
+        if own is not None:
+            return Cause(own.line, own.reason, own.remedy)
+        at = used.get(name) or used.get(get_array_name(name))
+        return None if at is None else self._explain_use(name, at)
 
     def _explain_use(self, name: str, at: At) -> Cause:
         """Return the cause why a target cannot be corrected: its numbers are used for something else, too.
@@ -562,37 +605,39 @@ class Columns:
         return Cause(no_line, reason, "use a separate target on that line")
 
     def list_own_numbers(self) -> tuple[OwnNumbers, ...]:
-        """Return the own numbers that moves need because the declaration of their target has to stay.
+        """Return the numbers that moves need in place of the name of a target that cannot be corrected.
 
-        Own numbers are a copy of the target's numbers, in place of its name. There are none if the program
-        has them already, if the language cannot state numbers at a move, or if the program gets too long.
+        If something else uses the point p1, too, the declaration of p1 has to stay. The move `MoveL p1,...`
+        can still be corrected after the numbers of p1 take the place of its name, as in `MoveL
+        [[100,0,50],...],...`. The program is then read once more with these numbers, and this reading returns
+        no further ones. There are none either if the language cannot state numbers at a move, or if the
+        program gets too long.
         """
+        is_second_reading = bool(self._own)
         can_state_numbers = bool(self._language.opening)
-        if self._own or not can_state_numbers:
+        if is_second_reading or not can_state_numbers:
             return ()
-        left = self._find_left_moves(can_replace_names=True)
+        moves = self._find_uncorrected_moves(can_replace_names=True)
         found = list[OwnNumbers]()
-        for move, own_numbers in left.own_numbers.items():
-            if not left.is_left[move]:
+        for move, own_numbers in moves.own_numbers.items():
+            # A move that cannot be corrected for another reason keeps the names of its targets.
+            if not moves.is_uncorrected[move]:
                 found += own_numbers
         has_too_many_targets = len(self._filled) + len(found) > MAX_TARGETS
         has_too_many_remarks = len(self._remarks) + len(found) > MAX_REMARKS
         return () if has_too_many_targets or has_too_many_remarks else tuple(found)
 
     def _name_own_numbers(self) -> None:
-        """Give each target that is a move's own numbers the name that these replaced; add a remark to each.
+        """Give each target that has numbers in place of a name this name again, and add a remark to it.
 
-        Own numbers are a copy of the numbers of a declared target, in place of its name at the move.
+        In a second reading, `MoveL [[100,0,50],...],...` has the numbers of p1 in place of p1: the target is
+        p1.
         """
         if not self._own:
             return
-        own_at = {own.start: own for own in self._own}  # by the first character in the first file
-        text = self._sources[0].text
+        own_of_begin = {own.start: own for own in self._own}  # by the first character in the first file
         for index in np.flatnonzero(self._filled.source == 0).tolist():
-            first_number = int(self._filled.spans[index, 0, 0])
-            text_before = text[max(first_number - 100, 0) : first_number]
-            opening = re.search(rf"{self._language.opening}\Z", text_before)  # such as `{X `
-            own = own_at.get(first_number - len(opening[0])) if opening else None
+            own = own_of_begin.get(self._find_begin_of_target(index))
             if own is None:
                 continue
             self._names[index] = own.name
@@ -600,41 +645,47 @@ class Columns:
             name = quote_text(own.name)
             self.add_remark(At(own.line), f"where the move is corrected, numbers replace {name}: {reason}")
 
-    def _find_left_moves(self, *, can_replace_names: bool) -> _LeftMoves:
+    def _find_begin_of_target(self, index: int) -> int:
+        """Return the first character of a target in the first file, such as `{` of `{X 1,...}`.
+
+        The text before its first number, here `{X `, has a form that the language states. It is -1 if the
+        text has another form.
+        """
+        first_number = int(self._filled.spans[index, 0, 0])
+        text_before = self._sources[0].text[max(first_number - 100, 0) : first_number]
+        opening = re.search(rf"{self._language.opening}\Z", text_before)
+        return first_number - len(opening[0]) if opening else -1
+
+    def _find_uncorrected_moves(self, *, can_replace_names: bool) -> _UncorrectedMoves:
         """Find the moves that cannot be corrected because the numbers of a target have to stay.
 
-        The other targets of such a move have to stay, too, and so their moves are left, and so on.
+        If `CIRC P1,P2` cannot be corrected because of P1, then P2 has to stay, too. So all other moves to P2
+        cannot be corrected either, and so on.
 
         Args:
-            can_replace_names: whether a move may get own numbers in place of the name of a target that has to
-                stay. Such a move need not be left.
+            can_replace_names: whether a move may get numbers in place of the name of a target that has to
+                stay. Such a move can be corrected, and does not pass the cause on to its other targets.
         """
-        moves = self._sorted
-        left = _LeftMoves(np.zeros(len(moves), dtype=np.bool_), defaultdict(list))
-        begins = np.append(0, moves.ends[:-1])
-        # Visits sorted by their targets: those of target t are order[bounds[t]:bounds[t + 1]].
-        order = np.argsort(moves.visits, kind="stable")
-        bounds = np.searchsorted(moves.visits[order], np.arange(len(self._filled) + 1))
-        kept = set(self._target_causes)  # targets that have to stay
+        moves_of_targets = _MovesOfTargets(self._sorted, len(self._filled))
+        found = _UncorrectedMoves(np.zeros(len(self._sorted), dtype=np.bool_), defaultdict(list))
+        kept = set(self._target_causes)  # targets whose numbers have to stay
         to_visit = [*kept]
         while to_visit:
             target = to_visit.pop()
-            visits = order[bounds[target] : bounds[target + 1]]
-            moves_to_target = dict.fromkeys(moves.move_of_visit[visits].tolist())
-            for move in moves_to_target:
-                own = self._make_own_numbers(target, move) if can_replace_names else None
+            for move in moves_of_targets.list_moves(target):
+                own = self._copy_numbers_to_move(target, move) if can_replace_names else None
                 if own is not None:
-                    left.own_numbers[move].append(own)
+                    found.own_numbers[move].append(own)
                     continue
-                left.is_left[move] = True
-                for other in moves.visits[begins[move] : moves.ends[move]].tolist():
+                found.is_uncorrected[move] = True
+                for other in moves_of_targets.list_targets(move):
                     if other not in kept:
                         kept.add(other)
                         to_visit.append(other)
-        return left
+        return found
 
-    def _make_own_numbers(self, target: int, move: int) -> OwnNumbers | None:
-        """Return the numbers that a move gets in place of the name of a target, which itself has to stay.
+    def _copy_numbers_to_move(self, target: int, move: int) -> OwnNumbers | None:
+        """Return the numbers that a move gets in place of a target's name, as the declaration has to stay.
 
         Return None if the move itself states the numbers, if the numbers or the place of the name are not
         certain, or if the line becomes too long for the controller.
@@ -644,7 +695,8 @@ class Columns:
             move: index of the move.
         """
         label = self._labels[target]
-        if not label or target in self._unfit:
+        is_named = bool(label)
+        if not is_named or target in self._unfit:
             return None
         line = int(self._sorted.line[move])
         first_file = self._sources[0]
@@ -652,20 +704,27 @@ class Columns:
         first_number = int(self._filled.spans[target, 0, 0])
         numbers = copy_numbers(self._language, declaring_file, first_number)
         place = find_name(self._language, first_file, line, _strip_name(label))
-        if numbers is None or place is None:
+        if numbers is None or place is None or not self._fits_in_line(numbers, move):
             return None
+        cause = self._target_causes.get(target, _explain_shared_target(line))
+        reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
+        name = show_text(first_file.text[place.begin : place.end])
+        return OwnNumbers(
+            place.begin, place.end, name, numbers, line, label, reason, cause.remedy, other_line=cause.line
+        )
+
+    def _fits_in_line(self, numbers: str, move: int) -> bool:
+        """Return whether the line of a move is short enough after numbers replaced the name of each target.
+
+        The numbers may also grow when they are corrected.
+        """
+        first_file = self._sources[0]
+        line = int(self._sorted.line[move])
         begin_of_visits = self._sorted.ends[move - 1] if move > 0 else 0
         count_of_targets = int(self._sorted.ends[move] - begin_of_visits)
         line_length = int(first_file.ends[line - 1] - first_file.starts[line - 1])
         greatest_length = line_length + count_of_targets * (len(numbers) + _GROWTH)
-        if greatest_length > self._language.longest_line:
-            return None
-        shared = Cause(line, "a move that is not corrected uses the same target", "use a separate target")
-        cause = self._target_causes.get(target, shared)
-        reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
-        begin, end = place
-        name = show_text(first_file.text[begin:end])
-        return OwnNumbers(begin, end, name, numbers, line, label, reason, cause.remedy, cause.line)
+        return greatest_length <= self._language.longest_line
 
     def build_program(self, causes: Sequence[Cause]) -> Program:
         """Return the program of the targets and moves, behind `settle_targets`.
@@ -709,25 +768,32 @@ class Columns:
 
         A move cannot be corrected if one of its targets has a cause against a correction.
         """
-        is_left = self._find_left_moves(can_replace_names=False).is_left
+        is_uncorrected = self._find_uncorrected_moves(can_replace_names=False).is_uncorrected
         begins = np.append(0, moves.ends[:-1])
-        for move in np.flatnonzero(is_left).tolist():
+        for move in np.flatnonzero(is_uncorrected).tolist():
             line = int(moves.line[move])
             visited = moves.visits[begins[move] : moves.ends[move]].tolist()
-            causes = [self._target_causes[target] for target in visited if target in self._target_causes]
-            cause = Cause(line, "a move that is not corrected uses the same target", "use a separate target")
-            reason = cause.reason
-            if causes:
-                reason = self.restore_spelling(causes[0].reason, 0, line)
-                # A cause without a line is reported at the line of the move.
-                cause = causes[0] if causes[0].line else Cause(line, reason, causes[0].remedy)
+            cause = self._find_cause_of_move(visited, line)
+            reason = self.restore_spelling(cause.reason, 0, line)
+            if not cause.line:  # it is reported at the line of the move
+                cause = Cause(line, reason, cause.remedy)
             end = visited[-1]  # the target at the end of the move
             frames_of_target = (targets.base[end], targets.tool[end])
             base, tool = self._other_frames.get((end, line), frames_of_target)
             base_name, tool_name = targets.frames[base].name, targets.frames[tool].name
             read_move = ReadMove(line, targets.names[end], base_name, tool_name, reason, cause.remedy)
             self._left.append((read_move, cause))
-        return ~is_left
+        return ~is_uncorrected
+
+    def _find_cause_of_move(self, visited: Sequence[int], line: int) -> Cause:
+        """Return why a move is not corrected: the cause of the first of its targets, by index, that has one.
+
+        If none has a cause, a target of the move is also that of another move that is not corrected.
+        """
+        for target in visited:
+            if target in self._target_causes:
+                return self._target_causes[target]
+        return _explain_shared_target(line)
 
     def _fill_targets(self, columns: IndexArray, external_axes: ExternalAxes) -> Targets:
         """Return the targets with their numbers; note those that cannot be corrected because of them.
@@ -833,10 +899,24 @@ class Columns:
         return numbers
 
     def _keep_unfit_targets(self, is_unfit: BoolArray, line: IndexArray, reason: str, remedy: str) -> None:
-        """Note the targets in a mask (t,) as such whose numbers have to stay; `line` (t,) are their lines."""
+        """Note the targets whose numbers cannot be corrected, for a reason in these numbers themselves.
+
+        Copies of such numbers, in place of the name of the target, cannot be corrected either.
+
+        Args:
+            is_unfit: (t,) mask of the targets.
+            line: (t,) line of each target.
+            reason: why their numbers stay as they are.
+            remedy: what the user can do.
+        """
         for index in np.flatnonzero(is_unfit).tolist():
             self._unfit.add(index)
             self._target_causes.setdefault(index, Cause(int(line[index]), reason, remedy))
+
+
+def _explain_shared_target(line: int) -> Cause:
+    """Return the cause that a move, which is not corrected, shares a target with the move on a line."""
+    return Cause(line, "a move that is not corrected uses the same target", "use a separate target")
 
 
 def _divide_by_file(source: IndexArray) -> Iterator[tuple[int, IndexArray]]:
@@ -855,10 +935,12 @@ def _divide_by_file(source: IndexArray) -> Iterator[tuple[int, IndexArray]]:
 
 
 def _arrange_ordinals(literals: Sequence[Literal]) -> IndexArray:
-    """Return the ordinals of the numbers of each literal as a row; -1 where a literal has no such number.
+    """Return where the numbers of each literal are in its statement; -1 where it has no such number.
 
-    An ordinal is the index of a number among those of its statement. A row has four parts: position and
-    orientation, the arm's configuration, external axes, and numbers that all targets have to share.
+    A literal says what the numbers in the text of a target mean: in `{X 1,Y 2,...}`, X has the ordinal 0 and
+    Y the ordinal 1 among the numbers of the statement. The ordinals of each literal are a row of the result.
+    Its columns are position and orientation, the arm's configuration, external axes, and numbers that all
+    targets have to share.
     """
     ordinals = np.full((len(literals), _AXES_END + _MAX_COMMON), -1)
     for row, literal in zip(ordinals, literals, strict=True):

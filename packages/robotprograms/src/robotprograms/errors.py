@@ -37,14 +37,16 @@ _CAPITALS: Final = {
 def decode_text(content: bytes) -> str:
     """Return the text of a program, with one character for each byte, in whatever encoding the bytes are.
 
-    Bytes beyond ASCII that are no letters in Latin-1 become letters without a case. So names with letters in
-    UTF-8, which are several bytes, count as words, and each character has the offset of its byte.
+    Controllers write Latin-1 or UTF-8, and no file says which one. So a letter in UTF-8, such as ü (the bytes
+    C3 BC), becomes two characters here. A name with such a letter is still one word, because bytes that are
+    no letters in Latin-1 become letters, too; and each character has the index of its byte in the file.
     """
     text = content.decode("latin-1")
     if text.isascii():
         return text
-    with_letters = text.translate(_LETTERS)
-    # Two bytes are a blank in Latin-1, but a part of a letter in UTF-8 behind certain other bytes.
+    with_letters = text.translate(_LETTERS)  # BC, which is the sign ¼ in Latin-1, becomes a letter
+    # Alone, the bytes 85 and A0 are blanks in Latin-1, and stay blanks. Behind a byte from C3 to DF they
+    # are a part of a letter in UTF-8, such as à (C3 A0), and become letters.
     return _BLANKS.sub(lambda blank: chr(_FIRST_LETTER + ord(blank[0])), with_letters)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
 from itertools import islice
 from typing import Final, NamedTuple, TypeAlias
 
@@ -152,9 +152,10 @@ def _translate_conditional_action(line: Line) -> list[Op]:
 
 
 def _translate_harmless_instruction(line: Line) -> list[Op]:
-    """Translate an instruction that moves nothing: a use of each variable in its value.
+    """Translate an instruction that moves nothing, such as `R[1]=R[2]+1` or `DO[3]=PULSE,0.2sec`.
 
-    The value is an expression, `ON`, or a pulse such as `PULSE,0.2sec`, which reads no variable.
+    The instruction becomes a use of each variable in its value (the line's group `value`). The value is an
+    expression, `ON`, or a pulse, which reads no variable.
 
     Raises:
         Misread: the line also chooses a frame by UFRAME or UTOOL, after the value.
@@ -162,7 +163,7 @@ def _translate_harmless_instruction(line: Line) -> list[Op]:
     if re.search(r"(?<=.)U(?:FRAME|TOOL)\w*(?:\[[^\[\]]*\])?=", line.text):
         return _refuse_computed_frame(line)
     value = line["value"].replace("!", "")
-    is_pulse = re.fullmatch(r"PULSE,\0 ?(?:sec)?", value)  # NUL replaces each number
+    is_pulse = re.fullmatch(r"PULSE,\0 ?(?:sec)?", value)  # NUL is in place of each number
     return line.read_expression(value) if value and not is_pulse else []
 
 
@@ -178,23 +179,24 @@ def _is_known_tail(tail: str) -> bool:
 
 
 class _PositionsOfMove(NamedTuple):
-    """Positions of a move, and the text behind them."""
+    """Positions of a move such as `C P[1] P[2] 100mm/sec FINE`, and the text behind them."""
 
-    ordinals: list[int]  # of the number n of each position P[n]
-    tail: Line  # text behind the first position, without Skip and the second position
+    # where the numbers n of its positions P[n] are, as indices among the numbers of the statement
+    ordinals: list[int]
+    tail: Line  # text behind the first position, without Skip and the second position: `100mm/sec FINE`
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Translate a move to one position, or an arc through one position to another.
+    """Translate a move such as `L P[1] 100mm/sec FINE`, or an arc `C P[1] P[2] ...` through P[1] to P[2].
 
-    The move is not corrected if the text behind the positions moves the target, or may end the move.
+    The groups of the line are its `letter` (L, C), the `second` position, and the `tail` behind them. The
+    move is not corrected if the tail moves the target, as `Offset,PR[1]` does, or may end the move.
 
     Raises:
         Misread: the number of positions is wrong, or the text behind them may be a further statement.
     """
     skip = _SKIP.search(line["tail"])
-    positions = _read_positions(line)
-    ordinals, tail = positions.ordinals, positions.tail
+    ordinals, tail = _read_positions(line)
     # A position states its own base UF and tool UT, which have to be active.
     move = ir.Move(
         _MOTIONS[line["letter"]],
@@ -210,13 +212,15 @@ def _translate_move(line: Line) -> list[Op]:
     calls = [ir.Call(name, anytime=True, event=name) for name in programs_called_near_target]
     if skip is None:
         return [*calls, move]
-    # The program continues at the label if the condition of Skip is not met.
+    # `Skip,LBL[5]`: the program continues at the label if the condition of Skip is not met.
     label = line.part("tail").cut(*skip.span("label"))
     return [*calls, move, *ir.make_skippable([_jump_to(label)])]
 
 
 def _explain_tail(line: Line, tail: Line, *, may_be_skipped: bool) -> str:
-    """Return why a move is not corrected, from the text `tail` behind its positions; empty if it can be.
+    """Return why a move is not corrected, from the text behind its positions; empty if it can be.
+
+    A tail such as `100mm/sec FINE` is known. `Offset,PR[1]` is known to move the target.
 
     Raises:
         Misread: the text is unknown, and may be a further statement.
@@ -235,26 +239,26 @@ def _explain_tail(line: Line, tail: Line, *, may_be_skipped: bool) -> str:
 def _read_positions(line: Line) -> _PositionsOfMove:
     """Read the numbers n of the positions P[n] of a move, and the text behind them.
 
-    An arc has a second position, on the next line; an offset of the first one may come before it.
+    An arc has a second position, on the next line, as in `C P[1]` and `P[2] 100mm/sec FINE`. An offset of the
+    first position may come before it, as in `C P[1] Offset,PR[1] P[2] 100mm/sec FINE`.
 
     Raises:
         Misread: an arc has one position, or another move has two.
     """
+    tail = line.part("tail")
+    ordinals = [line.ordinals[0]]
     is_arc = line["letter"] == "C"
     is_second_behind_offset = is_arc and not line["second"]
-    if is_second_behind_offset:
-        part, pattern = line.part("tail"), rf"{_OFFSETS} ?(P\[\0\])"
-    else:
-        part, pattern = line.part("second"), r" ?(P\[\0\])"
-    second = re.search(pattern, part.text)
-    if (second is not None) != is_arc:
+    part, before = (tail, f"{_OFFSETS} ?") if is_second_behind_offset else (line.part("second"), " ?")
+    found = re.search(rf"{before}(?P<position>P\[\0\])", part.text)
+    if (found is not None) != is_arc:
         need = "an arc needs two positions, the second one on the next line"
         raise Misread(f"{need}; any other move needs one position")
-    ordinals, tail = [line.ordinals[0]], line.part("tail")
-    if second:
-        ordinals += part.cut(*second.span(1)).ordinals
+    if found:
+        second = found.span("position")
+        ordinals += part.cut(*second).ordinals
         if is_second_behind_offset:
-            tail = tail.substitute(*second.span(1), " ")
+            tail = tail.substitute(*second, " ")
     for skip in reversed([*_SKIP.finditer(tail.text)]):
         tail = tail.substitute(*skip.span(), "")
     return _PositionsOfMove(ordinals, tail)
@@ -417,29 +421,34 @@ _Fields: TypeAlias = dict[str, _Field]
 def _declare_position(line: Line) -> list[Op]:
     """Translate the declaration of a position into assignments of its numbers, its base and its tool.
 
-    Such a declaration is `P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … };`. A position that is not
-    understood gets unknown numbers.
+    Such a declaration is `P[n]{ GP1: UF : 1, UT : 2, CONFIG : 'N U T, 0, 0, 0', X = 100.0 mm, ... };`. A
+    position that is not understood gets unknown numbers.
     """
     name = line.fill_name("P[%s]")
     try:
-        fields, ordinals_of_others = _split_groups(line)
-        target = _read_arm_position(fields, ordinals_of_others)
+        groups = _split_groups(line)
+        target = _read_arm_position(groups)
     except Misread as fault:
         return [ir.MakeUnknown(frozenset({name}), fault.reason, fault.remedy)]
     ops: list[Op] = [ir.Assign(name, target, "variable")]
     for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
-        has_number = bool(fields[kind].ordinals)  # else it is `F`, which means the active frame
-        frame = ir.NumberedName(f"{kind} %s", fields[kind].ordinals[0]) if has_number else active
+        ordinals = groups.of_arm[kind].ordinals
+        has_number = bool(ordinals)  # else it is `F`, which means the active frame
+        frame = ir.NumberedName(f"{kind} %s", ordinals[0]) if has_number else active
         ops.append(ir.Assign(line.fill_name(f"P[%s].{kind}"), ir.Named(frame), "constant"))
     return ops
 
 
-def _split_groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
-    """Split a position `P[n]{ GP1: …, GP2: … };` into the fields of its groups of axes.
+class _Groups(NamedTuple):
+    """A position, divided by the groups of axes that the controller moves: the arm, positioners and so on."""
 
-    Returns:
-        Fields of the arm's group, which is group 1; ordinals of the numbers of all other groups, apart from
-        those of their frames.
+    of_arm: _Fields  # fields of the arm's group, which is group 1
+    # ordinals of the numbers of all other groups, apart from those of their frames
+    ordinals_of_others: tuple[int, ...]
+
+
+def _split_groups(line: Line) -> _Groups:
+    """Split a position `P[n]{ GP1: UF : 1, ..., X = 100.0 mm, ... GP2: J1 = 0.0 deg };` into its fields.
 
     Raises:
         Misread: a field is unknown or occurs twice.
@@ -449,7 +458,7 @@ def _split_groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
     ordinals = iter(line.ordinals[1:])  # without that of n
     place, end = line.text.index("{") + 1, len(line.text) - len("};")
     while place < end:
-        match = _FIELD.match(line.text, place)
+        match = _FIELD.match(line.text, place)  # `GP1:`, which begins a group, or a field with its name
         if match is None:
             raise Misread("a field of the position is unknown", _RECORD_AGAIN)
         place = match.end()
@@ -459,25 +468,39 @@ def _split_groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
         if name in fields or (begins_group and fields):
             raise Misread("a field or a group occurs twice in a position", _RECORD_AGAIN)
         if name:
-            text = (match["unit"] or "").lower() or match["text"] or match["word"] or ""
-            count_of_numbers = match[0].count(ir.A_NUMBER)
-            fields[name] = _Field(tuple(islice(ordinals, count_of_numbers)), text)
-    ordinals_of_others = list[int]()
+            fields[name] = _make_field(match, ordinals)
+    return _Groups(fields_of_group.get(_ARM, {}), _list_ordinals_of_others(fields_of_group))
+
+
+def _make_field(match: re.Match[str], ordinals: Iterator[int]) -> _Field:
+    """Return the field that matched `_FIELD`, such as `X=100.0 mm`, `CONFIG:'N U T,0,0,0'` or `UF:F`.
+
+    `ordinals` yields the indices of the numbers that have not been read: the field takes its own ones.
+    """
+    text = (match["unit"] or "").lower() or match["text"] or match["word"] or ""
+    count_of_numbers = match[0].count(ir.A_NUMBER)
+    return _Field(tuple(islice(ordinals, count_of_numbers)), text)
+
+
+def _list_ordinals_of_others(fields_of_group: Mapping[str, _Fields]) -> tuple[int, ...]:
+    """Return the ordinals of the numbers in all groups but the arm's, apart from those of their frames."""
+    ordinals = list[int]()
     for group, fields in fields_of_group.items():
         for name, field in fields.items():
             if group != _ARM and name not in {"UF", "UT"}:
-                ordinals_of_others += field.ordinals
-    return fields_of_group.get(_ARM, {}), tuple(ordinals_of_others)
+                ordinals += field.ordinals
+    return tuple(ordinals)
 
 
-def _read_arm_position(fields: _Fields, ordinals_of_others: tuple[int, ...]) -> Literal:
-    """Return the target that the fields of the arm's group state.
+def _read_arm_position(groups: _Groups) -> Literal:
+    """Return the target of the arm that a position states: X, Y, Z, W, P, R or joint angles J1 ... J6.
 
-    The numbers of other groups, with these ordinals, count as external axes.
+    The numbers of other groups of axes count as external axes, and so do E1, E2 and so on.
 
     Raises:
         Misread: the position was not recorded, is incomplete, or is not in mm and degrees.
     """
+    fields = groups.of_arm
     _refuse_incomplete_position(fields)
     for notation, names, units in _FIELDS:
         numbers = [fields.get(name, _Field()) for name in names]
@@ -492,7 +515,7 @@ def _read_arm_position(fields: _Fields, ordinals_of_others: tuple[int, ...]) -> 
         return Literal(
             notation,
             tuple(number.ordinals[0] for number in numbers),
-            external_axes + ordinals_of_others,
+            external_axes + groups.ordinals_of_others,
             _read_turns(configuration),
             _read_letters(configuration),
         )
@@ -540,10 +563,12 @@ _POSITION_LANGUAGE: Final = ir.Language(
     rules=((r"(?s)[\s\S]*", _declare_position),),
 )
 _SECTION_ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
-_SECTION: Final = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)\b.*+")
-_LINE: Final = re.compile(r"\s*+(\d*+)\s*+:")
+_SECTION: Final = re.compile(r"/(?P<name>PROG|ATTR|APPL|MN|POS|END)\b.*+")
+_LINE: Final = re.compile(r"\s*+(?P<number>\d*+)\s*+:")
 _FOLLOWS_CONVEYOR: Final = re.compile(r"LINE_TRACK_SCHEDULE_NUMBER\s*+:\s*+0*+[1-9]")
-_POSITION: Final = re.compile(r"(P.*?\};)|\S[^P]*+", re.DOTALL)
+_POSITION: Final = re.compile(r"(?P<position>P.*?\};)|\S[^P]*+", re.DOTALL)
+_BEGIN_OF_POSITION: Final = re.compile(r"P\s*+\[[^\]{}]*+\]\s*+\{")
+"""The text `P[1:"home"]{`, without which the text up to the next `};` is no position."""
 _SECOND_POSITION: Final = re.compile(r"\s*+P\s*+\[")
 
 
@@ -553,7 +578,7 @@ def read_fanuc(statements: Statements, sources: tuple[Source, ...]) -> None:
     Raises:
         ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
     """
-    # Each program has positions P[n] of its own.
+    # Each program has positions P[n] of its own: in a further file, `P` means those of this file.
     statements.owners = {index: {"P": f"file{index}"} for index in range(1, len(sources))}
     for index, source in enumerate(sources):
         if index == 0:
@@ -563,7 +588,7 @@ def read_fanuc(statements: Statements, sources: tuple[Source, ...]) -> None:
 
 
 def _add_main_program(statements: Statements, source: Source) -> None:
-    """Add the positions and the instructions of the program whose moves are corrected.
+    """Add the positions in /POS and the instructions in /MN of the program whose moves are corrected.
 
     Raises:
         ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
@@ -626,7 +651,15 @@ class _Sections(NamedTuple):
 
 
 def _find_sections(statements: Statements, index: int, source: Source) -> _Sections:
-    """Find the sections and the instructions of a file, which has this index among the files.
+    """Find the sections of a file, which begin with lines such as /PROG, /MN and /POS, and its instructions.
+
+    The instructions are the lines of /MN, such as `   1:L P[1] 100mm/sec FINE    ;`. The lines /PROG and /POS
+    count as instructions, too: they begin and end the program.
+
+    Args:
+        statements: statements of the program, which refuse a file with a mistake.
+        index: index of the file.
+        source: the file.
 
     Raises:
         ProgramError: a section is missing or misplaced.
@@ -638,10 +671,8 @@ def _find_sections(statements: Statements, index: int, source: Source) -> _Secti
     for line, (start, end) in enumerate(lines, 1):
         text = source.text[start:end].rstrip("\r\n")
         if head := _SECTION.match(text):
-            section = head[1]
-            if _is_misplaced(section, heads):
-                reason = f"the section /{section} occurs twice or in the wrong place"
-                statements.refuse(line, reason, "send each program as a file of its own", index)
+            section = head["name"]
+            _refuse_misplaced_section(statements, index, line, section, heads)
             heads[section] = start + len(text)
             begins_or_ends_program = section in {"PROG", "POS"} and "PROG" in heads
             if begins_or_ends_program:
@@ -655,11 +686,21 @@ def _find_sections(statements: Statements, index: int, source: Source) -> _Secti
     return _Sections(heads, instructions)
 
 
-def _is_misplaced(section: str, earlier: Collection[str]) -> bool:
-    """Return whether a section occurs twice among earlier ones, or behind one that has to follow it."""
+def _refuse_misplaced_section(
+    statements: Statements, index: int, line: int, section: str, earlier: Collection[str]
+) -> None:
+    """Refuse a section that occurs twice among earlier ones, or behind one that has to follow it.
+
+    `line` is that of the section in the file with this index.
+
+    Raises:
+        ProgramError: the section is such a one.
+    """
     occurs_twice = section in earlier and section != "APPL"
     latest = max(map(_SECTION_ORDER.index, earlier), default=0)
-    return occurs_twice or _SECTION_ORDER.index(section) < latest
+    if occurs_twice or _SECTION_ORDER.index(section) < latest:
+        reason = f"the section /{section} occurs twice or in the wrong place"
+        statements.refuse(line, reason, "send each program as a file of its own", index)
 
 
 def _check_sections(statements: Statements, index: int, sections: Collection[str]) -> None:
@@ -683,14 +724,15 @@ def _spans_to_arrays(spans: array[int]) -> tuple[IndexArray, IndexArray]:
 
 
 def _add_instruction(source: Source, spans: array[int], start: int, text: str) -> None:
-    """Add the span of a line of /MN to `spans`; a line without a number continues the line before it.
+    """Add a line of /MN, such as `  12:L P[1] 100mm/sec FINE ;`, to the instructions.
 
-    Comments are left out. A line that is not in the controller's form is a statement of its own, which is
-    not understood.
+    The instruction is the text behind the number and the colon. A line without a number, such as
+    `    :  P[2] 100mm/sec FINE ;`, continues an instruction before it that has no semicolon at its end.
+    Comments are left out. A line in another form is an instruction of its own, which is not understood.
 
     Args:
         source: the file.
-        spans: start and end of each instruction so far.
+        spans: first and last + 1 character of each instruction so far, one after the other.
         start: first character of the line.
         text: the line.
     """
@@ -698,7 +740,7 @@ def _add_instruction(source: Source, spans: array[int], start: int, text: str) -
     if ends_block_of_logic:
         return
     end = start + len(text)
-    head = _LINE.match(text)  # number of the line and colon, such as `  12:`
+    head = _LINE.match(text)  # the number of the line, which may be missing, and the colon
     has_form_of_controller = head is not None or _SECOND_POSITION.match(text) is not None
     if not has_form_of_controller:
         spans.extend((start, end))
@@ -707,31 +749,44 @@ def _add_instruction(source: Source, spans: array[int], start: int, text: str) -
     is_comment = text[begin_of_body:].lstrip().startswith(("!", "//", "--"))
     if is_comment:
         return
-    has_number = head is not None and head[1] != ""
-    last_instruction = source.text[spans[-2] : spans[-1]].rstrip() if spans else ";"
-    is_last_instruction_complete = last_instruction.endswith(";")
-    if has_number or is_last_instruction_complete:
+    has_number = head is not None and head["number"] != ""
+    if has_number or _is_last_complete(source, spans):
         spans.extend((start + begin_of_body, end))
     else:  # the line continues the last instruction
         spans[-1] = end
 
 
+def _is_last_complete(source: Source, spans: array[int]) -> bool:
+    """Return whether the last instruction ends with a semicolon, or there is none so far.
+
+    `spans` has first and last + 1 character of each instruction, one after the other.
+    """
+    if not spans:
+        return True
+    last_instruction = source.text[spans[-2] : spans[-1]]
+    return last_instruction.rstrip().endswith(";")
+
+
 def _find_positions(
     statements: Statements, source: Source, sections: _Sections
 ) -> tuple[IndexArray, IndexArray]:
-    """Return the first and the last + 1 character of each position in /POS, as arrays (k,).
+    """Find the positions in the section /POS, such as `P[1:"home"]{ GP1: ... };`.
+
+    Returns:
+        (k,) first character of each position; (k,) last character + 1 of each position.
 
     Raises:
         ProgramError: there is a text between positions, or a position has no end.
     """
     begin, end = sections.heads["POS"], sections.heads["END"] - len("/END")
     spans = array("q")
-    for found in _POSITION.finditer(source.text, begin, end):
-        position = found[1]  # None for other text
-        if position is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", position):
-            reason = f"{quote_text(found[0])} between positions is unknown or has no end"
-            statements.refuse(source.find_line(found.start()), reason, _RECORD_AGAIN)
-        spans.extend(found.span())
+    # The section is read as pieces: each is a text from a letter P to the next `};`, or another text.
+    for piece in _POSITION.finditer(source.text, begin, end):
+        position = piece["position"]  # None for another text
+        if position is None or not _BEGIN_OF_POSITION.match(position):
+            reason = f"{quote_text(piece[0])} between positions is unknown or has no end"
+            statements.refuse(source.find_line(piece.start()), reason, _RECORD_AGAIN)
+        spans.extend(piece.span())
     return _spans_to_arrays(spans)
 
 

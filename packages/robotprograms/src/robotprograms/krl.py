@@ -87,8 +87,6 @@ _TRIGGER: Final = (
     r"TRIGGER WHEN (?:DISTANCE|PATH)=((?:(?! ?\b(?:ONSTART|DELAY=)).)+)(?: ?ONSTART)? ?\bDELAY="
     r"((?:(?! ?\bDO ).)+) ?\bDO "
 )
-_AXES_OF_STEP: Final = r" ?#(?:TOOL|BASE)$"
-"""Axes along which the step of a relative move is given, at the end of the move."""
 _FIELD_OF_FRAMES: Final = re.compile(r"\.(?:(BASE|TOOL)_NO=\0|IPO_FRAME=(?P<mode>#(?:BASE|TCP)))")
 _ELEMENT: Final = re.compile(r"(?P<array>[^\W\d]\w*+)\[\0\]")
 """An element of an array whose index is a number, such as `A[3]`."""
@@ -112,24 +110,32 @@ _UNKNOWN_FEED: Final = ir.Unknown("the feed is computed, or not stated", "write 
 
 
 def _read_feed(setting: Line) -> ir.Value | None:
-    """Return the feed that a setting such as `$VEL.CP=0.2` states; None if the setting states no feed.
+    """Return the feed (speed of the tool's centre) that a setting states; None if it sets something else.
 
-    A feed that is computed is an unknown value.
+    KRL writes the feed as `$VEL.CP=0.2`, in a structure `$VEL={CP 0.2,ORI1 200}`, or in an inline form
+    `$VEL=SVEL_CP(0.2,...)`. A feed that is computed is an unknown value.
     """
     match = _OWN_FEED.fullmatch(setting.text)
     if match is None:
         return None
-    if match["structure"]:  # $VEL={CP 0.2,ORI1 200}
-        ordinal = _read_structure(setting.cut(*match.span("structure"))).get("CP")
-        return Literal(_NUMBER, (ordinal,)) if isinstance(ordinal, int) else _UNKNOWN_FEED
-    if match["value"]:  # $VEL.CP=0.2
+    if match["structure"]:
+        return _read_feed_in_structure(setting.cut(*match.span("structure")))
+    if match["value"]:  # the 0.2 of $VEL.CP=0.2
         values = setting.cut(*match.span("value"))
-    elif match["data"]:  # $VEL=SVEL_CP(0.2,...), whose first argument is the feed
+    elif match["data"]:  # the 0.2,... of SVEL_CP(0.2,...), whose first argument is the feed
         values = setting.cut(*match.span("data"))
     else:
         return _UNKNOWN_FEED
     feed, *_ = values.split()
     return _read_speed(feed) or _UNKNOWN_FEED
+
+
+def _read_feed_in_structure(structure: Line) -> ir.Value:
+    """Return the feed CP of a structure of speeds such as `{CP 0.2,ORI1 200}`; unknown if it has none."""
+    ordinal = _read_structure(structure).get("CP")
+    if isinstance(ordinal, int):
+        return Literal(_NUMBER, (ordinal,))
+    return _UNKNOWN_FEED
 
 
 def _read_speed(part: Line) -> ir.Value | None:
@@ -155,19 +161,21 @@ def _read_value(line: Line, text: str) -> list[Op]:
 
 
 def _read_structure(part: Line) -> dict[str, int | str]:
-    """Parse a structure such as `{X 1,Y 2,S "on"}`.
+    """Parse a structure such as `{X 1,Y 2,S "on"}` into its fields by their names.
+
+    Statements that differ in their numbers only are translated once. So the value of a field such as X is not
+    the number itself, but its ordinal: its index among the numbers of the statement.
 
     Returns:
-        For the name of each field the ordinal of its number, which is the index among the numbers of the
-        statement; or the field's text if it is no number. Empty if a field is computed or occurs twice, or
-        if the text is not a structure.
+        Ordinal of the number of each field, or the text of a field that is no number. The dictionary is empty
+        if the text is not a structure, if a field is computed, or if a field occurs twice.
     """
     structure = re.fullmatch(r"\{(?:\w+:)?(?P<fields>[^{}]*)\}", part.text)
     if structure is None:
         return {}
     value_of_field = dict[str, int | str]()
     for field in part.cut(*structure.span("fields")).split():
-        match = _FIELD.fullmatch(field.text)
+        match = _FIELD.fullmatch(field.text)  # name and value, such as `X 1`
         if match is None or match["name"] in value_of_field:
             return {}
         is_number = match["value"] == ir.A_NUMBER
@@ -224,26 +232,39 @@ def _set_frame_data(name: ir.Name, ordinals: dict[str, int], mode: str) -> list[
 
 
 def _translate_value(name: ir.Name, value: Line) -> list[Op]:
-    """Translate an assignment to a name, which gets numbers, another name's value or an unknown value."""
+    """Translate the assignment of a value to a name, as in `P1={X 1,Y 2,...}` or `$BASE=MY_FRAME`.
+
+    The name gets a pose or joint angles in numbers, frames, a single number, or a copy of another variable.
+    Any other value, such as `P1=P2` or `N=N+1`, is not followed: then the name has an unknown value.
+    """
     fields = _read_structure(value)
     if pose := _find_target_in_fields(fields):
         return [ir.Assign(name, pose)]
-    # Frame data such as FDAT_ACT={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE}
-    numbers_of_frames = dict[str, int]()
-    for role in ("BASE", "TOOL"):
-        number = fields.get(f"{role}_NO")
-        if isinstance(number, int):
-            numbers_of_frames[role] = number
-    if isinstance(name, str) and len(numbers_of_frames) == 2:
-        return _set_frame_data(name, numbers_of_frames, str(fields.get("IPO_FRAME", "#BASE")))
+    if isinstance(name, str) and (ops := _set_all_frame_data(name, fields)):
+        return ops
     is_name = re.fullmatch(_NAME, value.text) is not None
-    if name == "FDAT_ACT" and is_name:
+    if name == "FDAT_ACT" and is_name:  # FDAT_ACT=FP1: active frames of an inline form
         return _copy_frames("FDAT_ACT", value.text)
     if value.is_number:
         return [ir.Assign(name, Literal(_NUMBER, value.ordinals))]
     if name in {"$BASE", "$TOOL"} and (ops := _activate_frame(str(name), value)):
         return ops
     return [*_read_value(value, value.text), _forget_name(name)]
+
+
+def _set_all_frame_data(name: str, fields: dict[str, int | str]) -> list[Op]:
+    """Translate `FDAT_ACT={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE}`: the frame data of an inline form.
+
+    The list is empty if the fields, as `_read_structure` returns them, are not numbers of both frames.
+    """
+    numbers_of_frames = dict[str, int]()  # ordinals
+    for role in ("BASE", "TOOL"):
+        number = fields.get(f"{role}_NO")
+        if isinstance(number, int):
+            numbers_of_frames[role] = number
+    if len(numbers_of_frames) < 2:
+        return []
+    return _set_frame_data(name, numbers_of_frames, str(fields.get("IPO_FRAME", "#BASE")))
 
 
 def _activate_frame(active: str, value: Line) -> list[Op]:
@@ -281,14 +302,17 @@ def _forget_name(name: ir.Name) -> Op:
 
 
 def _translate_declaration(line: Line) -> list[Op]:
-    """Translate a declaration of one or several names, with or without values: `DECL POS A={X 1,...},B`.
+    """Translate a declaration such as `DECL POS P1={X 1,...},P2,A[3]` (the line's group `names`: from P1 on).
+
+    Each name becomes a local variable of its routine. It also gets its value, if there is one; a value of a
+    single element, as in `A[1]=5`, makes the value of the whole array unknown.
 
     Raises:
         Misread: the declaration is not understood.
     """
     ops: list[Op] = []
     for part in line.part("names").split():
-        declared = _DECLARED_NAME.fullmatch(part.text)
+        declared = _DECLARED_NAME.fullmatch(part.text)  # name, index in brackets and value behind `=`
         if declared is None or re.fullmatch(_RESERVED, declared["name"]):
             raise Misread("the declaration is unknown")
         name, index = declared["name"], declared["index"]
@@ -302,14 +326,18 @@ def _translate_declaration(line: Line) -> list[Op]:
     return ops
 
 
-def _declare_value(line: Line, name: str, value: Line) -> list[Op]:
-    """Translate the value that a declaration, which is the line, gives to a name."""
-    words_before_names = line.text.removesuffix(line["names"])
+def _declare_value(declaration: Line, name: str, value: Line) -> list[Op]:
+    """Translate the value that a declaration gives to a name, as in `DECL GLOBAL CONST INT N=3`.
+
+    A number of a variable in a .dat is unknown when the program runs: another program may have set it since.
+    Only a CONST keeps its number. Poses and frames are taken as they are declared.
+    """
+    words_before_names = declaration.text.removesuffix(declaration["names"])
     is_shared = re.search(r"\bGLOBAL\b", words_before_names) is not None
     is_constant = re.search(r"\bCONST\b", words_before_names) is not None
+    if value.is_number and not is_constant:
+        return [_forget_name(name)]
     if value.is_number:
-        if not is_constant:  # other programs may have set a variable of a .dat since then
-            return [_forget_name(name)]
         number = Literal(_NUMBER, value.ordinals)
         return [ir.Assign(name, number, declares="constant", shared=is_shared)]
     ops = list[Op]()
@@ -336,18 +364,22 @@ def _set_field_of_frames(line: Line) -> list[Op]:
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Translate an assignment; one that sets a single element or field makes the whole name unknown.
+    """Translate an assignment; the groups of the line are `name`, `index` and `value`.
+
+    In `A[3].X=1`, the name is A, the index [3].X and the value 1; the index is empty if the whole variable is
+    set. An assignment to one element or one field makes the value of the variable unknown.
 
     Raises:
         Misread: a system variable that may move targets is set, or the index of a frame is computed.
     """
     name, index = line["name"], line["index"]
-    is_index_a_number = index.startswith("[\0]")
+    is_index_a_number = index.startswith("[\0]")  # NUL is in place of each number
     if name in {"BASE_DATA", "TOOL_DATA"} and not is_index_a_number:
         raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
     if is_index_a_number and not name.startswith("$"):
         element = line.fill_name(f"{name}[%s]", "index")
-        return _assign(line, element, index.removeprefix("[\0]"))
+        field_of_element = index.removeprefix("[\0]")
+        return _assign(line, element, field_of_element)
     if field_of_frames := _set_field_of_frames(line):
         return field_of_frames
     if name in {"$ACT_BASE", "$ACT_TOOL"} and not index:
@@ -370,26 +402,38 @@ def _choose_number_of_active_frame(line: Line) -> list[Op]:
 
 
 def _assign(line: Line, target: ir.Name, index: str) -> list[Op]:
-    """Translate the assignment of the line's value to a name, or to one of its elements or fields.
+    """Translate the assignment of the line's value to a variable, an element of an array or a field.
 
-    `index` is the text of the element or field, such as `[i].X`; it is empty for the whole name. An element
-    or a field makes the value of the whole name unknown. System variables have no value that matters, apart
-    from the active frames and the feed.
+    Args:
+        line: the assignment.
+        target: the variable, or the element such as `A[3]`.
+        index: text behind it, such as `.X` or `[i].X`; empty if the whole `target` is set. If it is not
+            empty, the value of the whole `target` is unknown behind the line.
     """
     name, value = line["name"], line["value"]
-    # The indices of elements are expressions; all of them are read as one expression.
-    indices = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
-    uses = line.read_expression(indices)
+    uses = _read_indices(line, index)
     if name in _TURNS_TOOL and value not in {"FALSE", "#VAR"}:
         effect = "after this line the arm does not reach the orientations that the program states"
         uses.append(ir.Note(f"{line.quote()}: {effect}"))
     is_system_variable = name.startswith("$") and name not in {"$BASE", "$TOOL"}
     if not (index or is_system_variable):
         return [*uses, *_translate_value(target, line.part("value"))]
+    # Of the controller's other variables, only the feed matters: no target depends on their values.
     changes: list[Op] = [] if is_system_variable else [_forget_name(target)]
     if name == "$VEL" and (feed := _read_feed(line)):
         changes = [ir.Assign(ir.FEED, feed)]
     return [*uses, *_read_value(line, value), *changes]
+
+
+def _read_indices(line: Line, index: str) -> list[Op]:
+    """Return the uses of variables in the indices of an element, such as i and j in `[i][j].X`.
+
+    The indices are expressions; all of them are read as one expression `i,j+X`.
+    """
+    if "[" not in index:
+        return []
+    indices = index.strip("[]").replace("][", ",").replace("].", "+")
+    return line.read_expression(indices)
 
 
 def _read_target(part: Line) -> Literal | ir.Name | None:
@@ -406,53 +450,74 @@ def _read_target(part: Line) -> Literal | ir.Name | None:
 
 
 class _Settings(NamedTuple):
-    """Settings of a move behind its targets, such as `WITH $VEL.CP=0.2, $BASE=FRAME1`."""
+    """Settings that a move has for itself, behind its targets: `WITH $VEL.CP=0.2, $BASE=FRAME1`."""
 
-    uses: list[Op]  # operations of their values
+    uses: list[Op]  # uses of the names in the settings
     frames: dict[str, ir.Copy]  # frames that are set for this move only, by the keys BASE and TOOL
     feed: ir.Value | None  # feed that is set for this move only; None if there is none
 
+    @property
+    def base(self) -> ir.Copy:
+        """Base of the move: that of its settings, or the active one."""
+        return self.frames.get("BASE", ir.Copy("$BASE"))
+
+    @property
+    def tool(self) -> ir.Copy:
+        """Tool of the move: that of its settings, or the active one."""
+        return self.frames.get("TOOL", ir.Copy("$TOOL"))
+
+    @property
+    def feed_of_move(self) -> ir.Feed | None:
+        """Feed of the move: that of its settings, or the active one; None if it is computed."""
+        value = self.feed or ir.Copy(ir.FEED)
+        return ir.Feed(value, _M_PER_S) if isinstance(value, Literal | ir.Copy) else None
+
+
+class _Targets(NamedTuple):
+    """Targets that the text of a move states, such as `P1,P2` or `{X 1,...}`."""
+
+    known: tuple[Literal | ir.Name, ...]  # those that are variables, or whole poses in numbers
+    are_all_known: bool  # whether each target of the text is one of these
+    uses: list[Op]  # uses of other names
+
 
 def _translate_move(line: Line) -> list[Op]:
-    """Translate a move; a move that is relative or has no complete target is not corrected.
+    """Translate a move such as `LIN P1 WITH $VEL.CP=0.2 C_DIS` or `CIRC P1,P2,CA 180`.
+
+    The groups of the line are `motion` (LIN), `relative` (_REL, as in `LIN_REL {X 10}`) and `rest`. A move
+    that is relative, or whose target is not a whole pose, is translated into a move that is not corrected.
 
     Raises:
         Misread: there is no target, or the settings of the move are unknown.
     """
-    motion = _MOTIONS[line["motion"]]
-    is_relative = bool(line["relative"])
-    rest = line.part("rest")
-    if is_relative:  # the axes of a step are behind all else
-        rest = rest.cut(0, len(re.sub(_AXES_OF_STEP, "", rest.text)))
+    motion, is_relative, rest = _MOTIONS[line["motion"]], bool(line["relative"]), line.part("rest")
+    if is_relative:
+        rest = rest.cut(0, len(_strip_axes_of_step(rest.text)))
     target_text, setting_text = _split_at_with(rest)
     if not target_text.text:
         raise Misread(_NOT_WHOLE)
     settings = _read_settings(setting_text)
     if _STORED_POSITION.fullmatch(target_text.text):
         return [*settings.uses, ir.MoveToStored(target_text.text)]
-    targets, uses_in_targets = _read_targets(target_text)
-    uses = [*settings.uses, *uses_in_targets]
-    base = settings.frames.get("BASE", ir.Copy("$BASE"))
-    tool = settings.frames.get("TOOL", ir.Copy("$TOOL"))
-    known_targets = tuple(target for target in targets if target is not None)
+    targets = _read_targets(target_text)
+    uses = [*settings.uses, *targets.uses]
     count = 2 if motion is Motion.CIRCULAR else 1
-    has_all_targets = len(known_targets) == len(targets) == count
-    if is_relative:
-        reason = "the target is relative to the position before the move"
-        return [*uses, *_leave_move(motion, target_text, base, tool, reason)]
-    if not has_all_targets:
-        return [*uses, *_leave_move(motion, target_text, base, tool, _NOT_WHOLE)]
-    value_of_feed = settings.feed or ir.Copy(ir.FEED)
-    feed = None
-    if isinstance(value_of_feed, Literal | ir.Copy):
-        feed = ir.Feed(value_of_feed, _M_PER_S)
-    return [*uses, ir.Move(motion, known_targets, (base,) * count, (tool,) * count, feed=feed)]
+    has_all_targets = targets.are_all_known and len(targets.known) == count
+    if is_relative or not has_all_targets:
+        reason = "the target is relative to the position before the move" if is_relative else _NOT_WHOLE
+        return [*uses, *_translate_uncorrected_move(motion, target_text, settings, reason)]
+    # Each target of the move has the same base and the same tool.
+    bases, tools = (settings.base,) * count, (settings.tool,) * count
+    return [*uses, ir.Move(motion, targets.known, bases, tools, feed=settings.feed_of_move)]
 
 
-def _read_targets(targets_of_move: Line) -> tuple[list[Literal | ir.Name | None], list[Op]]:
-    """Return the targets of a move, and the uses of other names there.
+def _strip_axes_of_step(text: str) -> str:
+    """Return the text of a relative move without the axes of its step: `{X 10}` for `{X 10} #TOOL`."""
+    return re.sub(r" ?#(?:TOOL|BASE)$", "", text)
 
-    A target is None if it is neither numbers nor a name.
+
+def _read_targets(targets_of_move: Line) -> _Targets:
+    """Read the targets of a move, such as the `P1,{X 1,...},CA 180` of a CIRC: two targets and an angle.
 
     Raises:
         Misread: one of two targets is stored in the controller.
@@ -468,17 +533,24 @@ def _read_targets(targets_of_move: Line) -> tuple[list[Literal | ir.Name | None]
             raise Misread("the arc goes through a position stored in the controller")
         else:
             targets.append(_read_target(part))
-    return targets, uses
+    known = tuple(target for target in targets if target is not None)
+    return _Targets(known, len(known) == len(targets), uses)
 
 
-def _leave_move(motion: Motion, target: Line, base: ir.Value, tool: ir.Value, reason: str) -> list[Op]:
-    """Translate a move that is not corrected, because its target is relative or not whole.
+def _translate_uncorrected_move(motion: Motion, target: Line, settings: _Settings, reason: str) -> list[Op]:
+    """Translate a move whose numbers are not corrected, because its target is relative or not whole.
 
-    If the target is a place at an offset from another target, such as `P1:{X 10}`, the move shifts with the
-    correction of that target; `reason` then gives way to one that names the other target.
+    A target `P1:{X 10}` is a place 10 mm from P1. The correction of P1 shifts such a move, too: so the move
+    names P1 in `offset_from`, and in its reason.
+
+    Args:
+        motion: kind of the motion.
+        target: target of the move, or its step.
+        settings: settings of the move.
+        reason: why the move is not corrected, unless its target is such a place.
     """
-    target_or_step = re.sub(_AXES_OF_STEP, "", target.text)
-    near = _NEAR.fullmatch(target_or_step)
+    target_or_step = _strip_axes_of_step(target.text)
+    near = _NEAR.fullmatch(target_or_step)  # another target, and the offset from it
     structure = near["offset"] if near else target_or_step  # such as `{X 10,Y 5}`
     list_of_expressions = _SEPARATED.sub(",", structure)
     uses = target.read_expression(list_of_expressions)
@@ -488,8 +560,8 @@ def _leave_move(motion: Motion, target: Line, base: ir.Value, tool: ir.Value, re
     move = ir.Move(
         motion,
         (),
-        (base,),
-        (tool,),
+        (settings.base,),
+        (settings.tool,),
         reason=f"the target is at an offset from {name}",
         remedy=_REMEDY,
         offset_from=(name,),
@@ -520,7 +592,9 @@ def _strip_blends(part: Line) -> Line:
 
 
 def _read_settings(settings: Line) -> _Settings:
-    """Translate the settings of a move behind the word WITH; there are none if the text is empty.
+    """Translate the settings of a move, such as `$VEL.CP=0.2,$BASE=FRAME1` behind the word WITH.
+
+    A move without the word has an empty text, and no settings.
 
     Raises:
         Misread: a setting is unknown, calls a routine, or takes only one of base and tool from frame data.
@@ -532,19 +606,29 @@ def _read_settings(settings: Line) -> _Settings:
     feed = None  # the last one counts: a number may follow a structure
     for setting in settings.split():
         feed = _read_feed(setting) or feed
-        if own_frame := _read_own_frame(setting):
+        own_frame = _read_own_frame(setting)
+        if own_frame is not None:
             own_frames.append(own_frame)
             uses += own_frame.uses
-        elif _is_harmless_setting(setting.text):
-            _, _, value = setting.text.partition("=")
-            uses += _read_value(setting, value)
         else:
-            reason = "a setting after WITH is unknown, or sets a frame for this move only"
-            raise Misread(reason, _SET_BEFORE_MOVE)
+            uses += _translate_other_setting(setting)
     if _takes_part_of_frame_data(own_frames) or ir.calls_routine(uses):
         reason = "the settings after WITH call a routine, or set only one of tool and base"
         raise Misread(reason, _SET_BEFORE_MOVE)
     return _Settings(uses, {own.role: own.frame for own in own_frames}, feed)
+
+
+def _translate_other_setting(setting: Line) -> list[Op]:
+    """Translate a setting of a move that sets no frame, such as `$APO.CDIS=5`, into uses of names.
+
+    Raises:
+        Misread: the setting may move the target, or sets a frame in a form that is not understood.
+    """
+    if not _is_harmless_setting(setting.text):
+        reason = "a setting after WITH is unknown, or sets a frame for this move only"
+        raise Misread(reason, _SET_BEFORE_MOVE)
+    _, _, value = setting.text.partition("=")
+    return _read_value(setting, value)
 
 
 class _OwnFrame(NamedTuple):
@@ -682,25 +766,35 @@ def _translate_triggered_assignment(line: Line) -> list[Op]:
 
 
 def _translate_bas(line: Line) -> list[Op]:
-    """Translate a call of `BAS(#function,argument)`, which sets frames, speeds and accelerations.
+    """Translate a call such as `BAS(#TOOL,1)` of KUKA's routine BAS, which sets frames, speeds and the like.
+
+    The line has the groups `function`, the word behind `#`, and `argument`, which may be empty.
 
     Raises:
         Misread: the function is unknown, or its argument is not a number.
     """
     function, argument = line["function"], line.part("argument")
-    if function in {"TOOL", "BASE"} and argument.is_number:
-        frame_in_table = argument.fill_name(f"{function}_DATA[%s]")
-        return [ir.Assign(f"${function}", ir.Copy(frame_in_table))]
     if function in {"TOOL", "BASE"} and argument.text:
-        is_variable = re.fullmatch(r"[^\W\d]\w*+", argument.text)
-        change = _copy_element(function, argument.text) if is_variable else _forget_name(f"${function}")
-        return [*argument.read_expression(), change]
+        return _translate_frame_of_bas(function, argument)
     if function not in _BAS:
         raise Misread(f"BAS(#{function}) is unknown, or its argument is not a number")
     ops = [*argument.read_expression(), *_BAS[function]]
     if function in {"VEL_CP", "CP_PARAMS"}:  # BAS: both set $VEL.CP
         ops.append(ir.Assign(ir.FEED, _read_speed(argument) or _UNKNOWN_FEED))
     return ops
+
+
+def _translate_frame_of_bas(role: str, number: Line) -> list[Op]:
+    """Translate `BAS(#TOOL,1)` or `BAS(#BASE,i)`: a frame of the controller's table becomes the active one.
+
+    `role` is TOOL or BASE. With a number that is computed otherwise, the active frame is unknown.
+    """
+    if number.is_number:
+        frame_in_table = number.fill_name(f"{role}_DATA[%s]")
+        return [ir.Assign(f"${role}", ir.Copy(frame_in_table))]
+    is_variable = re.fullmatch(r"[^\W\d]\w*+", number.text)
+    change = _copy_element(role, number.text) if is_variable else _forget_name(f"${role}")
+    return [*number.read_expression(), change]
 
 
 def _translate_reading(line: Line) -> list[Op]:
@@ -800,7 +894,7 @@ def read_krl(statements: Statements, sources: tuple[Source, ...]) -> None:
     statements.by_value = _find_routines_by_value(sources)
     new_names = dict[int, dict[str, str]]()  # by the index of the file, new names of routines by their names
     if len(sources) > 1:
-        _note_names(statements, sources)
+        _note_owners_of_names(statements, sources)
         new_names = _rename_local_routines(sources)
     for index in range(len(sources)):
         _add_file(statements, sources, index, new_names.get(index, {}))
@@ -810,38 +904,52 @@ def read_krl(statements: Statements, sources: tuple[Source, ...]) -> None:
 def _add_file(
     statements: Statements, sources: tuple[Source, ...], index: int, new_names: dict[str, str]
 ) -> None:
-    """Add the statements of one file, in which routines get new names, by their names.
+    """Add the statements of one file: a program (.src), or data (.dat) such as `DECL GLOBAL POS P1={...}`.
+
+    The first line of a .dat, `DEFDAT PART PUBLIC`, has the name of the program PART that the data belong to.
+    Of the data of another program than the first one, this program knows only those in lines with the word
+    GLOBAL. The other lines matter only if the .src of the other program was sent: they are then data of its
+    own, apart from those of this program.
+
+    Args:
+        statements: statements of all files, to which those of this file are added.
+        sources: all files.
+        index: index of the file.
+        new_names: new names of routines that the file calls, by their names.
 
     Raises:
         ProgramError: the file is a .dat that belongs to another program.
     """
     source = sources[index]
-    file_name = source.name.lower()
-    is_data = file_name.endswith(".dat") and len(sources) > 1
-    head = _DATA.search(source.text) if index else None  # DEFDAT name PUBLIC
-    kind = _choose_kind_of_declarations(file_name, head)
+    first_line = _DATA.search(source.text) if index else None
+    kind = _choose_kind_of_declarations(source, first_line)
     starts, ends = source.starts, source.ends
-    is_config = file_name.endswith("config.dat")
-    if head and not is_config and _is_of_another_program(statements, sources, index, head):
-        # Of the data of another program, only those declared as GLOBAL are data of this one.
+    if first_line and _is_of_another_program(statements, sources, index, first_line):
         is_global = _find_global_lines(source)
-        is_owner_sent = bool(statements.owners.get(index))
-        if is_owner_sent:
+        is_program_sent = bool(statements.owners.get(index))
+        if is_program_sent:
             statements.add_statements(index, starts[~is_global], ends[~is_global], declares=kind)
         starts, ends = starts[is_global], ends[is_global]
+    is_data = source.name.lower().endswith(".dat") and len(sources) > 1
     translate = partial(_translate_renamed, renamed=new_names) if new_names else None
     statements.add_statements(index, starts, ends, declares=kind if is_data else "", translate=translate)
 
 
-def _choose_kind_of_declarations(file_name: str, head: re.Match[str] | None) -> str:
-    """Return the kind of the declarations in a file of data: which programs may change the data.
+def _choose_kind_of_declarations(source: Source, first_line: re.Match[str] | None) -> str:
+    """Return which programs may change the data that a .dat declares.
 
-    It is `shared` for $config.dat, which all programs know; `variable` for a PUBLIC file; else `constant`.
+    It is `shared` for $config.dat, whose data all programs know and may change; `variable` for a file with
+    the word PUBLIC in its `first_line`, so that other programs may import the data; else `constant`.
     """
-    if file_name.endswith("config.dat"):
+    if _is_config(source):
         return "shared"
-    is_public = head is not None and head["public"] is not None
+    is_public = first_line is not None and first_line["public"] is not None
     return "variable" if is_public else "constant"
+
+
+def _is_config(source: Source) -> bool:
+    """Return whether a file is $config.dat, which has the data of all programs."""
+    return source.name.lower().endswith("config.dat")
 
 
 def _find_global_lines(source: Source) -> BoolArray:
@@ -851,23 +959,27 @@ def _find_global_lines(source: Source) -> BoolArray:
 
 
 def _is_of_another_program(
-    statements: Statements, sources: tuple[Source, ...], index: int, head: re.Match[str]
+    statements: Statements, sources: tuple[Source, ...], index: int, first_line: re.Match[str]
 ) -> bool:
-    """Return whether a file of data, by its head DEFDAT, belongs to another program than the first one.
+    """Return whether a .dat belongs to another program than the first file.
+
+    Its `first_line`, `DEFDAT PART`, names the program. The data of $config.dat belong to all programs.
 
     Raises:
         ProgramError: the other program is not sent, and the data are not PUBLIC.
     """
+    if _is_config(sources[index]):
+        return False
     main, *others = _list_programs(sources) or [""]
-    owner = head["program"]
+    owner = first_line["program"]
     if not main or capitalise(owner) == capitalise(main):
         return False
     is_owner_sent = capitalise(owner) in map(capitalise, others)
-    is_public = head["public"] is not None
+    is_public = first_line["public"] is not None
     if not (is_public or is_owner_sent):
         reason = f"the file declares data of {owner}, not of {main}"
         remedy = "send the .dat file of this .src file"
-        statements.refuse(sources[index].find_line(head.start()), reason, remedy, index)
+        statements.refuse(sources[index].find_line(first_line.start()), reason, remedy, index)
     return True
 
 
@@ -909,34 +1021,53 @@ def _find_routines_by_value(sources: tuple[Source, ...]) -> frozenset[str]:
     return frozenset(by_value - by_reference)
 
 
-def _rename_local_routines(sources: tuple[Source, ...]) -> dict[int, dict[str, str]]:
-    """Return new names of routines that are known in one file only, by the index of each file.
+class _RoutinesOfFile(NamedTuple):
+    """Names in capitals of the routines that a .src defines by DEF or DEFFCT."""
 
-    In another file the name of such a routine means something else, and gets a new name there.
-    KSS: other files know the first routine of a file, and those that are GLOBAL.
+    every: set[str]
+    visible: set[str]  # those that other files know, too: the first one, and those with the word GLOBAL
+    local: set[str]  # those that only the file itself knows
+
+
+def _list_routines(source: Source) -> _RoutinesOfFile:
+    """List the routines that a .src defines, as by `DEF PART()` and `GLOBAL DEF GRIP()`."""
+    every, visible, local = set[str](), set[str](), set[str]()
+    for number, (word_global, written_name) in enumerate(_ROUTINES.findall(source.text)):
+        name = capitalise(written_name)
+        is_first = number == 0
+        every.add(name)
+        if is_first or word_global:
+            visible.add(name)
+        else:
+            local.add(name)
+    return _RoutinesOfFile(every, visible, local)
+
+
+def _rename_local_routines(sources: tuple[Source, ...]) -> dict[int, dict[str, str]]:
+    """Return new names for routines, so that routines of several files with the same name are kept apart.
+
+    KSS: other files know the first routine of a file, and those that are GLOBAL; all others are local. If
+    part.src and other.src both have a local routine GRIP, then GRIP gets a new name in one of them.
+
+    Returns:
+        By the index of each file, the new names of routines by their names in this file.
     """
-    defined = dict[int, set[str]]()  # routines that each file defines
-    local = dict[int, set[str]]()  # those of them that other files do not know
-    visible = set[str]()  # routines that all files know
+    routines = dict[int, _RoutinesOfFile]()
     for index, source in enumerate(sources):
-        if _DATA.search(source.text):
-            continue
-        found = [
-            (capitalise(name), bool(word_global)) for word_global, name in _ROUTINES.findall(source.text)
-        ]
-        defined[index] = {name for name, _ in found}
-        local[index] = {name for name, is_global in found[1:] if not is_global}
-        visible |= {name for name, is_global in found if is_global}
-        visible |= {name for name, _ in found[:1]}
+        is_program = _DATA.search(source.text) is None
+        if is_program:
+            routines[index] = _list_routines(source)
+    visible = set[str]().union(*(of_file.visible for of_file in routines.values()))
     new_names = dict[int, dict[str, str]]()
-    for index, own in local.items():
-        elsewhere = set[str]()  # local to other files, and unknown in this one
-        for other, names in local.items():
+    for index, own in routines.items():
+        # A call of a routine that is local to other files means no routine that was sent.
+        elsewhere = set[str]()
+        for other, of_file in routines.items():
             if other != index:
-                elsewhere |= names - visible - defined[index]
+                elsewhere |= of_file.local - visible - own.every
         new_names[index] = {name: f"{name}{IN_MODULE}99" for name in elsewhere}
-        if index > 0:  # routines of the first file keep their names
-            new_names[index] |= {name: f"{name}{IN_MODULE}{index}" for name in own}
+        if index > 0:  # routines of the first file keep their names, as messages show them
+            new_names[index] |= {name: f"{name}{IN_MODULE}{index}" for name in own.local}
     return new_names
 
 
@@ -955,49 +1086,57 @@ def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, 
 
 
 class _DataOfPrograms(NamedTuple):
-    """Files of data (.dat), by the names of their programs in capitals."""
+    """Names that the .dat files of some programs declare; programs and names are in capitals."""
 
-    files: dict[str, list[int]]  # indices of the files of data of each program
-    private: dict[str, set[str]]  # names that only the program of the file knows
+    files: dict[str, list[int]]  # by the name of the program, the indices of its .dat files
+    private: dict[str, set[str]]  # by the name of the program, names that only this program knows
     shared: set[str]  # names that all programs know
 
 
-def _note_names(statements: Statements, sources: tuple[Source, ...]) -> None:
-    """Note the names that all programs know, and the names of data that each further .src has of its own.
+def _note_owners_of_names(statements: Statements, sources: tuple[Source, ...]) -> None:
+    """Note which names mean other data in a further file than in the first one.
 
-    KSS: a .src knows the data of the .dat of its name, and of others those that are GLOBAL; the line of an
-    element does not repeat the word. All programs know the data of $config.dat. In a further .src, a name
-    that is private in the .dat of the first one means something else, too.
+    KSS: the program of part.src knows all names that part.dat declares, and of another .dat those with the
+    word GLOBAL; the data of $config.dat are known to all programs. So a point P1 of part.dat and a P1 of
+    other.dat are two points. `statements.owners` keeps them apart: it has, for each further file, the names
+    that mean other data there, each with an owner. The owner is a text that is added to the name.
     """
     data = _collect_data(sources)
     statements.shared_names = frozenset(data.shared)
-    main = _DEFINED.search(sources[0].text)
-    private_of_main = data.private.get(capitalise(main[1]), set()) if main else set()
+    private_of_main = data.private.get(_find_program(sources[0]), set())
     for index, source in enumerate(sources[1:], 1):
-        definition = _DEFINED.search(source.text)
-        if definition is None or _DATA.search(source.text):
+        program = _find_program(source)
+        if not program or _DATA.search(source.text):
             continue
-        program = capitalise(definition[1])
         owner_of_private = dict.fromkeys(data.private.get(program, ()), f"file{index}")
+        # A name that is private to the first program means something else in each further program, too.
         statements.owners[index] = dict.fromkeys(private_of_main, OTHER_FILES) | owner_of_private
         if owner_of_private:
-            for file_of_data in data.files[program]:
-                statements.owners[file_of_data] = owner_of_private
+            for index_of_dat in data.files[program]:
+                statements.owners[index_of_dat] = owner_of_private
+
+
+def _find_program(source: Source) -> str:
+    """Return the name in capitals of the program that a .src defines, as by `DEF PART()`; empty if none."""
+    definition = _DEFINED.search(source.text)
+    return capitalise(definition[1]) if definition else ""
 
 
 def _collect_data(sources: tuple[Source, ...]) -> _DataOfPrograms:
-    """Collect the names that the files of data among some files declare."""
+    """Collect the names that the .dat files among some files declare, by the programs that they belong to.
+
+    The first line of a .dat, `DEFDAT PART`, names its program.
+    """
     data = _DataOfPrograms(files=defaultdict(list), private={}, shared=set())
     for index, source in enumerate(sources):
-        head = _DATA.search(source.text)
-        if head is None:
+        first_line = _DATA.search(source.text)
+        if first_line is None:
             continue
-        program = capitalise(head["program"])
+        program = capitalise(first_line["program"])
         data.files[program].append(index)
         global_names = set(_find_shared_names(source.text))
         data.shared.update(global_names)
-        is_config = source.name.lower().endswith("config.dat")
-        if not is_config:
+        if not _is_config(source):
             data.private[program] = set(_find_private_names(source.text)) - global_names
     return data
 

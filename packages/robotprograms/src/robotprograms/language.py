@@ -108,7 +108,7 @@ class Local(NamedTuple):
 
 
 MODE: Final = "\0mode"
-"""Name of all that lasts in a controller and may move targets, such as offsets, tracking or force control.
+"""Name of a variable for all in a controller that may move targets, such as offsets or force control.
 
 Its value is unknown behind a statement that may change it, and then no target is certain. What another
 statement can end has a name of its own, which begins with this one: `begin_lasting`, `end_lasting`."""
@@ -436,17 +436,23 @@ class Language:
 
     @cached_property
     def _rules(self) -> tuple[tuple[re.Pattern[str], Rule], ...]:
-        """Compiled patterns of the rules, with `@{name}` and `#{name}` replaced by groups of these names."""
-        name_that_is_not_reserved = rf"(?!(?:{self.reserved})(?![\w$])){self.word}"
-        number = r"\0"
+        r"""Compiled patterns of the statements, each with the rule that translates such a statement.
+
+        A pattern in `rules`, such as `GOTO @{name}`, has placeholders that become groups of a regular
+        expression: `@{name}` matches a name, which must not be a word such as IF that begins statements;
+        `#{number}` matches a number, in place of which the normal form has NUL.
+        """
+        variable = rf"(?!(?:{self.reserved})(?![\w$])){self.word}"
+        pattern_of_sign = {"@": variable, "#": r"\0"}
 
         def make_group(placeholder: re.Match[str]) -> str:
-            sign, group = placeholder.groups()
-            return f"(?P<{group}>{name_that_is_not_reserved if sign == '@' else number})"
+            pattern = pattern_of_sign[placeholder["sign"]]
+            return f"(?P<{placeholder['group']}>{pattern})"
 
-        return tuple(
-            (re.compile(_PLACEHOLDER.sub(make_group, pattern)), rule) for pattern, rule in self.rules
-        )
+        compiled = list[tuple[re.Pattern[str], Rule]]()
+        for pattern, rule in self.rules:
+            compiled.append((re.compile(_PLACEHOLDER.sub(make_group, pattern)), rule))
+        return tuple(compiled)
 
     @cached_property
     def _motion(self) -> re.Pattern[str]:
@@ -466,33 +472,22 @@ class Language:
     def normalise(self, masked: str) -> Line:
         """Return the normal form of a statement: without comments, and with single blanks between words only.
 
-        `masked` is the statement's text with NUL in place of each number. Numbers in comments and quotations
-        are passed over, but count among the numbers of the statement.
+        With NUL written as #, `LIN  {X #, Y #}  ; to p#` becomes `LIN{X #,Y #}` with the numbers 0 and 1 of
+        the statement. Numbers in comments and quotations count among those of the statement, but are no part
+        of the normal form.
+
+        Args:
+            masked: text of the statement with NUL in place of each number.
         """
-        pieces, ordinals = list[str](), list[int]()
-        passed_numbers = 0  # count of the numbers before the token
-        line_offset = 0  # count of the line breaks before the statement
-        is_after_word = False
+        form = _NormalForm()
         for token in self._token.finditer(masked):
-            kind, piece = token.lastgroup, token[0]
-            is_part_of_statement = kind not in {"blank", "comment"}
-            if is_part_of_statement:
-                if piece == A_NUMBER:
-                    ordinals.append(passed_numbers)
-                is_word = kind != "sign"
-                if is_after_word and is_word:
-                    pieces.append(" ")
-                pieces.append(piece.replace(A_NUMBER, "0") if kind == "text" else piece)
-                is_after_word = is_word
-            elif not pieces:  # before the statement; CR and LF together are one line break
-                line_offset += piece.count("\n") or piece.count("\r")
-            passed_numbers += piece.count(A_NUMBER)
-        text = "".join(pieces)
+            form.add(token.lastgroup, token[0])
+        text = "".join(form.pieces)
         if self.ignores_case:
             text = capitalise(text)
-        if self.blank:
+        if self.blank:  # text that counts as a blank, such as the end of a line that is continued
             text = re.sub(self.blank, " ", text).strip()
-        return Line(self, text, tuple(ordinals), line_offset)
+        return Line(self, text, tuple(form.ordinals), form.line_offset)
 
     def blank_comments(self, text: str) -> str:
         """Return a text with blanks in place of comments and quotations; line breaks remain."""
@@ -519,7 +514,7 @@ class Language:
         except Misread as fault:
             lines = self._translate_lines(masked, line, fault) if self.calls_by_name else []
             return lines or self._translate_unknown(masked, line, fault)
-        # Each word of a motion must have become a move: no move may be overlooked.
+        # Each word of a motion, such as LIN, must have become a move: no move may be overlooked.
         count_of_moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
         words_of_motions = self._motion.findall(_QUOTED.sub("", line.text))
         if len(words_of_motions) > count_of_moves:
@@ -530,6 +525,9 @@ class Language:
     def apply_rules(self, line: Line) -> list[Op]:
         """Translate a statement by the first rule whose pattern fits the whole statement.
 
+        In the pattern `FOR @{name}=(?P<first>.+) TO (?P<last>.+)`, the groups have names, and the rule reads
+        them. In `WHILE ?(.+)`, the group has no name: it is an expression, whose names are read here.
+
         Raises:
             Misread: no rule fits the statement, or a part of it is not understood.
         """
@@ -537,24 +535,32 @@ class Language:
             match = pattern.fullmatch(line.text)
             if match is None:
                 continue
-            # Groups with names are for the rule; the other groups of a pattern match expressions.
-            indices_of_named_groups = set(pattern.groupindex.values())
-            uses = list[Op]()
-            for index, text in enumerate(match.groups(), 1):
-                if text and index not in indices_of_named_groups:
-                    uses += self.read_expression(text)
+            uses = self._read_unnamed_groups(match)
             matched = replace(line, match=match)
             if isinstance(rule, str):  # the kind of a `Flow`
                 return self._apply_flow_rule(matched, rule, uses)
             return [*uses, *rule(matched)]
         raise Misread(UNKNOWN_STATEMENT)
 
+    def _read_unnamed_groups(self, match: re.Match[str]) -> list[Op]:
+        """Return the operations of the expressions in a statement: the groups of its pattern without a name.
+
+        Raises:
+            Misread: a group is not an expression.
+        """
+        indices_of_named_groups = set(match.re.groupindex.values())
+        uses = list[Op]()
+        for index, text in enumerate(match.groups(), 1):
+            if text and index not in indices_of_named_groups:
+                uses += self.read_expression(text)
+        return uses
+
     def _apply_flow_rule(self, line: Line, kind: str, uses: list[Op]) -> list[Op]:
         """Return the operations of a statement that begins or ends a branch, loop, jump or routine.
 
         Args:
-            line: the statement.
-            kind: kind of the `Flow`; empty for a statement that only uses names.
+            line: the statement, such as `WHILE A<5` or `GOTO again`.
+            kind: kind of the `Flow`, such as `loop` or `jump`; empty for a statement that only uses names.
             uses: operations of the expressions in the statement, which come first.
         """
         if kind == "loop":  # its condition is computed in each round
@@ -569,15 +575,20 @@ class Language:
         return [*uses, Flow(kind, name)]
 
     def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
-        """Translate a statement of several lines, each of them a statement without its end.
+        """Translate a text that is not understood as one statement, as several statements on lines.
 
-        Moves in the statement are not corrected. The list is empty if the statement has a single line, or if
-        one of its lines is no statement.
+        In RAPID, `MoveL p1,v100,z10,tool1` without its semicolon and the line below it are one text. Moves in
+        such a text are not corrected.
 
         Args:
-            masked: the statement with NUL in place of each number.
+            masked: the text with NUL in place of each number.
             whole: its normal form.
             fault: why the whole is not understood.
+
+        Returns:
+            Operations, each with its number of lines below the first line; empty if the text has a single
+                line,
+            or if one of its lines is no statement.
         """
         reason, remedy = f"{whole.quote()}: {fault.reason}", fault.remedy or self.remedy
         texts = masked.splitlines(keepends=True)
@@ -587,14 +598,16 @@ class Language:
         passed_numbers = 0  # count of the numbers in the lines before
         for line_offset, text in enumerate(texts):
             line = self.normalise(text)
+            # Numbers are counted from the beginning of the whole text.
             line = replace(line, ordinals=tuple(passed_numbers + ordinal for ordinal in line.ordinals))
+            passed_numbers += text.count(A_NUMBER)
             try:
                 found = self.apply_rules(line) if line.text else []
             except Misread:
                 return []
             for op in found:
-                ops.append((line_offset, _leave_move(op, reason, remedy) if isinstance(op, Move) else op))
-            passed_numbers += text.count(A_NUMBER)
+                kept = _make_uncorrected(op, reason, remedy) if isinstance(op, Move) else op
+                ops.append((line_offset, kept))
         return ops
 
     def _translate_unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
@@ -609,31 +622,44 @@ class Language:
             fault: why it is not understood.
         """
         reason, remedy = f"{line.quote()}: {fault.reason}", fault.remedy or self.remedy
+        ops = self._forget_changed_values(line, reason, remedy)
+        left_move = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
+        moves = [(line_offset, left_move) for line_offset in self._find_lines_of_motions(masked)]
+        return [*((line.line_offset, op) for op in ops), *moves]
+
+    def _forget_changed_values(self, line: Line, reason: str, remedy: str) -> list[Op]:
+        """Return operations that make all values unknown which a statement may change, and its calls.
+
+        The statement is not understood. Words in it, which each language lists, decide what it may change:
+        only the names in it, all values, or also targets, as offsets and force control do.
+        """
         plain = _QUOTED.sub("_", line.text)
         may_change_all = re.search(self.forgets, plain) is not None
-        may_last = re.search(self.lasting, line.text) is not None
+        may_move_targets = re.search(self.lasting, line.text) is not None
         ops = list[Op]()
         if may_change_all:  # without names, `MakeUnknown` makes all values unknown
             ops.append(MakeUnknown(frozenset(), reason, remedy))
         # The names of the statement are listed as well, because their values change while the program runs;
         # `_` keeps the list from being empty.
         ops.append(MakeUnknown(frozenset([*self._find_changed_names(line, plain), "_"]), reason, remedy))
-        if may_last:
+        if may_move_targets:
             ops.append(make_targets_uncertain(reason, remedy))
         if self.calls_by_name or not may_change_all:
             ops += self._find_calls(plain)
-            may_move = may_last or self._motion.search(plain) is not None
+            may_move = may_move_targets or self._motion.search(plain) is not None
             if not may_move:
                 assumption = "it is assumed that the statement changes only the values that it names"
                 ops.append(Note(f"{reason}; {assumption}"))
-        left_move = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
-        moves = [(line_offset, left_move) for line_offset in self._find_lines_of_motions(masked)]
-        return [*((line.line_offset, op) for op in ops), *moves]
+        return ops
 
     def _find_changed_names(self, line: Line, text: str) -> set[Name]:
-        """Return the names that a statement may change; `text` is its normal form without quotations."""
+        """Return the names that a statement may change; `text` is its normal form without quotations.
+
+        Of an array of positions, such as P of FANUC, only the elements that the statement names may change:
+        P[3], or all of them if the index is computed.
+        """
         names: set[Name] = set(_NAME.findall(text))
-        if self.positions:  # only those elements of the array that the statement names may change
+        if self.positions:
             names.discard(self.positions)
             for element in re.finditer(rf"(?<![\w$]){self.positions}\[(\0\])?", line.text):
                 part = line.cut(*element.span())
@@ -711,6 +737,39 @@ class Language:
         return [*ops, *make_skippable([call])]
 
 
+class _NormalForm:
+    """Normal form of a statement while its tokens are added: words, signs, texts, blanks and comments."""
+
+    def __init__(self) -> None:
+        """Begin without tokens."""
+        self.pieces: list[str] = []  # text of the normal form, with NUL in place of each number
+        self.ordinals: list[int] = []  # of the numbers in it: indices among all numbers of the statement
+        self.line_offset = 0  # count of the line breaks before the statement
+        self._passed_numbers = 0  # count of the numbers in the tokens so far
+        self._is_after_word = False  # whether the last piece is a word, a number or a text
+
+    def add(self, kind: str | None, token: str) -> None:
+        """Add a token; its kind is word (or number), sign, text (a quotation), blank or comment.
+
+        Blanks and comments are left out; one blank separates two words.
+        """
+        if kind not in {"blank", "comment"}:
+            self._add_piece(kind, token)
+        elif not self.pieces:  # before the statement; CR and LF together are one line break
+            self.line_offset += token.count("\n") or token.count("\r")
+        self._passed_numbers += token.count(A_NUMBER)
+
+    def _add_piece(self, kind: str | None, token: str) -> None:
+        """Add a word, a number, a sign or a quotation, in which numbers are no numbers of the statement."""
+        if token == A_NUMBER:
+            self.ordinals.append(self._passed_numbers)
+        is_word = kind != "sign"
+        if self._is_after_word and is_word:
+            self.pieces.append(" ")
+        self.pieces.append(token.replace(A_NUMBER, "0") if kind == "text" else token)
+        self._is_after_word = is_word
+
+
 def _refuse_deep_braces(text: str) -> None:
     """Refuse a statement with braces in braces in braces ...
 
@@ -723,8 +782,11 @@ def _refuse_deep_braces(text: str) -> None:
         raise Misread(reason, "declare inner structures on their own")
 
 
-def _leave_move(move: Move, reason: str, remedy: str) -> Move:
-    """Return a move that is not corrected in place of a move; corrections of its named targets shift it."""
+def _make_uncorrected(move: Move, reason: str, remedy: str) -> Move:
+    """Return a move in place of another one, which is not corrected for a reason.
+
+    The correction of a target that the other move names, such as p1, shifts this move.
+    """
     named_targets = tuple(target for target in move.targets if not isinstance(target, Literal))
     return Move(
         move.motion,
@@ -769,7 +831,10 @@ def make_skippable(ops: Iterable[Op]) -> list[Op]:
 
 
 def pass_uses(ops: list[Op], into: Name) -> list[Op]:
-    """Return the operations with each use marked: what is calculated of the numbers goes into a name."""
+    """Return the operations with each use marked: what is calculated of the numbers goes into a name.
+
+    In `a := p1.trans.x + 5;`, the use of p1 goes into a. It matters only if a is used itself.
+    """
     return [op._replace(into=into) if isinstance(op, Use) else op for op in ops]
 
 
@@ -801,16 +866,28 @@ def make_targets_uncertain(reason: str, remedy: str) -> MakeUnknown:
 
 
 def begin_lasting(kind: str, reason: str, remedy: str) -> MakeUnknown:
-    """Return the operation by which something of a kind, such as an offset, moves targets from here on.
+    """Return the operation of a statement behind which the controller moves all targets, for a time.
 
-    It lasts until a statement ends what lasts of this kind.
+    `PDispOn p1,tool1;` of RAPID shifts the targets of the moves behind it until `PDispOff;`. Such a shift
+    counts as a variable of the controller with a name of its own. Its value is unknown from here on; while it
+    is, no move is corrected. `end_lasting` makes it known.
+
+    Args:
+        kind: what moves the targets, such as PDISP (a shift) or FC (force control): each has its own end.
+        reason: why moves behind the statement are not corrected.
+        remedy: what the user can do.
     """
-    return MakeUnknown(frozenset({f"{MODE} {kind}"}), reason, remedy)
+    variable = f"{MODE} {kind}"
+    return MakeUnknown(frozenset({variable}), reason, remedy)
 
 
 def end_lasting(kind: str) -> Assign:
-    """Return the operation that ends what lasts of a kind, such as an offset, and nothing of another kind."""
-    return Assign(f"{MODE} {kind}", Named(""))
+    """Return the operation of a statement, such as `PDispOff;`, that ends what `begin_lasting` has begun.
+
+    What moves the targets in another way, of another `kind`, goes on.
+    """
+    variable, nothing_is_active = f"{MODE} {kind}", Named("")
+    return Assign(variable, nothing_is_active)
 
 
 def make_uncorrected_move(
@@ -826,7 +903,8 @@ def make_uncorrected_move(
 def begin_counted_loop(line: Line, remedy: str) -> list[Op]:
     """Translate the beginning of a loop, such as `FOR i FROM 1 TO 5 STEP 2`, whose variable counts.
 
-    Groups of the line are the variable `name`, and the expressions `first`, `last` and `step`.
+    The groups of the line are the variable `name`, and the expressions `first`, `last` and `step`. If all of
+    these are numbers, they show whether the loop runs at least once.
     """
     stated_bounds = [line.part(group) for group in ("first", "last", "step") if line[group]]
     uses = list[Op]()
@@ -905,7 +983,7 @@ _MARK: Final = decode_text(b"\xef\xbb\xbf")  # of a file in UTF-8
 _MAX_DEPTH: Final = 16
 """Largest depth of braces within one another; structures of controllers need a depth of three."""
 _QUOTED: Final = re.compile(r'"[^"]*+"')
-_PLACEHOLDER: Final = re.compile(r"([@#])\{(\w+)\}")
+_PLACEHOLDER: Final = re.compile(r"(?P<sign>[@#])\{(?P<group>\w+)\}")
 _NO_LINE_BREAK: Final = re.compile(r"[^\r\n]")
 _LINE_END: Final = re.compile(r"\r\n?|\n")
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -38,14 +38,43 @@ _MAX_LISTED: Final = 10
 
 
 def _identify(frames: Frames) -> tuple[object, ...]:
-    """Return a key of a base and a tool, which is equal for equal frames: name and numbers of each."""
+    """Return a key of a base and a tool, which is equal for equal frames: name and numbers of each.
+
+    The bytes of the numbers take the place of their array, because an array cannot be a part of a key.
+    """
     parts: list[object] = []
     for frame in frames:
-        if isinstance(frame, FrameName) and frame.pose is not None:  # arrays have no hash
+        if isinstance(frame, FrameName) and frame.pose is not None:
             parts.append((frame.name, frame.pose.tobytes()))
         else:
             parts.append(frame)
     return tuple(parts)
+
+
+class _ReadTargets(NamedTuple):
+    """Targets of a move, as far as their numbers are known."""
+
+    numbers: list[WrittenNumbers]  # targets whose numbers are known
+    cause: Cause | None  # why the numbers of another target are not known; None if all are known
+
+
+class _FramesOfMove(NamedTuple):
+    """Base and tool of each target of a move, and whether the move can be corrected in them."""
+
+    of_targets: list[Frames]  # a `Cause` in place of a frame that is not known
+    cause: Cause | None  # why the move cannot be corrected, apart from its targets; None if it can be
+
+    @property
+    def of_first(self) -> Frames:
+        """Base and tool of the first target."""
+        return self.of_targets[0]
+
+
+class _Repetitions(NamedTuple):
+    """Moves whose text differs from that of a move before them in its numbers only."""
+
+    lines: IndexArray  # (k,) line of each of these moves
+    first: IndexArray  # (k,) index of the first number of each of them among those of the file
 
 
 class MoveRecorder:
@@ -60,17 +89,19 @@ class MoveRecorder:
         self._flow, self._calls, self._frames = flow, calls, FrameFinder(statements)
         self._needs_assumption = False  # whether moves are certain that come behind calls of unknown routines
         self._shared_with_remark: set[str] = set()  # targets of other programs, too, that have a remark
-        self._offsets_of: dict[str, set[str]] = defaultdict(set)  # targets by names of poses at offsets
-        # names of targets near which moves with these frames go
-        self._noted_offsets: dict[tuple[object, ...], set[str]] = defaultdict(set)
         self._targets: set[str] = set()  # names of the targets of moves
-        # names from which the place of a left move was calculated, by the frames of the move
-        self._noted_origins: dict[tuple[object, ...], set[str]] = defaultdict(set)
+        # by the name of a pose that is calculated at an offset from targets, the names of these targets
+        self._targets_near: dict[str, set[str]] = defaultdict(set)
+        # by base and tool of moves, the targets that were found for such moves by these calculations
+        self._found_near: dict[tuple[object, ...], set[str]] = defaultdict(set)
+        # by base and tool of moves that are not corrected, the names from which their places were calculated
+        self._found_origins: dict[tuple[object, ...], set[str]] = defaultdict(set)
 
     def collect_targets(self) -> None:
-        """Collect the names of the targets of moves, and of poses at offsets from them.
+        """Collect the targets of moves, and the poses that are calculated at an offset from a target.
 
-        Where such a pose is used otherwise than as a target, so are the numbers of the target behind it.
+        In URScript, `p2 = pose_trans(p1, p[0,0,0.1,0,0,0])` is such a pose, 0.1 m from p1. Where p2 is used
+        for something else than a move, so is p1: then the numbers of p1 have to stay as they are.
         """
         moves = list[tuple[Place, ir.Move]]()
         for place, op in zip(self._places, self._ops, strict=True):
@@ -79,65 +110,76 @@ class MoveRecorder:
         for place, move in moves:
             self._targets.update(self._list_named_targets(place, move))
         for place, offset in self._uses.offsets:
-            self._offsets_of[place.qualify(offset.name)].add(place.qualify(offset.target))
+            self._targets_near[place.qualify(offset.name)].add(place.qualify(offset.target))
         for place, move in moves:
             if self._is_near_target(place, move):  # the offset itself is part of a calculation
                 self._uses.used |= dict.fromkeys(self._list_named_targets(place, move), place.at)
         self._mark_targets_behind_offsets()
 
     def _mark_targets_behind_offsets(self) -> None:
-        """Mark targets as used where a pose at an offset from them is used otherwise than as a target."""
-        traced = set[str]()
-        for name in sorted(self._offsets_of.keys() & self._uses.used.keys()):
-            place_of_use = self._uses.used[name]
-            for target in self._trace_offsets([name], traced):
+        """Mark targets as used where a pose at an offset from them is used for something else than a move."""
+        found = set[str]()
+        for pose in sorted(self._targets_near.keys() & self._uses.used.keys()):
+            place_of_use = self._uses.used[pose]
+            for target in self._find_targets_behind([pose], found):
                 self._uses.used.setdefault(target, place_of_use)
 
     @staticmethod
     def _list_named_targets(place: Place, op: ir.Move) -> list[str]:
-        """Return the names of the targets of a move."""
+        """Return the full names of a move's targets, such as p1; targets in numbers have no name."""
         return [place.qualify(each) for each in op.targets if not isinstance(each, Literal)]
 
     def _is_near_target(self, place: Place, op: ir.Move) -> bool:
-        """Return whether a move goes to an offset from a target, and not to numbers in a frame.
+        """Return whether `movel(pose_trans(p1, p[0,0,0.1,0,0,0]))` goes to a place near the target p1.
 
-        Both are written alike: which one is meant depends on whether the name is that of a target.
+        The same text may mean numbers in the frame p1. Only the whole program shows which one is meant: p1 is
+        a target if another move goes to it, or if p1 is itself calculated at an offset from a target. The
+        move `op` goes to numbers in a frame, and `op.near_target` is its other meaning; None if it has no
+        other one.
         """
         if op.near_target is None:
             return False
-        names = {place.qualify(name) for name in op.near_target.offset_from}
-        is_offset_of_offset = not names.isdisjoint(self._offsets_of)
-        return is_offset_of_offset or not names.isdisjoint(self._targets)
+        names = {place.qualify(name) for name in op.near_target.offset_from}  # such as p1
+        is_any_a_target = not names.isdisjoint(self._targets)
+        is_any_calculated_from_target = not names.isdisjoint(self._targets_near)
+        return is_any_a_target or is_any_calculated_from_target
 
-    def _list_offsets(self, place: Place, op: ir.Move, frames: list[Frames]) -> list[str]:
-        """Return the names of targets near which a move goes, because its own targets are offsets from them.
+    def _list_targets_near_move(self, place: Place, op: ir.Move, frames: _FramesOfMove) -> list[str]:
+        """Return the targets at an offset from which a move ends, so that their correction shifts the move.
 
-        Targets at the end of a calculation are returned once only for moves with the same frames, which are
-        base and tool of each target of the move.
+        The move itself states them (`op.offset_from`), or its target was calculated of them: behind the line
+        `p2 = pose_trans(p1, ...)`, the move `movel(p2)` ends at an offset from p1. If many moves go to p2,
+        then p1 is returned for the first one of them only, and once again for moves in another base or tool.
         """
-        near = [place.qualify(name) for name in op.offset_from]
-        names = [*near, *self._list_named_targets(place, op)]
-        are_any_calculated = not self._offsets_of.keys().isdisjoint(names)
-        if are_any_calculated:
-            traced_with_frames = self._noted_offsets[_identify(frames[0])]
-            near += self._trace_offsets(names, traced_with_frames)
-        return near
+        stated = [place.qualify(name) for name in op.offset_from]
+        names = [*stated, *self._list_named_targets(place, op)]
+        is_any_calculated = not self._targets_near.keys().isdisjoint(names)
+        if not is_any_calculated:
+            return stated
+        found_before = self._found_near[_identify(frames.of_first)]
+        return stated + self._find_targets_behind(names, found_before)
 
-    def _trace_offsets(self, names: Iterable[str], traced: set[str]) -> list[str]:
-        """Return the names of all targets from which poses with these names are at an offset.
+    def _find_targets_behind(self, poses: Iterable[str], found_before: set[str]) -> list[str]:
+        """Find the targets from which poses are at an offset, directly or through other poses.
 
-        Names in `traced` are left out, and those that are found are added to it: each is found once.
+        Behind `p2 = pose_trans(p1, ...)` and `p3 = pose_trans(p2, ...)`, p3 is at an offset from p2 and p1.
+
+        Args:
+            poses: full names of the poses.
+            found_before: targets that are left out; those that are found here are added to this set.
         """
-        return [target for _, target in reach(names, self._list_targets_near, traced)]
+        return [target for _, target in reach(poses, self._list_targets_near, found_before)]
 
     def _list_targets_near(self, name: str) -> list[str]:
-        """Return the targets from which a pose is at an offset."""
-        return sorted(self._offsets_of.get(name, ()))
+        """Return the targets from which a line of the program calculates the pose with this name."""
+        return sorted(self._targets_near.get(name, ()))
 
     def record(self, op: ir.Move | ir.MoveToStored, i: int, state: State | None) -> None:
         """Add the moves of an operation to the columns, or the cause why they cannot be corrected.
 
-        Moves behind this one that differ from it in their numbers only are repetitions of one operation.
+        The columns are the arrays of all targets and moves of the program. Moves behind this one that differ
+        from it in their numbers only, such as `LIN {X 1,...}` and `LIN {X 2,...}`, are repetitions of one
+        operation.
 
         Args:
             op: the operation.
@@ -153,51 +195,67 @@ class MoveRecorder:
             state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), At())}
         if op.near_target and self._is_near_target(place, op):
             op = op.near_target
-        lines, numbers = self._list_repetitions(i)
-        if len(lines) and op.differs_only_in_target:
-            frames, cause = self._evaluate_frames(op, place, state)
-            if cause is None:
-                self._note_certain_move(state)
-                lines, numbers = np.append(place.line, lines), np.append(place.first, numbers)
-                feeds = self._find_feeds(op, place, numbers, state)
-                self._columns.add_moves(op, place.source, lines, numbers, frames[0], feeds)
-                return
+        repetitions = self._list_repetitions(i)
+        if self._add_moves_at_once(op, place, repetitions, state):
+            return
         self._add_move(op, place, state)
-        for line, number in zip(iterate_integers(lines), iterate_integers(numbers), strict=True):
-            self._add_move(op, replace(place, line=line, first=number), state)
+        lines, firsts = iterate_integers(repetitions.lines), iterate_integers(repetitions.first)
+        for line, first in zip(lines, firsts, strict=True):
+            self._add_move(op, replace(place, line=line, first=first), state)
 
-    def _list_repetitions(self, i: int) -> tuple[IndexArray, IndexArray]:
-        """Return the lines (k,) of the moves that repeat operation i with other numbers.
+    def _add_moves_at_once(self, op: ir.Move, place: Place, repetitions: _Repetitions, state: State) -> bool:
+        """Add a move and its repetitions as whole columns, because long programs are mostly such moves.
 
-        The second result is the index (k,) of the first number of each of these moves.
+        Return False, and add nothing, if the move has no repetitions, if it cannot be corrected, or if its
+        target is a name: then each move has to be added on its own.
         """
-        lines_and_numbers = np.asarray(self._statements.repeats.get(i, ()), dtype=np.intp)
-        lines, numbers = lines_and_numbers.reshape(-1, 2).T
-        return lines, numbers
+        if len(repetitions.lines) == 0 or not op.differs_only_in_target:
+            return False
+        frames = self._evaluate_frames(op, place, state)
+        if frames.cause is not None:
+            return False
+        self._note_certain_move(state)
+        lines = np.append(place.line, repetitions.lines)
+        first = np.append(place.first, repetitions.first)
+        feeds = self._find_feeds(op, place, first, state)
+        self._columns.add_moves(op, place.source, lines, first, frames.of_first, feeds)
+        return True
 
-    def _evaluate_frames(self, op: ir.Move, place: Place, state: State) -> tuple[list[Frames], Cause | None]:
-        """Find the frames of a move at a place of the program, where names have the contents in `state`.
+    def _list_repetitions(self, i: int) -> _Repetitions:
+        """Return the moves that repeat operation i with other numbers."""
+        lines_and_firsts = np.asarray(self._statements.repeats.get(i, ()), dtype=np.intp)
+        lines, first = lines_and_firsts.reshape(-1, 2).T
+        return _Repetitions(lines, first)
 
-        Returns:
-            Base and tool of each target; the cause why the move cannot be corrected, None if it can be.
+    def _evaluate_frames(self, op: ir.Move, place: Place, state: State) -> _FramesOfMove:
+        """Find base and tool of each target of a move, and whether anything there forbids a correction.
+
+        Args:
+            op: the move, which names its frames, or has those that are active.
+            place: place of the move in the program.
+            state: contents of all names there.
         """
         frames = list[Frames]()
         for base, tool in zip(op.bases, op.tools, strict=True):
             base_frame = self._frames.evaluate(place, base, state)
             frames.append((base_frame, self._frames.evaluate(place, tool, state)))
-        return frames, self._find_obstacle(place, op, frames, state)
+        return _FramesOfMove(frames, self._find_obstacle(place, op, frames, state))
 
     def _note_certain_move(self, state: State) -> None:
-        """Note that a move is certain: behind the call of a routine of another file only by an assumption."""
+        """Note whether the frames and targets of a move are known only by an assumption.
+
+        It is assumed that routines of other files, which were called before the move, leave what the program
+        stores. `note_assumption` writes one remark for all such moves.
+        """
         is_behind_unknown = UNKNOWN in state or UNKNOWN in self._changes.anytime
         if is_behind_unknown and self._calls.unknown_routines:
             self._needs_assumption = True
 
     def _find_feeds(self, op: ir.Move, place: Place, first: IndexArray, state: State) -> FloatArray:
-        """Return the speeds (k,) of the tool's centre [mm/s] that moves with the same text state.
+        r"""Return the speeds (k,) of the tool's centre [mm/s] that moves with the same text state.
 
-        The speed is NaN if it is unknown, not positive, or replaced by the time of the move; and for a move
-        of the joints, which has no speed of the tool.
+        The speed is NaN if it is unknown, not positive, or replaced by the time of the move, such as the
+        option `\T:=3` of RAPID; and for a move of the joints, which has no speed of the tool.
 
         Args:
             op: the moves.
@@ -208,11 +266,7 @@ class MoveRecorder:
         feed = op.feed
         if feed is None or op.motion is Motion.JOINT:
             return np.full(len(first), np.nan)
-        if isinstance(feed.value, Literal):
-            (ordinal, *_) = feed.value.numbers
-            numbers = place.values[first + ordinal]
-        else:
-            numbers = np.full(len(first), self._find_named_feed(place, feed, feed.value, state))
+        numbers = self._find_numbers_of_feed(feed, place, first, state)
         percentage = self._find_number(place, feed.percentage, 100.0, state)
         greatest = self._find_number(place, feed.greatest, np.inf, state)
         speeds = np.minimum(numbers * feed.unit * percentage / 100.0, greatest)
@@ -221,6 +275,20 @@ class MoveRecorder:
             times = place.values[first + feed.time]
             is_stated &= times == 0.0
         return np.where(is_stated, speeds, np.nan)
+
+    def _find_numbers_of_feed(
+        self, feed: ir.Feed, place: Place, first: IndexArray, state: State
+    ) -> FloatArray:
+        """Return the numbers (k,) of a feed, in its own unit, that moves state as a number or by a name.
+
+        A number, as in `100mm/sec`, differs from move to move: it has an ordinal, its index among the numbers
+        of each statement. A name, as in `v100`, has the same number for all. The other arguments are those of
+        `_find_feeds`.
+        """
+        if isinstance(feed.value, Literal):
+            (ordinal, *_) = feed.value.numbers
+            return np.asarray(place.values[first + ordinal])
+        return np.full(len(first), self._find_named_feed(place, feed, feed.value, state))
 
     def _find_named_feed(self, place: Place, feed: ir.Feed, value: ir.Copy, state: State) -> float:
         """Return the number of the feed that a move states by a name; NaN if it is unknown.
@@ -262,53 +330,65 @@ class MoveRecorder:
 
         `state` has the contents of all names at the move.
         """
-        frames, cause = self._evaluate_frames(op, place, state)
-        if cause is None:
+        frames = self._evaluate_frames(op, place, state)
+        if frames.cause is None:
             self._note_certain_move(state)
-        for name in self._list_offsets(place, op, frames):
-            self._note_offset(place, name, frames[0], state)
-        targets: list[WrittenNumbers] = []
+        for name in self._list_targets_near_move(place, op, frames):
+            self._note_offset(place, name, frames.of_first, state)
+        targets = self._evaluate_targets(op, place, state)
+        cause = frames.cause or targets.cause
+        if cause is None:
+            feed = float(self._find_feeds(op, place, np.array([place.first]), state)[0])
+            self._columns.add_move(op, place.line, targets.numbers, frames.of_targets, None, feed)
+        else:
+            self._keep_targets_of_move(place, op, frames, state)
+            if not cause.line:  # the cause has no place of its own
+                cause = cause._replace(line=place.line, source=place.source)
+            self._columns.add_move(op, place.line, targets.numbers, frames.of_targets, cause, np.nan)
+
+    def _evaluate_targets(self, op: ir.Move, place: Place, state: State) -> _ReadTargets:
+        """Find the numbers of a move's targets at a place, where all names have the contents in `state`."""
+        numbers = list[WrittenNumbers]()
+        first_cause: Cause | None = None
         for target in op.targets:
             content = self._evaluate_target(place, target, state)
             if isinstance(content, WrittenNumbers):
-                targets.append(content)
+                numbers.append(content)
             else:
-                cause = cause or content
-        if cause is None:
-            feed = float(self._find_feeds(op, place, np.array([place.first]), state)[0])
-            self._columns.add_move(op, place.line, targets, frames, None, feed)
-            return
-        self._note_left_move(place, op, frames, state)
-        if not cause.line:  # the cause has no place of its own
-            cause = cause._replace(line=place.line, source=place.source)
-        self._columns.add_move(op, place.line, targets, frames, cause, np.nan)
+                first_cause = first_cause or content
+        return _ReadTargets(numbers, first_cause)
 
-    def _note_left_move(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> None:
-        """Note that a move which is not corrected needs the numbers of its targets as they are.
+    def _keep_targets_of_move(self, place: Place, op: ir.Move, frames: _FramesOfMove, state: State) -> None:
+        """Note that a move which is not corrected needs the numbers of its named targets as they are.
 
-        Used numbers stay in their declaration. If a target was calculated of others, the move shifts with the
-        correction of these others.
+        So the declaration of a target such as p1 has to stay. A target that was calculated has no
+        declaration: the move then shifts with the correction of those of which it was calculated.
         """
         for target in self._list_named_targets(place, op):
             is_calculated = target in self._uses.origins
             if is_calculated:
-                self._note_offset(place, target, frames[0], state)
+                self._note_offset(place, target, frames.of_first, state)
             else:
                 self._uses.used[target] = place.at
 
     def _note_offset(self, place: Place, name: Name, frames: Frames, state: State) -> None:
         """Note that a move goes to an offset from a target, or to what was calculated of targets.
 
-        A correction of these targets shifts the move; the columns refuse the correction if the move has other
-        frames (base and tool) than the target.
+        A correction of these targets shifts the move. The columns add a remark, and refuse the correction if
+        the move has another base or tool than the target.
+
+        Args:
+            place: place of the move.
+            name: name of the target, or of the calculated pose.
+            frames: base and tool of the move.
+            state: contents of all names at the move.
         """
         target = self._evaluate_target(place, name, state)
         if isinstance(target, WrittenNumbers):
             self._columns.add_offset(target, frames, place.line)
-        # Names from which the name was calculated, each of them once for the same frames: copies may be
-        # copied many times.
-        noted_with_frames = self._noted_origins[_identify(frames)]
-        for _, origin in reach([place.qualify(name)], self._list_origins, noted_with_frames):
+        # Copies may be copied many times: each name is followed once for the same base and tool.
+        found_before = self._found_origins[_identify(frames)]
+        for _, origin in reach([place.qualify(name)], self._list_origins, found_before):
             numbers = self._find_numbers_on_any_path(origin)
             if isinstance(numbers, WrittenNumbers) and origin not in self._uses.used:
                 self._columns.add_offset(numbers._replace(label=origin), frames, place.line)
@@ -365,12 +445,13 @@ class MoveRecorder:
     ) -> Cause | None:
         """Return the cause if a frame is active with which the target was not recorded.
 
-        This concerns languages whose positions state their frames, as those of FANUC do: the controller stops
-        at such a move. An unknown active frame is no cause, because the move then has the right one.
+        In FANUC's programs a position states its frames, as in `P[1]{ GP1: UF : 1, UT : 2, ...`: the
+        controller stops at a move to P[1] if another UFRAME_NUM or UTOOL_NUM is active. An active frame that
+        is not known is no cause: a move that the controller runs then has the right one.
 
         Args:
             place: place of the move.
-            op: the move.
+            op: the move; `op.matched_frames` has the names of the active base and tool.
             frames: base and tool of each target.
             state: contents of all names at the move.
         """
@@ -388,8 +469,8 @@ class MoveRecorder:
     def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> WrittenNumbers | Cause:
         """Return the numbers of a target, or the cause why these numbers are unknown.
 
-        `state` has the contents of all names at `place`. If the numbers of a named target have to stay in its
-        declaration, the reason is noted.
+        A target is numbers in the move itself, or a name such as p1, whose content is in `state`. If the
+        numbers of p1 have to stay in its declaration, the reason is noted.
         """
         if isinstance(target, Literal):
             return WrittenNumbers("", place.source, place.line, place.first, target)
@@ -421,7 +502,8 @@ class MoveRecorder:
     def _refuse_axes_in_variable(self, place: Place, target: Literal, state: State) -> Cause | None:
         """Return the cause against a correction if a variable has external axes that may carry the arm.
 
-        Axes whose numbers are known and zero carry nothing, and give no cause.
+        ABB writes such a target as `[[x,y,z],[q1,...],[cf1,...],axes1]` with a variable axes1. Axes whose
+        numbers are known and zero carry nothing, and give no cause.
         """
         if not target.axes_name:
             return None
@@ -461,8 +543,9 @@ class MoveRecorder:
     def trace_uses(self) -> None:
         """Mark the numbers from which a value is calculated as used, wherever the value is used.
 
-        The use of a value is not known, and counts as one, if its name is that of a routine of another file,
-        or of data that the program does not declare.
+        Behind `a := p1.trans.x;`, the call `Grind a;` of a routine in another file uses the numbers of p1,
+        which then have to stay. A value whose name is that of a routine of another file, or of data that the
+        program does not declare, counts as used.
         """
         used, origins = self._uses.used, self._uses.origins
         calculated = origins.keys() - {ir.CONDITION}
@@ -481,7 +564,8 @@ class MoveRecorder:
     def remark_conditions(self) -> None:
         """Add a remark for each target that is corrected and whose numbers decide a condition.
 
-        A target decides also through values that are calculated of its numbers.
+        `IF p1.trans.x>100 THEN` is such a condition. A target decides also through values that are calculated
+        of its numbers.
         """
         place_of_condition = dict(self._uses.origins[ir.CONDITION])  # by the names that decide conditions
         for name, origin in reach([*place_of_condition], self._list_all_origins, set(place_of_condition)):

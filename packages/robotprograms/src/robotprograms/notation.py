@@ -113,36 +113,41 @@ class Notation:
         elif self.orientation is Orientation.ROTATION_VECTOR:
             poses[:, :3, :3] = matrices_from_vectors(numbers * self.angle)
         else:
-            poses[:, :3, :3] = _to_rotation_matrices(self.angle * self._reorder_to_zyx(numbers))
+            angles_about_zyx = self._swap_order_of_angles(numbers * self.angle)
+            poses[:, :3, :3] = _to_rotation_matrices(angles_about_zyx)
         return poses
 
-    def _reorder_to_zyx(self, angles: FloatArray) -> FloatArray:
-        """Convert angles (m, 3) from the order of this notation to the order Z, Y', X'', or back.
+    def _swap_order_of_angles(self, angles: FloatArray) -> FloatArray:
+        """Convert angles (m, 3) in the order of this notation to angles about Z, Y', X''; or these ones back.
 
-        Rotations by w, p, r about the fixed X, Y, Z are those by r, p, w about Z, Y', X''.
+        Rotations by w, p, r about the fixed axes X, Y, Z are the same as those by r, p, w about the turned
+        axes Z, Y', X''. So the order is reversed in both directions; a notation in Z, Y', X'' keeps its
+        order.
         """
         return angles if self.orientation is Orientation.EULER_ZYX else angles[:, ::-1]
 
     def from_poses(self, poses: FloatArray, near: FloatArray) -> FloatArray:
         """Return the numbers (m, 3 + count) by which this notation writes poses (m, 4, 4) [m].
 
-        One pose can be written by different numbers; the numbers nearest to the old numbers `near`
-        (m, 3 + count) are returned.
+        One orientation can be written by different numbers, such as angles that differ by 360°. The numbers
+        nearest to the old numbers `near` (m, 3 + count) are returned, so that the arm does not turn by 360°.
         """
         if len(poses) == 0:
             return near.copy()
         positions = poses[:, :3, 3] / self.length
-        rotations, old_orientations = poses[:, :3, :3], near[:, 3:]
-        if self.orientation is Orientation.QUATERNION:
-            orientations = _find_nearest_quaternions(rotations, old_orientations)
-        elif self.orientation is Orientation.ROTATION_VECTOR:
-            vectors = _find_nearest_vectors(vectors_from_matrices(rotations), old_orientations * self.angle)
-            orientations = vectors / self.angle
-        else:
-            old_angles = self.angle * self._reorder_to_zyx(old_orientations)
-            angles = _find_nearest_angles(rotations, old_angles)
-            orientations = self._reorder_to_zyx(angles) / self.angle
+        orientations = self._write_orientations(poses[:, :3, :3], near[:, 3:])
         return np.hstack([positions, orientations])
+
+    def _write_orientations(self, rotations: FloatArray, near: FloatArray) -> FloatArray:
+        """Return the numbers (m, count) of rotations (m, 3, 3) that are nearest to the old numbers `near`."""
+        if self.orientation is Orientation.QUATERNION:
+            return _find_nearest_quaternions(rotations, near)
+        if self.orientation is Orientation.ROTATION_VECTOR:
+            vectors = _find_nearest_vectors(vectors_from_matrices(rotations), near * self.angle)
+            return vectors / self.angle
+        old_angles_about_zyx = self._swap_order_of_angles(near * self.angle)
+        angles_about_zyx = _find_nearest_angles(rotations, old_angles_about_zyx)
+        return self._swap_order_of_angles(angles_about_zyx) / self.angle
 
 
 def _find_nearest_quaternions(rotations: FloatArray, near: FloatArray) -> FloatArray:
@@ -430,11 +435,18 @@ def format_new_numbers(
         differ[i] = numbers[i] != old_number and not are_both_zero
         if float(numbers[i]) == 0.0:  # no `-0.00`
             numbers[i] = numbers[i].removeprefix("-")
-    had_plus_sign = characters[spans[:, 0]] == ord("+")
-    for i in np.flatnonzero(had_plus_sign).tolist():
+    _copy_plus_signs(numbers, has_plus_sign=characters[spans[:, 0]] == ord("+"))
+    return numbers, differ
+
+
+def _copy_plus_signs(numbers: list[str], has_plus_sign: BoolArray) -> None:
+    """Write a plus sign before each of m numbers, in place, whose old number has one, unless it is negative.
+
+    `has_plus_sign` (m,) is the mask of the old numbers.
+    """
+    for i in np.flatnonzero(has_plus_sign).tolist():
         if not numbers[i].startswith("-"):
             numbers[i] = f"+{numbers[i]}"
-    return numbers, differ
 
 
 def _format_numbers(numbers: FloatArray, digits: IndexArray) -> list[str]:

@@ -83,6 +83,8 @@ class Propagation:
     def run(self, bodies: Mapping[str, list[int]], callers: Mapping[str, Set[str]]) -> None:
         """Pass states through routines until none changes, and then once more to record the moves.
 
+        A state has the content of each variable on all paths to an operation.
+
         Args:
             bodies: indices of the operations of each routine.
             callers: routines that call each routine.
@@ -102,7 +104,7 @@ class Propagation:
             self._propagate_through(routine, body)
 
     def _enter_routines(self, callers: Mapping[str, Set[str]]) -> None:
-        """Set the states in which routines begin that are not called by other routines of the program only.
+        """Set the states in which routines begin that something else than the program may start.
 
         The main routine, and each routine that the controller can start, begins with what the program
         declares. A routine that no routine calls, or that other programs may call, begins with unknown
@@ -144,7 +146,7 @@ class Propagation:
         """Pass states through operations of a routine once, and record their moves.
 
         A state has the content of each variable, as it is on all paths to an operation; it is None where no
-        path leads to the operation.
+        path leads to the operation. The state at the end of the routine is stored in `exits`.
 
         Args:
             routine: name of the routine; empty for statements outside of routines.
@@ -161,17 +163,28 @@ class Propagation:
                 self._record(op, i, state)
                 continue
             self._work.count(1)
-            unread_names = self._liveness.dead.get(i)  # nothing reads them from here on
-            if state is not None and unread_names:
-                kept = _leave_out(unread_names, state)
+            if state is not None:
+                kept = self._leave_out_unread(i, state)
                 is_shared = is_shared and kept is state
                 state = kept
             if isinstance(op, ir.Flow):
-                state = self._pass_to_successors(op, i, state)
-                is_shared = True
+                state, is_shared = self._pass_to_successors(op, i, state), True
             elif state is not None:
                 state, is_shared = self._operate(op, i, state, shared=is_shared)
         self._entered_routines.pop()
+        self._store_exit(routine, state)
+
+    def _leave_out_unread(self, i: int, state: State) -> State:
+        """Return a state without the variables that nothing reads from operation i on.
+
+        A state with fewer variables is joined and compared faster. The same object is returned if it has none
+        of them.
+        """
+        unread_names = self._liveness.dead.get(i)
+        return _leave_out(unread_names, state) if unread_names else state
+
+    def _store_exit(self, routine: str, state: State | None) -> None:
+        """Store the state at the end of a routine, with which its callers go on; note whether it is new."""
         if state is not None:
             state = self._keep_read_names(self._liveness.at_exit.get(routine, set()), state)
         self._state_changed |= self.exits.get(routine) != state
@@ -219,6 +232,9 @@ class Propagation:
     def _pass_to_successors(self, op: ir.Flow, i: int, state: State | None) -> State | None:
         """Pass a state on to all operations to which a branch, loop or jump may lead.
 
+        At the line `IF a THEN`, the state is passed to the line behind ELSE or ENDIF, and it is also the
+        state of the next line.
+
         Args:
             op: beginning or end of a branch, loop or routine, or a jump.
             i: its index.
@@ -245,18 +261,22 @@ class Propagation:
         return self._add_fault(fault, joined)
 
     def _add_fault(self, fault: int | None, state: State | None) -> State | None:
-        """Return a state in which no move is certain because of a fault of the program.
+        """Return a state in which no move is certain, because of a fault such as an ENDIF without IF.
 
-        The state itself is returned if there is no fault, no path leads here, or no move is certain already.
+        Behind such a line it is not known what the controller runs. So the controller's variable `ir.MODE`,
+        on whose value all moves depend, gets an unknown value in the state, with the fault as the cause. The
+        state itself is returned if there is no fault, if no path leads here, or if the value is unknown
+        already.
 
         Args:
-            fault: index of an operation that does not fit, such as an end without a beginning; None without.
-            state: content of each variable.
+            fault: index of the operation that does not fit; None if there is none.
+            state: content of each variable; None if no path leads here.
         """
         if fault is None or state is None or self._makes_moves_uncertain(state):
             return state
         cause = self._faults[fault]
-        return {**state, ir.MODE: (cause, find_place(cause))}
+        unknown = (cause, find_place(cause))
+        return {**state, ir.MODE: unknown}
 
     def _makes_moves_uncertain(self, state: State) -> bool:
         """Return whether no move is certain in a state: `ir.MODE` has a cause in place of a known content."""
@@ -266,7 +286,7 @@ class Propagation:
     def _follow_calls(self, op: ir.Call, i: int, routines: list[str], state: State) -> State | None:
         """Return the state behind a call of one of several routines of the program.
 
-        The state is None if the end of the called routines was not reached yet.
+        The state is None if the end of the called routines was not reached yet: a later pass reaches it.
 
         Args:
             op: the call.
@@ -278,12 +298,7 @@ class Propagation:
         end: State | None = None
         for routine in routines:
             self._work.count(len(state) if is_computed else 0)
-            entering = self._keep_read_names(self._liveness.at_begin.get(routine, set()), state)
-            brings_new_contents = self._join_into(self._flow.begins[routine], entering)
-            is_entered_already = routine in self._entered_routines
-            can_enter = not is_entered_already and len(self._entered_routines) < _MAX_CALLS
-            if brings_new_contents and can_enter:
-                self._propagate_through(routine, self._state_operations[routine])
+            self._enter_called(routine, state)
             at_exit = self.exits.get(routine)
             behind_call = None if at_exit is None else self._return_from(routine, i, state, at_exit)
             end = self._join_states(end, behind_call)
@@ -293,6 +308,19 @@ class Propagation:
         behind_other_routine = dict(state)
         self._effects.apply(behind_other_routine, i)
         return self._join_states(behind_other_routine, end)
+
+    def _enter_called(self, routine: str, state: State) -> None:
+        """Join the state at a call into the one with which the routine begins; if it is new, pass it through.
+
+        A routine that calls itself, and calls within too many others, are passed through later, in their
+        turn.
+        """
+        entering = self._keep_read_names(self._liveness.at_begin.get(routine, set()), state)
+        brings_new_contents = self._join_into(self._flow.begins[routine], entering)
+        is_entered_already = routine in self._entered_routines
+        can_enter = not is_entered_already and len(self._entered_routines) < _MAX_CALLS
+        if brings_new_contents and can_enter:
+            self._propagate_through(routine, self._state_operations[routine])
 
     def _return_from(self, routine: str, i: int, state: State, at_exit: State) -> State:
         """Return the state behind the call of a routine: the caller's, with what the routine may change.
@@ -326,9 +354,8 @@ class Propagation:
         A state has the content of each variable. Contents that nothing reads from there on are left out.
         """
         known = self._incoming.get(i)
-        unread_names = self._liveness.dead.get(i)
-        if state is not None and unread_names:
-            state = _leave_out(unread_names, state)
+        if state is not None:
+            state = self._leave_out_unread(i, state)
         joined = self._join_states(known, state)
         if joined is None or joined is known:
             return False
@@ -339,31 +366,38 @@ class Propagation:
     def _join_states(self, first: State | None, second: State | None) -> State | None:
         """Return the state, the contents of all variables, behind a place where two paths meet.
 
-        Equal contents are kept; a cause why the content is unknown replaces contents that differ. None is the
-        state of a place that no path reaches. If nothing changes, the object `first` is returned.
+        If both branches of an IF set `$TOOL=TOOL_DATA[1]`, the tool is known behind ENDIF. If they set
+        different tools, a cause why the tool is unknown takes its place. None is the state of a place that no
+        path reaches. If nothing changes, the object `first` is returned.
         """
         if first is None:
             return second
         if second is None or first == second:
             return first
         is_first_unreached, is_second_unreached = UNREACHED in first, UNREACHED in second
-        if is_first_unreached != is_second_unreached:
+        if is_first_unreached != is_second_unreached:  # one of the paths ends with a jump to elsewhere
             return second if is_first_unreached else first
         joined = dict(first)
         self._work.count(len(second) + len(first))
         for name in {**first, **second}:
             is_same_entry = name in first and name in second and first[name] == second[name]
-            if is_same_entry:
-                continue
-            first_content, first_place = self._contents.look_up(first, name)
-            second_content, second_place = self._contents.look_up(second, name)
-            is_known_unknown = isinstance(first_content, Cause)
-            if is_known_unknown or self._are_equal(name, first_content, second_content):
-                continue
-            at = max(first_place, second_place)
-            cause = second_content if isinstance(second_content, Cause) else _explain_change(name, at)
-            joined[name] = (cause, at)
+            if not is_same_entry:
+                self._join_contents(name, first, second, joined)
         return first if joined == first else joined
+
+    def _join_contents(self, name: str, first: State, second: State, joined: State) -> None:
+        """Make the content of a variable unknown in the joined state of two paths if it differs on them.
+
+        A content that is unknown on the first path stays unknown for the same cause.
+        """
+        first_content, first_place = self._contents.look_up(first, name)
+        second_content, second_place = self._contents.look_up(second, name)
+        is_known_unknown = isinstance(first_content, Cause)
+        if is_known_unknown or self._are_equal(name, first_content, second_content):
+            return
+        at = max(first_place, second_place)
+        cause = second_content if isinstance(second_content, Cause) else _explain_change(name, at)
+        joined[name] = (cause, at)
 
     def _are_equal(self, name: str, first: Content, second: Content) -> bool:
         """Return whether two contents of a name are the same, or the same numbers of an active frame."""

@@ -71,7 +71,7 @@ _END_OF_LASTING: Final = {
 }  # fmt: skip
 """Kinds of what lasts, by the instructions that end it."""
 # Force control, and guidance from outside
-_LASTING: Final = re.compile(r"(FC|EGM)\w+")
+_LASTING: Final = re.compile(r"(?P<kind>FC|EGM)\w+")
 _FORCE_MOVE: Final = re.compile(r"FCPRESS\w*")
 _WRITES_DATA: Final = re.compile(r"SET(?:ALL)?DATAVAL")
 _RESERVED: Final = (
@@ -112,7 +112,7 @@ _NUMBERS_OF_JOINTS: Final = 6
 _CONFIGURATION: Final = ("cf1", "cf4", "cf6", "cfx")
 """Names of the numbers that state the arm's configuration."""
 _NUMBERS: Final = Notation(Orientation.NONE)  # of a speed, whose first number is that of the tool's centre
-_SPEED: Final = re.compile(r"V(\d{1,5})")
+_SPEED: Final = re.compile(r"V(?P<speed>\d{1,5})")
 """Name of the controller's data of a speed [mm/s]."""
 _PERCENTAGE: Final = f"{ir.FEED} percentage"
 _GREATEST: Final = f"{ir.FEED} greatest"
@@ -124,22 +124,27 @@ _FRAMES_OF: Final = {"WOBJDATA": (".UFRAME", ".OFRAME"), "TOOLDATA": (".TFRAME",
 
 
 def _translate_routine(line: Line) -> list[Op]:
-    """Translate the head of a routine, which begins the routine and declares its parameters."""
+    r"""Translate the first line of a routine, such as `PROC weld(robtarget p1,\num n)`.
+
+    It begins the routine, and declares its parameters p1 and n, whose values are unknown. The groups of the
+    line are `name` and `parameters`.
+    """
     # A parameter ends before a comma, the sign `|`, the brackets of an array, or the end.
     parameters = re.findall(rf"({_WORD})(?=,|\||$|\{{)", line["parameters"])
     return ir.begin_routine(line["name"], parameters, _REMEDY)
 
 
 def _translate_test(line: Line) -> list[Op]:
-    """Translate TEST, the switch statement of RAPID, up to its first CASE, DEFAULT or ENDTEST.
+    """Translate TEST, the switch statement of RAPID, up to its first branch: `TEST n CASE 1:`.
 
-    The condition of the first CASE may be computed more than once, as in a loop.
+    The groups of the line are `subject`, here n, and `first`, the values of the first CASE. `first` is empty
+    if DEFAULT or ENDTEST follows. The values of a CASE may be computed more than once, as in a loop.
     """
     ops = [*ir.pass_uses(line.read_expression(line["subject"]), ir.CONDITION), ir.Flow("if")]
-    ends_here = not line.text.endswith(":")
+    ends_here = not line.text.endswith(":")  # `TEST n ENDTEST`
     if ends_here:
         return [*ops, ir.Flow("close")]
-    if not line["first"]:
+    if not line["first"]:  # `TEST n DEFAULT:`
         return [*ops, ir.Flow("default")]
     values_of_case = ir.mark_anytime(line.read_expression(line["first"]))
     return [*ops, *ir.pass_uses(values_of_case, ir.CONDITION), ir.Flow("branch")]
@@ -172,37 +177,54 @@ def _translate_compact_if(line: Line) -> list[Op]:
 
 
 def _translate_instruction(line: Line) -> list[Op]:
-    """Translate an instruction that is no plain move: one of the controller, or the call of a routine."""
+    r"""Translate an instruction that is no plain move, such as `Reset do1;`, `ArcL p1,...;` or `grip 5;`.
+
+    It is one of the controller, or the call of a routine. The groups of the line are its `name` and its
+    `arguments`. Before its own operations come the uses of the names in its arguments.
+    """
     name = line["name"]
     uses = _read_arguments(line)
     names = _find_names(uses)
-    if _CHANGES_ARGUMENTS.fullmatch(name):
+    if _CHANGES_ARGUMENTS.fullmatch(name):  # Incr n
         return [*uses, ir.MakeUnknown(names, f"{name} changes the value while the program runs", _REMEDY)]
     if name == "SINGAREA" and "WRIST" in line["arguments"]:
         note = "SingArea \\Wrist: near singularities the tool turns away from its stated orientation"
         return [*uses, ir.Note(note)]
-    if re.fullmatch(_HARMLESS, name):
+    if re.fullmatch(_HARMLESS, name):  # WaitTime 2
         is_condition = name == "WAITUNTIL"
         kept_uses = ir.pass_uses(uses, ir.CONDITION) if is_condition else ir.omit_uses(uses)
         return [*kept_uses, ir.call_if_defined(name, names)]
-    if process_move := _PROCESS_MOVE.fullmatch(name):
-        letter = process_move["letter"] or process_move["first"] or "L"
-        return _translate_process_move(line, letter, uses)
-    if search := _SEARCH.fullmatch(name):
-        index_of_result = 0 if search["smart"] else 1
-        return _translate_search(line, uses, index_of_result)
-    if _FORCE_MOVE.fullmatch(name):
-        return _translate_force_move(line, uses)
+    if moves := _translate_special_move(line, uses):
+        return moves
     if lasting := _translate_lasting(name, names):
         return [*uses, *lasting]
     return [*ir.pass_uses(uses, name), *_call_routine(line, name, names)]
 
 
-def _call_routine(line: Line, name: str, arguments: frozenset[str]) -> list[Op]:
-    """Return the operations of the call of a routine, with the names of its arguments.
+def _translate_special_move(line: Line, uses: list[Op]) -> list[Op]:
+    """Translate a move of a process, a search or a move under force control; empty for anything else.
 
-    If a routine of the program has the name, the program states what the routine changes. A routine that the
-    program does not define may change its arguments, apart from the tool and the work object of a move.
+    Examples are `ArcL p1,v100,...`, `SearchL di1,p1,...` and `FCPressL p1,...`. `uses` are the uses of names
+    in the arguments.
+    """
+    name = line["name"]
+    if process_move := _PROCESS_MOVE.fullmatch(name):
+        letter = process_move["letter"] or process_move["first"] or "L"  # of a line, joints or an arc
+        return _translate_process_move(line, letter, uses)
+    if search := _SEARCH.fullmatch(name):
+        index_of_result = 0 if search["smart"] else 1  # searches of SmarTac write their first argument
+        return _translate_search(line, uses, index_of_result)
+    if _FORCE_MOVE.fullmatch(name):
+        return _translate_force_move(line, uses)
+    return []
+
+
+def _call_routine(line: Line, name: str, arguments: frozenset[str]) -> list[Op]:
+    """Translate the call of a routine, such as `grip 5,p1;`, with the names in its arguments.
+
+    There are two calls, because only the whole program shows which one is meant. The first call counts if the
+    program has a routine of this name. The second counts if it has none: the unknown routine may then change
+    its arguments, apart from the tool and the work object of a move.
     """
     own_routine = ir.call_if_defined(name, arguments)
     other_routine = ir.Call(name, arguments - _find_frames_of_move(line))
@@ -210,10 +232,15 @@ def _call_routine(line: Line, name: str, arguments: frozenset[str]) -> list[Op]:
 
 
 def _translate_speeds(line: Line) -> list[Op]:
-    """Translate VelSet, which sets a percentage of the speeds and the greatest speed of moves behind it."""
+    """Translate `VelSet 50,800;`: moves behind it have 50 % of their speeds, and at most 800 mm/s.
+
+    Each of the two gets a value under a name of its own, from which moves compute their feed. A value that is
+    not a number is unknown, and so is one that is missing.
+    """
     uses = _read_arguments(line)
     ops = [*ir.omit_uses(uses), ir.call_if_defined("VELSET", _find_names(uses))]
-    for name, argument in zip_longest((_PERCENTAGE, _GREATEST), line.part("arguments").split()[:2]):
+    arguments = line.part("arguments").split()[:2]
+    for name, argument in zip_longest((_PERCENTAGE, _GREATEST), arguments):
         value: ir.Value = ir.Unknown("VelSet is computed", _REMEDY)
         if argument is not None and argument.is_number:
             value = Literal(_NUMBERS, argument.ordinals)
@@ -226,23 +253,22 @@ _MOVE_NAME: Final = re.compile(r"(?!.*(?:CAL|MEAS|TCP|TOOL|WOBJ))\w*[LJC](?:STAR
 
 
 def _find_frames_of_move(line: Line) -> frozenset[str]:
-    """Return tool and work object of an unknown instruction in the form of a move, which only uses them.
+    r"""Return tool and work object of an unknown instruction in the form of a move, which only uses them.
 
-    The instruction has the form of a move if its name ends as those of moves do, and its last arguments are
-    a speed, a zone and the tool. For any other instruction, and if the work object is computed, the set is
-    empty.
+    `MyMoveL p1,v100,z10,tool1\WObj:=wobj1;` has the form of a move: its name ends as those of moves do, and
+    its last arguments are a speed, a zone and the tool. For any other instruction, and if the work object is
+    computed, the set is empty.
     """
     try:
         arguments = _split_arguments(line, _ANY_OPTION)
     except Misread:  # the work object is computed
         return frozenset()
-    has_form_of_move = len(arguments.values) >= 4 and _MOVE_NAME.fullmatch(line["name"]) is not None
-    if not has_form_of_move:
+    has_name_of_move = _MOVE_NAME.fullmatch(line["name"]) is not None
+    if len(arguments.values) < 4 or not has_name_of_move:
         return frozenset()
     zone, tool = arguments.values[-2:]
-    if not re.fullmatch(_ZONE, zone.text):
-        return frozenset()
-    return frozenset({tool.text, arguments.work_object})
+    is_zone = re.fullmatch(_ZONE, zone.text) is not None
+    return frozenset({tool.text, arguments.work_object}) if is_zone else frozenset()
 
 
 def _read_arguments(line: Line) -> list[Op]:
@@ -278,9 +304,10 @@ class _RoutineName(NamedTuple):
 
 
 def _translate_late_call(line: Line) -> list[Op]:
-    """Translate a call of a routine whose name is a text or is computed.
+    """Translate a call of a routine whose name is a text, or is computed while the program runs.
 
-    `%"sub"+name%` computes the name; `CallByVar "sub",number` calls sub1, sub2 and so on.
+    `%"sub"+name%` computes the name; `CallByVar "sub",number` calls sub1, sub2 and so on. The groups of the
+    line are `routine` between the signs %, or else `variable`, here "sub", and `more`, here number.
     """
     text = line["routine"] or f"{line['variable']}+N"
     routine = _read_routine_name(text)
@@ -305,7 +332,7 @@ def _read_routine_name(text: str) -> _RoutineName:
 
 
 def _translate_process_move(line: Line, letter: str, uses: list[Op]) -> list[Op]:
-    """Translate a move of a process such as welding, whose last argument is the tool.
+    r"""Translate a move of a process, such as `ArcL p1,v100,seam1,weld1,z10,tool1\WObj:=wobj1;`.
 
     The move is not corrected if an option, such as the one of tracking, may move the target; or if target,
     tool or another argument is computed.
@@ -313,32 +340,55 @@ def _translate_process_move(line: Line, letter: str, uses: list[Op]) -> list[Op]
     Args:
         line: the move.
         letter: kind of the motion: L (line), J (joints) or C (arc).
-        uses: operations of its arguments.
+        uses: uses of names in its arguments.
     """
     name, remedy = line["name"], "write the move as MoveL, MoveJ or MoveC"
     try:
         arguments = _split_arguments(line, _PROCESS_OPTIONS)
     except Misread as fault:
-        return _leave_instruction(line, uses, f"{name}: {fault.reason}", remedy)
+        return _translate_uncorrected_instruction(line, uses, f"{name}: {fault.reason}", remedy)
     count = 2 if letter == "C" else 1  # count of the targets
-    targets = _read_targets(arguments.values[:count])
+    targets, tool = _read_targets(arguments.values[:count]), arguments.tool
     # Behind the targets come at least speed, data of the process or zone, and the tool.
     is_complete = len(targets) == count and len(arguments.values) >= count + 3
-    tool = arguments.values[-1].text if arguments.values else ""
     if not (is_complete and re.fullmatch(_WORD, tool)):
         reason = f"{name}: target or tool is not given by numbers"
-        return _leave_instruction(line, uses, reason, remedy)
-    speed, *others = arguments.values[count:]
-    uses_behind_targets = [op for argument in (speed, *others) for op in argument.read_expression()]
+        return _translate_uncorrected_instruction(line, uses, reason, remedy)
+    uses_behind_targets = _read_expressions(arguments.values[count:])
     if ir.calls_routine(uses):
         return ir.make_uncorrected_move(uses, f"{name}: an argument of the move is computed", remedy)
-    # With the option \On, the move approaches the begin of the process at its own speed.
+    feed = _read_feed_of_process(line, arguments.values[count])
+    move = _make_move(letter, targets, arguments.work_object, tool, feed)
+    return [*uses_behind_targets, move]
+
+
+def _read_feed_of_process(line: Line, speed: Line) -> ir.Feed | None:
+    r"""Return the feed of a move of a process; None if data of the process state the speed.
+
+    A weld has the speed of its welddata. Only with the option `\On` the move approaches the begin of the weld
+    at the speed that is its argument.
+    """
     is_approach = re.search(r"\\ON\b", line["arguments"]) is not None
-    has_process_speed = _HAS_PROCESS_SPEED.fullmatch(name) and not is_approach
-    feed = None if has_process_speed else _read_feed(line, speed)
-    bases = (_multiply_frames(arguments.work_object, "WOBJDATA"),) * count
+    has_process_speed = _HAS_PROCESS_SPEED.fullmatch(line["name"]) is not None and not is_approach
+    return None if has_process_speed else _read_feed(line, speed)
+
+
+def _read_expressions(arguments: list[Line]) -> list[Op]:
+    """Return the uses of names, and the calls of functions, in some arguments."""
+    ops = list[Op]()
+    for argument in arguments:
+        ops += argument.read_expression()
+    return ops
+
+
+def _make_move(
+    letter: str, targets: tuple[Literal | ir.Name, ...], work_object: str, tool: str, feed: ir.Feed | None
+) -> ir.Move:
+    """Return a move of the kind L, J or C, whose targets have the same work object and the same tool."""
+    count = len(targets)
+    bases = (_multiply_frames(work_object, "WOBJDATA"),) * count
     tools = (_multiply_frames(tool, "TOOLDATA"),) * count
-    return [*uses_behind_targets, ir.Move(_MOTIONS[letter], targets, bases, tools, feed=feed)]
+    return ir.Move(_MOTIONS[letter], targets, bases, tools, feed=feed)
 
 
 def _read_targets(arguments: list[Line]) -> tuple[Literal | ir.Name, ...]:
@@ -355,10 +405,12 @@ def _read_targets(arguments: list[Line]) -> tuple[Literal | ir.Name, ...]:
 def _translate_search(line: Line, uses: list[Op], index_of_result: int) -> list[Op]:
     """Translate a search, which moves until a signal comes and writes the place to one of its arguments.
 
+    `SearchL di1,p1,p2,v100,tool1;` moves towards p2, and writes to p1 where the signal di1 comes.
+
     Args:
         line: the instruction.
-        uses: operations of its arguments.
-        index_of_result: index of the argument that gets the place, counted without options.
+        uses: uses of names in its arguments.
+        index_of_result: index of the argument that gets the place, here 1, counted without options.
     """
     reason, remedy = f"{line['name']} moves until a signal comes", "omit the statement"
     parts = line["arguments"].split(",")
@@ -367,38 +419,49 @@ def _translate_search(line: Line, uses: list[Op], index_of_result: int) -> list[
     if index_of_result < len(arguments):
         result = re.match(_WORD, arguments[index_of_result])
         changed_names = frozenset({result[0]}) if result else changed_names
-    return [ir.MakeUnknown(changed_names, reason, remedy), *_leave_instruction(line, uses, reason, remedy)]
+    change = ir.MakeUnknown(changed_names, reason, remedy)
+    return [change, *_translate_uncorrected_instruction(line, uses, reason, remedy)]
 
 
 def _translate_force_move(line: Line, uses: list[Op]) -> list[Op]:
     """Translate a move under force control (FCPress...), which FCPressEnd ends.
 
-    `uses` are the operations of its arguments.
+    `uses` are the uses of names in its arguments.
     """
     reason, remedy = f"{line['name']} may move targets or frames", "omit the statement"
     ends_control = line["name"] == "FCPRESSEND"
     change = ir.end_lasting("FC") if ends_control else ir.begin_lasting("FC", reason, remedy)
-    return [*_leave_instruction(line, uses, reason, remedy), change]
+    return [*_translate_uncorrected_instruction(line, uses, reason, remedy), change]
 
 
-def _leave_instruction(line: Line, uses: list[Op], reason: str, remedy: str) -> list[Op]:
-    """Translate an instruction that moves the robot and is not corrected; its last argument is the tool.
+def _translate_uncorrected_instruction(line: Line, uses: list[Op], reason: str, remedy: str) -> list[Op]:
+    r"""Translate an instruction such as `SearchL di1,p1,p2,v100,tool1\WObj:=wobj1;` that is not corrected.
 
-    `uses` are the operations of its arguments.
+    The instruction moves the robot to points that its arguments name: the correction of such a point shifts
+    the move. If its work object is computed, all that is known of the move is what its arguments use.
+
+    Args:
+        line: the instruction; its last argument is the tool.
+        uses: uses of all names in its arguments.
+        reason: why the instruction is not corrected.
+        remedy: what the user can do.
     """
     try:
         arguments = _split_arguments(line, _ANY_OPTION)
     except Misread:  # the work object is computed
         return ir.make_uncorrected_move(uses, reason, remedy)
-    *others, tool = arguments.values or [line.cut(0, 0)]
-    left_move = _leave_move(others, tool, arguments.work_object, reason=reason, remedy=remedy)
-    return [*arguments.uses, *left_move]
+    no_argument = line.cut(0, 0)
+    *points_and_data, tool = arguments.values or [no_argument]
+    move = _translate_uncorrected_move(
+        points_and_data, tool, arguments.work_object, reason=reason, remedy=remedy
+    )
+    return [*arguments.uses, *move]
 
 
 _OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\((?P<point>{_WORD}),(?P<numbers>.+)\)")
 
 
-def _leave_move(
+def _translate_uncorrected_move(
     arguments: list[Line],
     tool: Line,
     work_object: str,
@@ -411,6 +474,14 @@ def _leave_move(
 
     The move ends at the points that its arguments name, or at offsets from them such as `Offs(p1,0,0,50)`:
     corrections of these points shift the move.
+
+    Args:
+        arguments: arguments of the move before its tool.
+        tool: name of the tool; if it is computed, the frames of the move are not known.
+        work_object: name of the work object.
+        reason: why the move is not corrected.
+        remedy: what the user can do.
+        motion: kind of the motion.
     """
     points, expressions = _split_points(arguments)
     uses = list[Op]()
@@ -420,23 +491,21 @@ def _leave_move(
     is_tool_a_name = re.fullmatch(_WORD, tool.text) is not None
     if not is_tool_a_name:
         return ir.make_uncorrected_move([*uses, ir.Use(points)], reason, remedy, motion)
-    move = ir.Move(
-        motion,
-        (),
-        (_multiply_frames(work_object, "WOBJDATA"),),
-        (_multiply_frames(tool.text, "TOOLDATA"),),
-        reason=reason,
-        remedy=remedy,
-        offset_from=tuple(sorted(points)),
-    )
+    bases, tools = (_multiply_frames(work_object, "WOBJDATA"),), (_multiply_frames(tool.text, "TOOLDATA"),)
+    near_points = tuple(sorted(points))
+    move = ir.Move(motion, (), bases, tools, reason=reason, remedy=remedy, offset_from=near_points)
     return [*uses, move]
 
 
-def _split_points(arguments: list[Line]) -> tuple[frozenset[str], list[str]]:
-    """Return the points that the arguments of a move name, and the expressions in the arguments.
+class _Points(NamedTuple):
+    """Points and expressions that the arguments of a move state."""
 
-    `Offs(p1,0,0,50)` has the point p1 and the expression `0,0,50`.
-    """
+    names: frozenset[str]  # points such as p1, also those in `Offs(p1,0,0,50)`
+    expressions: list[str]  # texts of all else, such as the `0,0,50`
+
+
+def _split_points(arguments: list[Line]) -> _Points:
+    """Split the arguments of a move into points and expressions: p1 and `0,0,50` of `Offs(p1,0,0,50)`."""
     points, expressions = set[str](), list[str]()
     for argument in arguments:
         if offset := _OFFSET.fullmatch(argument.text):
@@ -446,23 +515,31 @@ def _split_points(arguments: list[Line]) -> tuple[frozenset[str], list[str]]:
             points.add(argument.text)
         else:
             expressions.append(argument.text)
-    return frozenset(points), expressions
+    return _Points(frozenset(points), expressions)
 
 
 def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
-    """Translate an instruction that begins or ends something that lasts, such as force control or an offset.
+    """Translate an instruction behind which the controller moves targets until another one ends this.
 
-    `names` are the names in its arguments. The list is empty for any other instruction.
+    `PDispOn p1,tool1;` shifts all targets until `PDispOff;`. Force control, guidance from outside (EGM) and
+    moving work objects act in the same way. Behind them no target is certain.
+
+    Args:
+        name: name of the instruction, in capitals.
+        names: names in its arguments.
+
+    Returns:
+        Operations of the instruction; empty if it does nothing of this kind.
     """
     remedy = "omit the statement"
-    if name in _END_OF_LASTING:
+    if name in _END_OF_LASTING:  # PDispOff
         return [ir.end_lasting(_END_OF_LASTING[name])]
     may_move = f"{name} may move targets or frames"
-    if _WRITES_DATA.fullmatch(name):
+    if _WRITES_DATA.fullmatch(name):  # SetDataVal "p1",value: it may write any variable
         return [ir.MakeUnknown(names, may_move, remedy), ir.make_targets_uncertain(may_move, remedy)]
-    if control := _LASTING.fullmatch(name):
-        return [ir.begin_lasting(control[1], may_move, remedy)]
-    shift = _SHIFT.match(name)
+    if control := _LASTING.fullmatch(name):  # FCAct
+        return [ir.begin_lasting(control["kind"], may_move, remedy)]
+    shift = _SHIFT.match(name)  # the whole match is the kind of the shift, such as PDISP
     if shift is None:
         return []
     moves = f"{name} moves targets or frames"
@@ -472,19 +549,13 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
 
 
 def _read_target(part: Line) -> Literal | None:
-    """Return the robtarget or jointtarget that a text states in numbers; None for any other text.
+    """Return the target that a text states in numbers, as indices of these numbers; None for another text.
 
-    A robtarget has the numbers of a pose (position 3, quaternion 4), of the configuration (4) and of external
-    axes (6); a jointtarget has joint angles (6) and external axes (6). In place of the numbers of the
-    configuration or of the external axes there may be a variable.
+    A robtarget `[[x,y,z],[q1,q2,q3,q4],[cf1,cf4,cf6,cfx],[eax_a,...]]` has a pose, the configuration of the
+    arm and external axes; a jointtarget `[[j1,...,j6],[eax_a,...]]` has joint angles and external axes.
     """
     if robtarget := _LITERALS["ROBTARGET"].fullmatch(part.text):
-        numbers = iter(part.ordinals)
-        pose = tuple(islice(numbers, _NUMBERS_OF_POSE))
-        has_configuration = robtarget["configuration"].startswith("[")
-        configuration = tuple(zip(_CONFIGURATION, numbers, strict=False)) if has_configuration else ()
-        external_axes = tuple(numbers)
-        return Literal(POSE, pose, external_axes, configuration, axes_name=robtarget["axes"] or "")
+        return _read_robtarget(part, robtarget["configuration"], robtarget["axes"] or "")
     if jointtarget := _LITERALS["JOINTTARGET"].fullmatch(part.text):
         numbers = iter(part.ordinals)
         angles = tuple(islice(numbers, _NUMBERS_OF_JOINTS))
@@ -493,27 +564,56 @@ def _read_target(part: Line) -> Literal | None:
     return None
 
 
-def _assign_data(name: str, value: Line, kinds: Collection[str]) -> list[ir.Assign]:
-    """Translate the assignment of numbers to a name, if the name's type is one of these kinds.
+def _read_robtarget(part: Line, configuration: str, axes_name: str) -> Literal:
+    """Return the target of a robtarget, as indices of its numbers.
 
-    `kinds` are types of RAPID, such as ROBTARGET and TOOLDATA. A target and a tool give one assignment; a
-    work object gives two, one for each of its frames. The list is empty if the text is not data in numbers.
+    Args:
+        part: the robtarget, with the numbers of the pose first.
+        configuration: its third part: four numbers in brackets, or the name of a variable.
+        axes_name: name of the variable in place of its external axes; empty if these are numbers.
+    """
+    numbers = iter(part.ordinals)
+    pose = tuple(islice(numbers, _NUMBERS_OF_POSE))
+    has_numbers = configuration.startswith("[")
+    words = tuple(zip(_CONFIGURATION, numbers, strict=False)) if has_numbers else ()
+    external_axes = tuple(numbers)  # the rest
+    return Literal(POSE, pose, external_axes, words, axes_name=axes_name)
+
+
+def _assign_data(name: str, value: Line, kinds: Collection[str]) -> list[ir.Assign]:
+    """Translate the assignment of data in numbers to a name, as in `p1 := [[0,0,0],[1,0,0,0],...];`.
+
+    The name gets a target, external axes, a speed, or the frames of a tool or a work object: the text decides
+    which one, among those that the name may be.
+
+    Args:
+        name: the name.
+        value: the text behind `:=`.
+        kinds: types that the name may have, such as ROBTARGET and TOOLDATA.
+
+    Returns:
+        Assignments: one for each frame of a work object, one for all else; empty if the text is no such data.
     """
     target = _read_target(value)
     # A variable with external axes may change, or mean another one, before the target is used.
     is_fixed = target is not None and not target.axes_name
     if target is not None and is_fixed and not {"ROBTARGET", "JOINTTARGET"}.isdisjoint(kinds):
         return [ir.Assign(name, target)]
-    if "EXTJOINT" in kinds and _LITERALS["EXTJOINT"].fullmatch(value.text):
+    if _states(value, "EXTJOINT", kinds):
         return [ir.Assign(name, Literal(_AXES, value.ordinals))]
-    if "SPEEDDATA" in kinds and _LITERALS["SPEEDDATA"].fullmatch(value.text):
+    if _states(value, "SPEEDDATA", kinds):
         return [ir.Assign(name, _speed_of_tool(value))]
-    if "WOBJDATA" in kinds and _LITERALS["WOBJDATA"].fullmatch(value.text):
+    if _states(value, "WOBJDATA", kinds):
         return _assign_frames(name, "WOBJDATA", value.ordinals)
     tool = _LITERALS["TOOLDATA"].fullmatch(value.text) if "TOOLDATA" in kinds else None
     if tool and not ir.calls_routine(value.read_expression(tool["load"])):
         return _assign_frames(name, "TOOLDATA", value.ordinals)
     return []
+
+
+def _states(value: Line, kind: str, kinds: Collection[str]) -> bool:
+    """Return whether a text is data of a type, in numbers, and the type is one of `kinds`."""
+    return kind in kinds and _LITERALS[kind].fullmatch(value.text) is not None
 
 
 def _speed_of_tool(speed: Line) -> Literal:
@@ -522,7 +622,10 @@ def _speed_of_tool(speed: Line) -> Literal:
 
 
 def _assign_frames(name: str, kind: str, ordinals: tuple[int, ...]) -> list[ir.Assign]:
-    """Return the assignments to the frames of a work object or a tool, which begins with their numbers.
+    """Return the assignments of numbers to the frames of a work object or a tool.
+
+    A work object wobj1 has two frames, wobj1.uframe and wobj1.oframe; a tool has one. The first seven numbers
+    are those of the first frame, and so on.
 
     Args:
         name: name of the work object or tool.
@@ -543,7 +646,11 @@ def _multiply_frames(name: str, kind: str) -> ir.Product:
 
 
 def _translate_declaration(line: Line) -> list[Op]:
-    """Translate a declaration `CONST robtarget p1:=[...]`: the name gets numbers or an unknown value."""
+    """Translate a declaration `CONST robtarget p1:=[...]`: the name gets numbers or an unknown value.
+
+    The groups of the line are `scope` (LOCAL or TASK), `kind` (CONST), `type` (robtarget), `name` (p1),
+    `array` (its size, such as {3}) and `value` behind `:=`.
+    """
     name, value, is_array = line["name"], line["value"], bool(line["array"])
     ops: list[Op] = [ir.Local(frozenset({name})), *line.read_expression(line["array"])]
     assignments = []
@@ -560,7 +667,11 @@ def _translate_declaration(line: Line) -> list[Op]:
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Translate an assignment, which gives numbers or an unknown value to a name or to one of its parts."""
+    """Translate an assignment, which gives numbers or an unknown value to a name or to one of its parts.
+
+    In `tool1.tframe:=[...];` and `p{i,j}:=p1;`, the groups of the line are `name` (tool1, p), `part`
+    (.tframe, {i,j}; empty for the whole) and `value`.
+    """
     name, part, value = line["name"], line["part"], line.part("value")
     if not part and (assignments := _assign_data(name, value, _LITERALS)):
         return [*assignments]
@@ -577,11 +688,13 @@ def _translate_assignment(line: Line) -> list[Op]:
 def _translate_move(line: Line) -> list[Op]:
     """Translate a move; without a target in numbers, or with unknown options, it is not corrected.
 
+    `MoveLSync p1,v100,z10,tool1,"grip";` also calls its last argument, a routine, when it reaches the target.
+
     Raises:
         Misread: its arguments are not expressions.
     """
     calls = list[Op]()
-    if line["process"] == "SYNC":  # the last argument is the name of a routine that is called at the target
+    if line["process"] == "SYNC":
         last_argument = line["arguments"].rsplit(",", 1)[-1].strip()
         routine = _read_routine_name(last_argument)
         calls.append(ir.Call(routine.name, anytime=True, event="\0target", prefix=routine.prefix))
@@ -591,45 +704,58 @@ def _translate_move(line: Line) -> list[Op]:
         is_no_move = not fault.remedy
         if is_no_move:
             raise
-        uncorrected = _leave_instruction(line, _read_arguments(line), fault.reason, fault.remedy)
+        uses = _read_arguments(line)
+        uncorrected = _translate_uncorrected_instruction(line, uses, fault.reason, fault.remedy)
         return [*calls, *uncorrected]
 
 
 def _translate_plain_move(line: Line) -> list[Op]:
     r"""Translate a move whose arguments are complete, such as `MoveC p1,p2,v100,z10,tool1\WObj:=wobj1`.
 
+    The groups of the line are `letter` (C) or, for TriggL and the like, `trigger`; and `arguments`.
+
     Raises:
         Misread: arguments are missing, unknown or computed.
     """
     letter = line["letter"] or line["trigger"] or "J"  # MoveAbsJ has no letter of its own
-    motion = _MOTIONS[letter]
     count = 2 if letter == "C" else 1  # count of the targets
     arguments = _split_arguments(line, _OPTIONS)
-    values, work_object = arguments.values, arguments.work_object
-    # Behind the targets come speed, perhaps a trigger, zone and tool.
-    index_of_tool = count + (3 if line["trigger"] else 2)
-    is_complete = len(values) == index_of_tool + 1 + _count_arguments_after_tool(line)
-    if not is_complete or not re.fullmatch(_WORD, values[index_of_tool].text):
-        reason = "the target is not given by numbers, or the move names no speed, zone and tool"
-        remedy = "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
-        raise Misread(reason, remedy)
-    tool = values[index_of_tool]
-    targets = _read_targets(values[:count])
+    tool = _find_tool_of_move(line, arguments, count)
+    stated_targets, others = arguments.values[:count], arguments.values[count:]
+    targets = _read_targets(stated_targets)
     if len(targets) < count:
-        reason = "the target is not given by numbers"
-        left_move = _leave_move(
-            values[:count], tool, work_object, reason=reason, remedy=_REMEDY, motion=motion
+        move = _translate_uncorrected_move(
+            stated_targets,
+            tool,
+            arguments.work_object,
+            reason="the target is not given by numbers",
+            remedy=_REMEDY,
+            motion=_MOTIONS[letter],
         )
-        return [*arguments.uses, *left_move]
-    uses = [*arguments.uses]
-    for value in values[count:]:
-        uses += value.read_expression()
+        return [*arguments.uses, *move]
+    uses = [*arguments.uses, *_read_expressions(others)]
     if ir.calls_routine(uses):
         raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
-    bases = (_multiply_frames(work_object, "WOBJDATA"),) * count
-    tools = (_multiply_frames(tool.text, "TOOLDATA"),) * count
-    speed = values[count]
-    return [*uses, ir.Move(motion, targets, bases, tools, feed=_read_feed(line, speed))]
+    feed = _read_feed(line, speed=others[0])
+    return [*uses, _make_move(letter, targets, arguments.work_object, tool.text, feed)]
+
+
+def _find_tool_of_move(line: Line, arguments: _Arguments, count_of_targets: int) -> Line:
+    """Return the argument of a move that is its tool.
+
+    Behind the targets come the speed, a trigger in TriggL and the like, the zone and the tool. Behind the
+    tool come the arguments of a signal in MoveLDO and the like.
+
+    Raises:
+        Misread: arguments are missing, or the tool is computed.
+    """
+    count_before_tool = count_of_targets + (3 if line["trigger"] else 2)
+    is_complete = len(arguments.values) == count_before_tool + 1 + _count_arguments_after_tool(line)
+    if is_complete and re.fullmatch(_WORD, arguments.values[count_before_tool].text):
+        return arguments.values[count_before_tool]
+    reason = "the target is not given by numbers, or the move names no speed, zone and tool"
+    remedy = "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
+    raise Misread(reason, remedy)
 
 
 def _count_arguments_after_tool(line: Line) -> int:
@@ -642,7 +768,8 @@ def _count_arguments_after_tool(line: Line) -> int:
 def _read_feed(line: Line, speed: Line) -> ir.Feed | None:
     """Return the feed of a move, whose speed (speeddata) is an argument; None if the feed is computed.
 
-    VelSet, elsewhere in the program, changes the feeds of all moves: names stand for what it sets.
+    `VelSet 50,800;` elsewhere in the program changes the feeds of all moves behind it. So the feed has the
+    names under which the percentage and the greatest speed are found when the program is followed.
     """
     feed = _read_own_feed(line, speed)
     if feed is None:
@@ -651,10 +778,14 @@ def _read_feed(line: Line, speed: Line) -> ir.Feed | None:
 
 
 def _read_own_feed(line: Line, speed: Line) -> ir.Feed | None:
-    r"""Return the feed that a move itself states; None if the feed is computed.
+    r"""Return the feed that a move itself states, as a number or a name; None if the feed is computed.
 
-    The argument `speed` (speeddata) is numbers, or a name such as `v100`. The option `\V` takes its place,
-    and so does `\T`, the time of the move, which gives no feed.
+    The move `MoveL p1,v100,...` has the feed of the speed v100. In `MoveL p1,v100\V:=80,...` the number 80
+    takes its place, and in `MoveL p1,v100\T:=3,...` the time of the move does, which gives no feed.
+
+    Args:
+        line: the move.
+        speed: its argument with the speed (speeddata): a name, or numbers such as `[100,500,5000,1000]`.
     """
     arguments = line.part("arguments")
     option = _OWN_SPEED.search(arguments.text)
@@ -666,12 +797,15 @@ def _read_own_feed(line: Line, speed: Line) -> ir.Feed | None:
         return ir.Feed(Literal(_NUMBERS, number.ordinals))
     if _LITERALS["SPEEDDATA"].fullmatch(speed.text):
         return ir.Feed(_speed_of_tool(speed))
-    if not re.fullmatch(_WORD, speed.text):
-        return None
-    # v100 is 100 mm/s, unless the program declares the name.
-    of_controller = _SPEED.fullmatch(speed.text)
-    default = float(of_controller[1]) if of_controller else np.nan
-    return ir.Feed(ir.Copy(speed.text), otherwise=default)
+    is_name = re.fullmatch(_WORD, speed.text) is not None
+    return _name_feed(speed.text) if is_name else None
+
+
+def _name_feed(name: str) -> ir.Feed:
+    """Return the feed with the name of a speed: v100 is 100 mm/s, unless the program declares the name."""
+    of_controller = _SPEED.fullmatch(name)
+    default = float(of_controller["speed"]) if of_controller else np.nan
+    return ir.Feed(ir.Copy(name), otherwise=default)
 
 
 class _Arguments(NamedTuple):
@@ -679,18 +813,28 @@ class _Arguments(NamedTuple):
 
     values: list[Line]  # without their options
     work_object: str  # name of the work object
-    uses: list[Op]  # operations of the values of options
+    uses: list[Op]  # uses of names in the values of options
+
+    @property
+    def tool(self) -> str:
+        """Text of the last argument, which is the tool of a move of a process; empty without arguments."""
+        return self.values[-1].text if self.values else ""
 
 
 def _split_arguments(line: Line, known_options: re.Pattern[str]) -> _Arguments:
     r"""Split the arguments of a move such as `p1,v100\T:=3,z10,tool1\WObj:=wobj1`.
 
-    `known_options` are names of options that do not move the target.
+    The values are p1, v100, z10 and tool1; the options are `\T:=3` and `\WObj:=wobj1`.
+
+    Args:
+        line: the move.
+        known_options: names of options that do not move the target.
 
     Raises:
         Misread: an option may move the target, or the work object is computed.
     """
     values = list[Line]()
+    work_object = "WOBJ0"  # the controller's own one, if the move names none
     options = list[_Option]()
     for index, part in enumerate(line.part("arguments").split()):
         value, *options_of_value = part.split("\\")
@@ -700,17 +844,12 @@ def _split_arguments(line: Line, known_options: re.Pattern[str]) -> _Arguments:
         is_no_argument = is_blank and (index == 0 or bool(options_of_value))
         if not is_no_argument:
             values.append(value.cut(1) if value.text.startswith(" ") else value)
-    work_object = "WOBJ0"
     uses = list[Op]()
     for option in options:
-        if not known_options.fullmatch(option.name):
-            reason = f"the argument \\{option.name} moves the target, or is not known"
-            raise Misread(reason, "omit the statement")
+        _refuse_option(option, known_options)
         uses += line.read_expression(option.value)
         if option.name == "WOBJ":
-            if not re.fullmatch(_WORD, option.value):
-                raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
-            work_object = option.value
+            work_object = _read_work_object(option)
     return _Arguments(values, work_object, uses)
 
 
@@ -727,16 +866,38 @@ def _read_option(text: Line) -> _Option:
     return _Option(name, value)
 
 
+def _refuse_option(option: _Option, known_options: re.Pattern[str]) -> None:
+    r"""Refuse an option of a move that may move the target, as `\Corr` and `\Track` do.
+
+    Raises:
+        Misread: the name of the option is none of the known ones.
+    """
+    if not known_options.fullmatch(option.name):
+        reason = f"the argument \\{option.name} moves the target, or is not known"
+        raise Misread(reason, "omit the statement")
+
+
+def _read_work_object(option: _Option) -> str:
+    r"""Return the name of the work object in the option `\WObj:=wobj1`.
+
+    Raises:
+        Misread: the work object is computed.
+    """
+    if not re.fullmatch(_WORD, option.value):
+        raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
+    return option.value
+
+
 _ENDS: Final = re.compile(
     # its first characters come before all else, so that the search passes quickly over all others
     r"(?=[\"!%;:<BDEFMPTUbdefmptu])(?:"
-    r"\"[^\"\r\n]*+\"|![^\r\n]*+|%%%[^%;!]*+%%%|(?i:(;|:(?!=)|<(?:SMT|DDN|TDN|RDL|EIT|CSE)>"
+    r"\"[^\"\r\n]*+\"|![^\r\n]*+|%%%[^%;!]*+%%%|(?i:(?P<end>;|:(?!=)|<(?:SMT|DDN|TDN|RDL|EIT|CSE)>"
     r"|\b(?:THEN|DO|ELSE|END(?:IF|FOR|WHILE|TEST|PROC|FUNC|TRAP|MODULE|RECORD))\b"
     r"|(?<![\w\\.])(?:ERROR|UNDO|BACKWARD)\b(?!\s*+:?=)(?:\s*+\([^()]*\))?"
     r"|\b(?:PROC|FUNC\s++\w++)\s++\w++\s*+\([^()]*\)|\bTRAP\s++\w++"
     r"|(?P<head>\bMODULE\s++\w++(?:\s*+\([^()]*\))?))))"
 )
-"""End of a statement; texts and comments match without group 1, because no statement ends in them.
+"""End of a statement; texts and comments match without the group `end`, because no statement ends in them.
 
 The head of a module is a statement of its own, also behind other text."""
 
@@ -752,11 +913,11 @@ def read_rapid(statements: Statements, sources: tuple[Source, ...]) -> None:
     for module, new_names in zip(modules, _rename_local_names(modules), strict=True):
         translate = partial(_translate_renamed, renamed=new_names) if new_names else None
         statements.add_statements(module.source, module.starts, module.ends, translate=translate)
-    _leave_moves_if_ambiguous(statements, modules)
+    _refuse_ambiguous_moves(statements, modules)
 
 
-def _leave_moves_if_ambiguous(statements: Statements, modules: Iterable[_Module]) -> None:
-    """Leave all moves if a routine of the program has the name of a move of a process, such as ArcL."""
+def _refuse_ambiguous_moves(statements: Statements, modules: Iterable[_Module]) -> None:
+    """Let no target be certain if a routine of the program has the name of a process move, such as ArcL."""
     routines = [routine for module in modules for routine in re.findall(_ROUTINE, module.text)]
     ambiguous = [routine for routine in routines if _PROCESS_MOVE.fullmatch(routine)]
     if ambiguous:
@@ -788,8 +949,8 @@ def _split_modules(index: int, source: Source) -> Iterator[_Module]:
 def _rename_local_names(modules: list[_Module]) -> list[dict[str, str]]:
     """Return for each module new names of those that mean something else elsewhere.
 
-    A name that is LOCAL in one module means something else in the others. The first module keeps its names,
-    so that messages have them.
+    `LOCAL CONST robtarget p1:=...` declares a point that only its own module knows: p1 means something else
+    in all other modules. The first module keeps its names, so that messages have them.
     """
     if len(modules) < 2:
         return [{} for _ in modules]
@@ -839,12 +1000,16 @@ class _StatementsOfFile(NamedTuple):
 
 
 def _find_statements(text: str) -> _StatementsOfFile:
-    """Find the statements and the heads of modules in the text of a file; blank statements are left out."""
+    """Find the statements of a file, such as `MoveL p1,...;` and `IF a THEN`, and the heads of its modules.
+
+    A statement ends at a semicolon, or behind a word such as THEN. The head of a module, `MODULE part`, ends
+    the statement before it, and is one itself. Blank statements are left out.
+    """
     heads = list[int]()
     borders = [0]  # between statements
     for match in _ENDS.finditer(text):
-        is_head, is_end = match["head"] is not None, match[1] is not None
-        if is_head:  # the head of a module also ends the statement before it
+        is_head, is_end = match["head"] is not None, match["end"] is not None
+        if is_head:
             heads.append(match.start())
             borders.append(match.start())
         if is_end:
