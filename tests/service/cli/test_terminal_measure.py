@@ -35,7 +35,8 @@ def test_a_goal_takes_five_readings_and_one_that_is_held_out():
         "stiffnesses in 10⁶ N·m/rad; planted by the simulated source",
         "goal: every joint that the load can twist is known to ± 25 %",
         "m01: joint_6 ± 234 %, the number of readings still needed is not known",
-        "m02: uncertainty 1.52 times that of the goal, joint_6 ± 38 %, agrees with its prediction (p 0.035), about 9 more readings",
+        "m02: uncertainty 1.52 times that of the goal, joint_6 ± 38 %, agrees with its prediction (p "
+        "0.035), about 9 more readings",
         "m04: uncertainty 0.93 times that of the goal, joint_6 ± 23 %, agrees with its prediction (p "
         "0.96), about 2 "
         "more readings",
