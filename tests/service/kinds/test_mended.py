@@ -95,7 +95,7 @@ FITTED = {
         "load_point",
         "every load point moved by (8.25, 9.67, -8.85) mm",
         "every load point moved by (8.21, 9.53, -7.32) mm ± (5.75, 4.02, 21.2) mm in the flange frame",
-        "(F test, p = 5e-7); compliances change by up to 7.9 %",
+        "(F test, p = 5e-07); compliances change by up to 7.9 %",
         "",  # the load point moves far enough within its 1 mm to leave hardly more than noise
     ),
     "weight_forgotten": (
