@@ -63,6 +63,9 @@ BENCHMARKS = {
         "studies.load_paths", "tool, rope, hook, growth, another stiffness: named; clean ones", in_parts=True
     ),
     "posture_errors": Benchmark("studies.posture_errors", "errors that a posture's targets share: coverage"),
+    "repeatability": Benchmark(
+        "studies.repeatability", "few postures or one target of joints that do not repeat; some minutes"
+    ),
     "statements": Benchmark("studies.statements", "loads within what is stated: accusations, ratios"),
     "levers": Benchmark("studies.levers", "a load near axis 6: coverage, widths beside a dense grid"),
     "pure_error": Benchmark("studies.pure_error", "noise whatever the model: clean ones, mistakes"),

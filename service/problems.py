@@ -712,12 +712,50 @@ _NAMES_ELSEWHERE: Final = MappingProxyType(
 """Name of an option in other packages → its name here, where the words are not alike."""
 
 
+_COMMAND_IN_TEXT: Final = re.compile(
+    r"`jointstiff (compare|compensate|correct|fleet|gearbox|geometry|identify|import|map|measure|plan|predict"
+    r"|process|rehearse)((?: [^\s`]+)*)`"
+)
+"""Command of the terminal for which Python has a function: its name and its words."""
+
+
+def name_functions_in_text(text: str) -> str:
+    """Return a text for users of Python: commands of the terminal are calls of functions.
+
+    `jointstiff import FILE --robot ROBOT` becomes `jointstiff.read(FILE, robot=ROBOT)`; the option `--save`
+    becomes the method `save` of the result. Commands without a function are left as they are.
+    """
+
+    def replace_command(match: re.Match[str]) -> str:
+        """Return the call for a matched command; without words, the function."""
+        function = "read" if match[1] == "import" else match[1]
+        arguments = list[str]()
+        method = ""
+        words = iter(match[2].split())
+        for word in words:
+            if word == "--save":
+                method = f".save({_quote_value(next(words))})"
+            elif word.startswith("--"):
+                arguments.append(f"{word[2:].replace('-', '_')}={_quote_value(next(words))}")
+            else:
+                arguments.append(_quote_value(word))
+        call = f"({', '.join(arguments)})" if match[2] else ""
+        return f"`jointstiff.{function}{call}{method}`"
+
+    return _COMMAND_IN_TEXT.sub(replace_command, text)
+
+
+def _quote_value(word: str) -> str:
+    """Return a word of a command in quotes, but a word in capitals, such as FILE, as it is."""
+    return word if word.isupper() and word.isidentifier() else repr(word)
+
+
 class ProblemError(Exception):
     """An error with problem details; its text says what is wrong, where, and how to correct it."""
 
     def __init__(self, problem: Problem) -> None:
         place = f"{problem.where}: " if problem.where and problem.where not in problem.detail else ""
-        remedy = f"; remedy: {problem.remedy}" if problem.remedy else ""
+        remedy = f"; remedy: {name_functions_in_text(problem.remedy)}" if problem.remedy else ""
         super().__init__(f"{place}{problem.detail}{remedy}")
         self.problem = problem  #: the problem details, as the API would answer them
 

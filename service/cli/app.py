@@ -52,7 +52,10 @@ class _Commands(typer.core.TyperGroup):
             app_of_command = typer.Typer(add_completion=False, **_SETTINGS)
             app_of_command.command(args[0])(build())
             self.commands[args[0]] = get_command(app_of_command)
-        return super().resolve_command(ctx, args)
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None:
+            _refuse_repeated_options(command, rest)
+        return name, command, rest
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's Click is private
         """Run a command; if it raises an error with a remedy, print both and end with exit status 2."""
@@ -61,10 +64,34 @@ class _Commands(typer.core.TyperGroup):
         except Exception as error:
             from jointstiff.service.cli.failures import print_known_error
 
-            exit_with_status = print_known_error(error)
+            exit_with_status = print_known_error(error, self._list_option_names(ctx))
             if exit_with_status is None:
                 raise
             raise exit_with_status from error
+
+    def _list_option_names(self, ctx: Any) -> dict[str, str]:  # noqa: ANN401 - Typer's Click is private
+        """Return the options of the command that was run, such as `--robot`, in backquotes, by argument."""
+        command = self.commands.get(ctx.invoked_subcommand)
+        parameters = () if command is None else command.params
+        return {
+            parameter.name: f"`{parameter.opts[0]}`"
+            for parameter in parameters
+            if parameter.name and parameter.opts[0].startswith("--")
+        }
+
+
+def _refuse_repeated_options(command: Any, words: list[str]) -> None:  # noqa: ANN401 - Typer's Click is private
+    """Refuse an option that has one value, but is given several times: the parser would take the last value.
+
+    Raises:
+        typer.BadParameter: there is such an option among the words of the command.
+    """
+    flags = [word.partition("=")[0] for word in words[: words.index("--") if "--" in words else None]]
+    for parameter in command.params:
+        has_one_value = not (getattr(parameter, "is_flag", True) or parameter.multiple)
+        if has_one_value and sum(flags.count(flag) for flag in parameter.opts) > 1:
+            reason = "is given several times, but has one value: give the option once"
+            raise typer.BadParameter(reason, param_hint=parameter.opts[0])
 
 
 app = typer.Typer(

@@ -92,9 +92,7 @@ _Options = Annotated[Path | None, cli.file_option("JSON file with further option
 _Output = Annotated[Path | None, cli.output_option("File to write the table to; its suffix sets the format.")]
 _Save = Annotated[
     Path | None,
-    cli.path_option(
-        "File for the whole result; every command and `jointstiff.load` read such a file.", "RESULT.json"
-    ),
+    cli.path_option("File for the whole result, which every command reads.", "RESULT.json"),
 ]
 _AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")]
 
@@ -516,10 +514,15 @@ def _read_geometry(path: Path | None) -> Any:  # noqa: ANN401 - a Geometry or No
     """
     if path is None:
         return None
+    from jointstiff.schemas.geometry import Geometry
     from jointstiff.service.library.saved import load
+    from jointstiff.service.problems import CampaignError, http_problem
     from jointstiff.service.reports.paper import require_wrist
 
-    geometry = load(path, "geometry")
+    geometry = load(path)
+    if not isinstance(geometry, Geometry):
+        remedy = "give a file that `jointstiff geometry SWEEPS.json --save FILE` wrote"
+        raise CampaignError(http_problem(422, f"{path} is not a geometry", remedy))
     require_wrist(geometry)
     return geometry
 

@@ -505,7 +505,7 @@ def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, A
             raise RobotError(
                 f"the URDF has {len(ends)} links that may be the {name}: {shown_links}",
                 where=name,
-                remedy=f"name the link: js.robot(urdf, {name}='{ends[-1] if ends else '…'}')",
+                remedy="leave only one of these links in the URDF, with the joints that lead to the link",
             )
         frames[name] = ends[0] if stated is None else stated
     return {"format": "urdf", "urdf": text, **frames}

@@ -201,7 +201,13 @@ class _Reader:
             if layout.decimal_mark is not None and not layout.columns.faulty:
                 with faults.collect():
                     names = NameReader(layout, self._options, self._notes)
-                    readers.append(RowReader(layout, names, self._times_and_roundings))
+                    reader = RowReader(
+                        layout,
+                        names,
+                        self._times_and_roundings,
+                        allow_missing=self._options.allow_missing,
+                    )
+                    readers.append(reader)
         records = (record for reader in readers for record in reader.read_records(faults))
         merger = _Merging(self._options, self._units, self._joint_kinds(), faults, self._notes)
         observations = merger.merge_by_label(records)
@@ -263,6 +269,8 @@ class _Reader:
                 observations, targets, faults, self._options.allow_missing
             )
             notes += notes_on_gaps
+        else:
+            notes += _report_skipped_points(observations)
         sigmas = _check_sigmas(observations, faults)
         for kind, count in sigmas.items():
             notes.append(f"{_U95[kind]}{f' ({count} points)' if len(sigmas) > 1 else ''}")
@@ -406,7 +414,7 @@ def read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
                 reason = f"Invalid JSON: {error}"
                 remedy = "correct the JSON at this place; the file must be UTF-8"
                 raise ImportFileError(Place(file.name), reason, remedy) from None
-            remedy = "a campaign needs no import: `jointstiff identify` runs it, `jointstiff post` posts it"
+            remedy = "a campaign needs no import: use `jointstiff identify FILE`"
         raise ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
     return [read_text(file.name, file.content, options.delimiter)]
 
@@ -727,6 +735,9 @@ def _describe_gap(observation: ObservationRecord, target: str, states: dict[Stat
     """
     if not states:
         return f"target {target} has no reading"
+    partly_read = [state for state, point in states.items() if point.lacks_coordinate]
+    if partly_read:
+        return f"a coordinate of target {target} {_describe_states(partly_read)} is empty"
     present = {state for state, point in states.items() if point.vector is not None}
     if "deflection" in present and len(present) > 1:
         reason = f"{quote(observation.label)}: target {target} has both positions and a deflection"
@@ -736,7 +747,22 @@ def _describe_gap(observation: ObservationRecord, target: str, states: dict[Stat
         return None
     if not present:
         return f"the cells of target {target} are empty"
-    return f"target {target} was read only {' and '.join(sorted(present)).replace('_', ' ')}"
+    return f"target {target} was read only {_describe_states(present)}"
+
+
+def _describe_states(states: Iterable[State]) -> str:
+    """Return states in words, such as `loaded and unloaded after`."""
+    return " and ".join(sorted(states)).replace("_", " ")
+
+
+def _report_skipped_points(observations: list[ObservationRecord]) -> list[str]:
+    """Return a note on each point that is skipped because a coordinate is empty."""
+    return [
+        f"{observation.label}: a coordinate of target {target} is empty; skipped"
+        for observation in observations
+        for target, states in observation.points.items()
+        if any(point.lacks_coordinate for point in states.values())
+    ]
 
 
 def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict[_Uncertainty, int]:

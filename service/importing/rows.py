@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from math import sqrt
 from typing import Final, NamedTuple
@@ -400,6 +400,7 @@ class Value:
     # standard uncertainty of each coordinate, in the unit of length, if the file has it
     sigma: Vector | None = None
     by_point: bool = False  # whether sigma comes from U(95) of the whole point, not of each coordinate
+    lacks_coordinate: bool = False  # whether a cell is empty, but not all; then the numbers are None
 
 
 @dataclass(slots=True)
@@ -509,8 +510,16 @@ class _UnclearNames:
 class RowReader:
     """Reader of the rows of a file, by the meanings of its columns."""
 
-    def __init__(self, layout: Layout, names: NameReader, times_and_roundings: TimesAndRoundings) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        names: NameReader,
+        times_and_roundings: TimesAndRoundings,
+        *,
+        allow_missing: bool,
+    ) -> None:
         self._layout, self._names, self._times_and_roundings = layout, names, times_and_roundings
+        self._allows_missing = allow_missing
         self._grid, self._columns = layout.grid, layout.columns
         self._decimal_mark = layout.decimal_mark or "point"
         unit = layout.columns.units.get("length")
@@ -550,12 +559,14 @@ class RowReader:
             place = self._grid.place(row, indices[0])
             if quantity.kind == "addition" or quantity.kind in _UNCERTAINTIES:
                 continue
-            vector = self._read_vector(row, indices, faults)
+            skips_point = quantity.kind in POINTS and self._skips_point(row, indices)
+            vector = None if skips_point else self._read_vector(row, indices, faults)
             if quantity.kind in POINTS:
                 if vector is None and quantity.kind == "along":
                     continue  # a gauge reads one direction in a posture, and another in the next
                 full_quantity = self._complete_quantity(quantity, name_parts, place)
-                record.values[full_quantity] = self._read_point(row, quantity, full_quantity, vector, faults)
+                value = self._read_point(row, quantity, full_quantity, vector, faults)
+                record.values[full_quantity] = replace(value, lacks_coordinate=skips_point)
             elif vector is None:
                 faults.report(place, f"this row has no {quantity.kind}", "fill in the cells")
             elif quantity.kind == "mass":
@@ -679,6 +690,11 @@ class RowReader:
             with faults.collect(self._grid.place(row, index)):
                 numbers.append(self._read_number(row, index))
         return tuple(numbers) if len(numbers) == len(indices) else ()
+
+    def _skips_point(self, row: Row, indices: tuple[int, ...]) -> bool:
+        """Return whether gaps are allowed, and some cells of a point are empty, but not all."""
+        are_filled = [bool(row.cells[index]) for index in indices]
+        return self._allows_missing and any(are_filled) and not all(are_filled)
 
     def _read_number(self, row: Row, index: int) -> float:
         """Return the number of a cell, lengths in inches converted to mm.

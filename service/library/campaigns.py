@@ -7,6 +7,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from pydantic import PrivateAttr
+
 from jointstiff.schemas import run as messages
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.options import RunOptions
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
 class Campaign(messages.Campaign):
     """Campaign: a robot, a measurement set of the robot, and the options of a run."""
 
+    _assumed: tuple[str, ...] = PrivateAttr(default=())  # what was assumed without a statement
+
     @classmethod
     def from_message(cls, campaign: messages.Campaign) -> Campaign:
         """Return a campaign message as an object of this class, which can be saved and checked."""
@@ -57,7 +61,7 @@ class Campaign(messages.Campaign):
         labels: Sequence[str] | None = None,
         units: AnyUnits = None,
         sigma: float | None = None,
-        encoders: str = "motor",
+        encoders: str | None = None,
         name: str = "readings from arrays",
         run: RunOptions | Mapping[str, Any] | None = None,
         **header: object,
@@ -88,7 +92,8 @@ class Campaign(messages.Campaign):
                 and N.m.
             sigma: standard uncertainty of one coordinate of one reading; estimated from the residuals if
                 absent.
-            encoders: encoders that close the position loop, `motor` or `secondary`.
+            encoders: encoders that close the position loop, `motor` or `secondary`; `motor` is assumed, and
+                the first screen of a run says so.
             name: name of the measurement set.
             run: options of its runs, such as {"method": "complete_pose"}.
             header: other fields of a measurement set, such as `frame`, `noise` or `operator`.
@@ -122,13 +127,21 @@ class Campaign(messages.Campaign):
             )
             readings = arrays.document(stated_units)
         noise = {} if sigma is None else {"noise": {"sigma": float(sigma)}}
-        document = {"name": name, "encoders": encoders, **noise, **plain_fields(header), **readings}
+        document = {
+            "name": name,
+            "encoders": encoders or "motor",
+            **noise,
+            **plain_fields(header),
+            **readings,
+        }
         options = run if isinstance(run, Mapping) else {} if run is None else plain_fields(run)
         campaign = cls(
             robot=described,
             measurement_set=parse_document(document, MeasurementSetDocument),
             run=parse_document(options, RunOptions),
         )
+        if encoders is None:
+            campaign._assumed = ("motor encoders",)
         _refuse_long_deflections(campaign, len(arrays.joints))
         return campaign
 

@@ -163,7 +163,7 @@ def _read_plan(plan: Plan, robot: Any) -> tuple[Campaign, RunResult | None]:  # 
         raise RequestError("the plan has no result", where="plan", remedy="rehearse a plan that succeeded")
     if request.measurement_set_id is None:
         if robot is None:
-            raise RequestError("the plan has no robot", where="robot", remedy="give the argument `robot`")
+            raise RequestError("the plan has no robot", where="robot", remedy="give `robot`")
         document = make_campaign_to_fill_in(describe_robot(robot), plan)
         document["measurement_set"]["flange_targets"] = result.targets
         return parse_document(fill_missing_readings(document)[0], Campaign), None
@@ -175,7 +175,7 @@ def _read_plan(plan: Plan, robot: Any) -> tuple[Campaign, RunResult | None]:  # 
             raise RequestError(
                 "the plan does not have the campaign that it continues",
                 where="robot",
-                remedy="give this campaign as the argument `robot`",
+                remedy="give this campaign as `robot`",
             )
     options = {"causes": request.causes, "leave_out": request.leave_out}
     continued = continued.model_copy(update={"run": continued.run.model_copy(update=options)})

@@ -400,13 +400,19 @@ class PresentedJob(Presented):
         from jointstiff.service.reports.job import job_parts
 
         kind = import_kind(self._job.kind)
-        return job_parts(kind, self._job, View(door=f"{kind.name}.details()"))
+        view = View(door=f"{kind.name}.details()", assumed=self._list_assumptions())
+        return job_parts(kind, self._job, view)
+
+    def _list_assumptions(self) -> Sequence[str]:
+        """Return in a few words what was assumed about the readings before they were sent."""
+        return ()
 
     def details(self) -> ShownText:
         """Return the whole report as text: all reasons, assumptions, warnings, advice and evidence."""
         from jointstiff.service.reports.job import job_parts
 
-        return _lay_out_text(job_parts(import_kind(self._job.kind), self._job, View(details=True)))
+        view = View(details=True, assumed=self._list_assumptions())
+        return _lay_out_text(job_parts(import_kind(self._job.kind), self._job, view))
 
     def get_params(self) -> dict[str, Any]:
         """Return the options with which the job was done, by name, as scikit-learn names its method.
@@ -764,6 +770,11 @@ class TabledRun(PresentedJob, Run):
         origin: Any = self._require_origin()
         job: Process = origin.process(self, *path, **options)
         return job
+
+    def _list_assumptions(self) -> Sequence[str]:
+        """Return in a few words what `Campaign.from_arrays` assumed, if this process made the run."""
+        campaign = getattr(self._origin, "campaign", None)
+        return campaign._assumed if isinstance(campaign, Campaign) else ()
 
     @property
     def campaign(self) -> Campaign:

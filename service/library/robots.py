@@ -15,7 +15,7 @@ from pydantic import PrivateAttr
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.robot import JointMap, RobotDocument
-from jointstiff.service.problems import as_campaign_error
+from jointstiff.service.problems import CampaignError, as_campaign_error
 from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import URDF_ENDINGS, parse_document, read_robot, read_urdf_file
 from jointstiff.solver.errors import RobotError
@@ -232,13 +232,24 @@ def _is_urdf(text: str) -> bool:
 
 
 def _read_urdf_fields(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
-    """Return the fields of a robot from a URDF: its text, or a file, also of xacro."""
-    if not text.lstrip().startswith("<"):
-        return read_urdf_file(Path(text), base, flange)
+    """Return the fields of a robot from a URDF: its text, or a file, also of xacro.
+
+    Raises:
+        CampaignError: this is no URDF, or several links may be the base or the flange.
+    """
     from jointstiff.service.conversion.arrays import convert_urdf
 
-    with as_campaign_error("robot"):
-        return {"name": "robot", "model": convert_urdf(text, base, flange)}
+    try:
+        if not text.lstrip().startswith("<"):
+            return read_urdf_file(Path(text), base, flange)
+        with as_campaign_error("robot"):
+            return {"name": "robot", "model": convert_urdf(text, base, flange)}
+    except CampaignError as error:
+        link = (error.problem.where or "").removeprefix("robot.")
+        if link not in ("base", "flange"):
+            raise
+        remedy = f"name the link: jointstiff.robot(urdf, {link}='LINK')"
+        raise CampaignError(error.problem.model_copy(update={"remedy": remedy})) from error
 
 
 def _make_robot_fields(

@@ -103,8 +103,10 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
         return [*report.parts, *report.evidence, *kind.make_charts(result)]
     details, warnings = view.details, getattr(result, "warnings", ())
     is_accepted = assessment.verdict == getattr(job.request, "accept_verdict", None)
+    report = replace(report, assumed=[*view.assumed, *report.assumed])
     if details:
-        further = [*report.further, *note_lines(assessment), *warning_lines(assessment, warnings)]
+        assumed = [Line(f"  assumed: {each}", "dim") for each in view.assumed]
+        further = [*report.further, *assumed, *note_lines(assessment), *warning_lines(assessment, warnings)]
     else:
         further = [*hint_lines(report, assessment, warnings, view.door)]
     return [

@@ -232,12 +232,13 @@ _OTHER_DOCUMENTS: Final = (
     (
         {"observations"},
         "a measurement set without a robot",
-        'make a campaign of it: {"robot": …, "measurement_set": …}, or use `jointstiff import --robot`',
+        'make a campaign of it: {"robot": …, "measurement_set": …}, or use `jointstiff import FILE --robot '
+        "ROBOT`",
     ),
     (
         {"kind", "result", "provenance"},
         "a result without a campaign",
-        "give the campaign; `run.save(…)` or `identify --save` writes a run with its campaign",
+        "give the campaign; `jointstiff identify FILE --save RUN` writes a run with its campaign",
     ),
     ({"sweeps"}, "a set of sweeps", "use `jointstiff geometry FILE`"),
     ({"robot", "measurement_set"}, "a campaign", "use `jointstiff identify FILE`"),

@@ -53,7 +53,13 @@ def find_advised_action(assessment: Assessment, kind: str, payload: float | None
         remedy = (
             f"give one of: {', '.join(kinds)}" if kinds else "no reason offers an action: follow the remedies"
         )
-        raise RequestError(f"the assessment does not recommend '{kind}'", where="apply", remedy=remedy)
+        is_recommended = any(action.kind == kind for action in actions)
+        reason = (
+            f"'{kind}' names readings to look at, and changes no campaign"
+            if is_recommended
+            else f"the assessment does not recommend '{kind}'"
+        )
+        raise RequestError(reason, where="apply", remedy=remedy)
     if kind == "state_payload":
         return fill_in_payload(advised_action, payload)
     if payload is not None:

@@ -30,6 +30,7 @@ class View:
     unit: StiffnessUnit = UNITS[DEFAULT_UNIT]
     applies: bool = False  # whether the command that shows the job has the option `--apply`
     door: str = ""  # what shows the whole result, such as `--details`; empty if nothing does
+    assumed: Sequence[str] = ()  # what was assumed about the readings before they were sent, in a few words
 
 
 @dataclass(frozen=True)

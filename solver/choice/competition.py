@@ -13,12 +13,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from jointstiff.schemas.options import CrossValidation, Loss, RunOptions
 from jointstiff.schemas.options import ElasticModel as ModelName
-from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.choice.held_out import (
     LIMITS,
@@ -112,6 +112,108 @@ class Winner:
     given: bool  #: True if the request names the model, so that no model was chosen
 
 
+class _Pairs(NamedTuple):
+    """Numbers of the pairs of a held-out fold and a weight of the penalty.
+
+    First come the pairs of fold 0 with all weights, then those of fold 1, and so on: the pair of fold k with
+    weight w has the number ``k · weights + w``. The pairs of one fold are a span (start, stop) of numbers.
+    """
+
+    folds: int  # number of folds
+    weights: int  # number of weights
+
+    def list_spans(self, most_pairs: int) -> tuple[tuple[int, int], ...]:
+        """Divide the pairs of each fold into spans of at most `most_pairs` pairs."""
+        spans: list[tuple[int, int]] = []
+        for fold in range(self.folds):
+            first_of_fold, first_of_next_fold = fold * self.weights, (fold + 1) * self.weights
+            for start in range(first_of_fold, first_of_next_fold, most_pairs):
+                stop = min(start + most_pairs, first_of_next_fold)
+                spans.append((start, stop))
+        return tuple(spans)
+
+    def find_fold(self, span: tuple[int, int]) -> int:
+        """Return the fold of the pairs of a span."""
+        return span[0] // self.weights
+
+    def find_weights(self, span: tuple[int, int]) -> slice:
+        """Return the indices of the weights of the pairs of a span."""
+        start, stop = span
+        first_weight = start % self.weights
+        return slice(first_weight, first_weight + stop - start)
+
+
+class _FitsOfPairs(NamedTuple):
+    """Fits of M models by squares, for each of some pairs of a held-out fold and a weight of the penalty."""
+
+    unknowns: FloatArray  # (M, pairs, P + E) compliances and stated errors of each model and pair
+    errors: FloatArray  # (M, pairs) errors with which they predict the held-out fold [m]
+
+    @classmethod
+    def join_steps(cls, arrays_of_steps: Sequence[Mapping[str, FloatArray]]) -> _FitsOfPairs:
+        """Return the fits of all steps in order, from the arrays of each step that `to_arrays` gave."""
+        unknowns = np.concatenate([arrays["fold_compliances"] for arrays in arrays_of_steps], axis=1)
+        errors = np.concatenate([arrays["error"] for arrays in arrays_of_steps], axis=1)
+        return cls(unknowns, errors)
+
+    def to_arrays(self) -> dict[str, FloatArray]:
+        """Return the arrays of a step by their names, as they are stored between processes."""
+        return {"fold_compliances": self.unknowns, "error": self.errors}
+
+    def arrange_by_fold(self, model: int, pairs: _Pairs, weights: tuple[float, ...]) -> PenaltyPath:
+        """Return the fits of one model, with an axis for the folds and an axis for the weights.
+
+        Args:
+            model: index of the model.
+            pairs: numbers of all pairs, which are those of these fits.
+            weights: weights of the penalty.
+        """
+        unknowns = self.unknowns[model].reshape(pairs.folds, pairs.weights, -1)
+        errors = self.errors[model].reshape(pairs.folds, pairs.weights)
+        return PenaltyPath(weights, unknowns, errors)
+
+
+def _choose_cross_validation(options: RunOptions) -> CrossValidation:
+    """Return the cross-validation of the request, with one draw of folds if the request gives the penalty.
+
+    Repeated draws serve to choose the penalty.
+    """
+    if options.link_penalty is None:
+        return options.cross_validation
+    return options.cross_validation.model_copy(update={"draws": 1})
+
+
+def _list_losses(options: RunOptions, measurements: Measurements) -> tuple[Loss, ...]:
+    """Return the losses to compare: the loss that the request names, or else those that the set supports.
+
+    If the request gives the penalty but no loss, the loss is squared: the strength of a given penalty is
+    relative to the squared loss.
+
+    Raises:
+        UnsupportedMethodError: the set does not support the loss of the request.
+    """
+    losses: tuple[Loss, ...] = LOSSES
+    if options.link_penalty is not None:
+        losses = ("squared",)
+    if options.loss != "automatic":
+        losses = (options.loss,)
+    return list_losses_to_compare(measurements, losses)
+
+
+def _refuse_resampling(options: RunOptions) -> None:
+    """Refuse a request that resamples observations.
+
+    Raises:
+        UnsupportedMethodError: `resampling` is in the request.
+    """
+    if options.resampling is not None:
+        raise UnsupportedMethodError(
+            "resampling works only with elasticity joints",
+            where="resampling",
+            remedy="omit `resampling`; the cross-validation shows the dispersion",
+        )
+
+
 class Competition:
     """Comparison of models by their prediction of held-out postures, computed in short steps."""
 
@@ -119,11 +221,9 @@ class Competition:
     activity = "cross-validating"
 
     def __init__(self, joints: JointsAlone, options: RunOptions) -> None:
-        """Check the request, and determine the losses and penalties to compare.
+        """Check the request, and determine what is compared: models, losses and weights of the penalty.
 
-        If the request gives the penalty, models are still compared, but by one draw of folds, as repeated
-        draws serve to choose the penalty; and by squares, as the strength of a given penalty is relative to
-        the squared loss.
+        If the request gives the penalty, that is the only weight. Models are still compared.
 
         Args:
             joints: identification of joints alone, with which the models are compared.
@@ -132,27 +232,18 @@ class Competition:
         Raises:
             RequestError: the readings or options do not support the comparison, or a joint does not exist.
         """
-        measurements, requested_penalty = joints.given.measurements, options.link_penalty
         refuse_unsupported_elastic(joints.stated)
-        if options.resampling is not None:
-            raise UnsupportedMethodError(
-                "resampling works only with elasticity joints",
-                where="resampling",
-                remedy="omit `resampling`; the cross-validation shows the dispersion",
-            )
+        _refuse_resampling(options)
+        measurements = joints.given.measurements
         self._joints, self._options = joints, options
         self._columns = Columns.from_options(options, joints.robot)
+        #: model that the request names; None if the model is chosen automatically
         self._requested = None if options.elasticity == "automatic" else options.elasticity
-        self._validation, self._weights = options.cross_validation, WEIGHTS
-        losses: tuple[Loss, ...] = LOSSES
-        if requested_penalty is not None:
-            self._validation = options.cross_validation.model_copy(update={"draws": 1})
-            self._weights = (requested_penalty,)
-            losses = ("squared",)
-        if options.loss != "automatic":
-            losses = (options.loss,)
-        self._losses = list_losses_to_compare(measurements, losses)
-        self._fold_count = len(draw_folds(self._validation, measurements.joints))
+        self._weights = WEIGHTS if options.link_penalty is None else (options.link_penalty,)
+        self._validation = _choose_cross_validation(options)
+        self._losses = _list_losses(options, measurements)
+        fold_count = len(draw_folds(self._validation, measurements.joints))
+        self._pairs = _Pairs(fold_count, len(self._weights))
 
     @property
     def loss_is_compared(self) -> bool:
@@ -177,19 +268,10 @@ class Competition:
     def steps(self) -> tuple[tuple[int, int], ...]:
         """Return the steps of the cross-validation; no steps if the request gives the penalty.
 
-        Each step is a span (start, stop) of numbered pairs of a held-out fold and a weight of the penalty:
-        first the pairs of fold 0 with all weights, then those of fold 1, and so on.
+        Each step is a span (start, stop) of numbered pairs of a held-out fold and a weight of the penalty
+        (`_Pairs`). A span has pairs of one fold.
         """
-        if self.penalty_is_given:
-            return ()
-        weight_count = len(self._weights)
-        spans: list[tuple[int, int]] = []
-        for fold in range(self._fold_count):
-            first_of_fold, first_of_next_fold = fold * weight_count, (fold + 1) * weight_count
-            for start in range(first_of_fold, first_of_next_fold, _PENALTIES_PER_STEP):
-                stop = min(start + _PENALTIES_PER_STEP, first_of_next_fold)
-                spans.append((start, stop))
-        return tuple(spans)
+        return () if self.penalty_is_given else self._pairs.list_spans(_PENALTIES_PER_STEP)
 
     def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
         """Fit all models for the weights of one step, with the step's fold held out.
@@ -204,16 +286,14 @@ class Competition:
         Raises:
             JointstiffError: joints alone cannot be identified, or the penalty has no scale.
         """
-        first_pair, end_of_pairs = span
-        fold, first_weight = divmod(first_pair, len(self._weights))
-        weight_count = end_of_pairs - first_pair
-        weights = self._weights[first_weight : first_weight + weight_count]
-        compliances_of_models, errors_of_models = [], []
+        fold = self._pairs.find_fold(span)
+        weights = self._weights[self._pairs.find_weights(span)]
+        unknowns_of_models, errors_of_models = [], []
         for candidate in self._squared_candidates:
-            compliances, errors = fit_fold(self._folds, candidate, fold, weights)
-            compliances_of_models.append(compliances)
+            unknowns, errors = fit_fold(self._folds, candidate, fold, weights)
+            unknowns_of_models.append(unknowns)
             errors_of_models.append(errors)
-        return {"fold_compliances": np.array(compliances_of_models), "error": np.array(errors_of_models)}
+        return _FitsOfPairs(np.array(unknowns_of_models), np.array(errors_of_models)).to_arrays()
 
     def choose_winner(self, parts: Sequence[Mapping[str, FloatArray]]) -> Winner:
         """Choose model, loss and penalty, and fit the chosen model to the whole set.
@@ -239,28 +319,21 @@ class Competition:
             elastic = self._fit_whole_set(chosen, selection, paths)
         return Winner(selection, chosen, elastic, given=self._requested is not None)
 
-    def _collect_paths_of_squares(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
-        """Return the fits by squares with each fold held out; keys are pairs of model and loss.
+    def _collect_paths_of_squares(self, arrays_of_steps: Sequence[Mapping[str, FloatArray]]) -> _Paths:
+        """Return the fits of all models by squares, for each weight and with each fold held out.
 
         If the request gives the penalty, there are no steps, and the fits are computed here.
 
         Args:
-            parts: results of `compute` of all steps, in order.
+            arrays_of_steps: results of `compute` of all steps, in order.
         """
-        weight_count = len(self._weights)
         if self.penalty_is_given:
-            spans = [(fold * weight_count, (fold + 1) * weight_count) for fold in range(self._fold_count)]
-            parts = [self.compute(span) for span in spans]
-        # The second axis of both arrays numbers the pairs of fold and weight.
-        compliances = np.concatenate([part["fold_compliances"] for part in parts], axis=1)
-        errors = np.concatenate([part["error"] for part in parts], axis=1)
+            one_span_per_fold = self._pairs.list_spans(most_pairs=self._pairs.weights)
+            arrays_of_steps = [self.compute(span) for span in one_span_per_fold]
+        fits = _FitsOfPairs.join_steps(arrays_of_steps)
         paths = {}
-        for number, candidate in enumerate(self._squared_candidates):
-            paths[candidate.key] = PenaltyPath(
-                self._weights,
-                compliances[number].reshape(self._fold_count, weight_count, -1),
-                errors[number].reshape(self._fold_count, weight_count),
-            )
+        for index, candidate in enumerate(self._squared_candidates):
+            paths[candidate.key] = fits.arrange_by_fold(index, self._pairs, self._weights)
         return paths
 
     def _list_models_near_best(self, paths: _Paths) -> list[Candidate]:
@@ -325,27 +398,7 @@ class Competition:
         Return the comparison of all models, and the chosen model. Fits with finer penalties are added to
         `paths`.
         """
-        model_is_automatic = self._requested is None
-        # Models are compared automatically only after a test has indicated that links or base bend.
-        links_may_be_base = model_is_automatic and self.screening.links_may_be_base
-        paths_of_losses = {(name, loss): path for (name, loss), path in paths.items() if loss in self._losses}
-        selection = select_model(
-            self._folds,
-            paths_of_losses,
-            self._requested,
-            screened=model_is_automatic,
-            links_may_be_base=links_may_be_base,
-        )
-        if model_is_automatic and not self.penalty_is_given:
-            smallest_tried = self._weights[0]
-            # A model whose best penalty is the smallest tried needs a smaller one for a fair comparison.
-            for name in selection.names:
-                held_out = selection.find_held_out(name)
-                if held_out.penalty == smallest_tried and held_out.loss == "squared":
-                    selection = self._refine_penalty(held_out, selection, paths)
-            selection = Selection.choose_among(
-                selection.models, screened=model_is_automatic, links_may_be_base=links_may_be_base
-            )
+        selection = self._compare_models(paths)
         chosen = selection.find_held_out(self._requested or selection.simplest)
         if chosen.model == "joints":
             # The identification of joints alone supports these two losses only.
@@ -354,6 +407,39 @@ class Competition:
             selection = self._refine_penalty(chosen, selection, paths)
             chosen = selection.find_held_out(chosen.model, (chosen.loss,))
         return selection, chosen
+
+    def _compare_models(self, paths: _Paths) -> Selection:
+        """Compare the models with the losses of the request.
+
+        Fits by squares are always among `paths`, as those by Huber's loss follow from them; they are compared
+        only if the squared loss is one of the request's losses.
+        """
+        model_is_automatic = self._requested is None
+        selection = select_model(
+            self._folds,
+            {(name, loss): path for (name, loss), path in paths.items() if loss in self._losses},
+            self._requested,
+            # Models are compared automatically only after a test has indicated that links or base bend.
+            screened=model_is_automatic,
+            links_may_be_base=model_is_automatic and self.screening.links_may_be_base,
+        )
+        if model_is_automatic and not self.penalty_is_given:
+            return self._refine_smallest_penalties(selection, paths)
+        return selection
+
+    def _refine_smallest_penalties(self, selection: Selection, paths: _Paths) -> Selection:
+        """Compare the models again, after trying still smaller penalties of some models.
+
+        A model whose best penalty is the smallest that was tried might predict better with a smaller one, so
+        that the comparison would not be fair. Fits with finer penalties are added to `paths`.
+        """
+        smallest_tried = self._weights[0]
+        for name in selection.names:
+            held_out = selection.find_held_out(name)
+            if held_out.penalty == smallest_tried and held_out.loss == "squared":
+                selection = self._refine_penalty(held_out, selection, paths)
+        links_may_be_base = self.screening.links_may_be_base
+        return Selection.choose_among(selection.models, screened=True, links_may_be_base=links_may_be_base)
 
     @cached_property
     def _squared_candidates(self) -> list[Candidate]:
@@ -448,18 +534,36 @@ class Competition:
             return Elastic(elastic, self._compute_effective(elastic, by_squares), intervals=name)
         richest = self._fit_whole_set_by_squares(selection.largest, paths) or elastic
         effective = self._compute_effective(elastic, richest)
-        if selection.tied is not None:
-            effective_of_tied = self._compute_effective_of_tied(selection.tied, selection, paths)
-            if effective_of_tied is not None:
-                effective = effective.widen_ranges_by(effective_of_tied)
-            prediction = replace(
-                elastic.prediction,
-                bending="links_or_base",
-                predicted_by="base" if elastic.candidate.model.name in WITH_BASE else "links",
-                joined=effective_of_tied is not None,
-            )
-            elastic = replace(elastic, prediction=prediction)
-        return Elastic(elastic, effective, intervals=richest.candidate.model.name)
+        whole_set = Elastic(elastic, effective, intervals=richest.candidate.model.name)
+        if selection.tied is None:
+            return whole_set
+        return self._widen_by_tied_model(whole_set, selection.tied, selection, paths)
+
+    def _widen_by_tied_model(
+        self, whole_set: Elastic, tied: ModelName, selection: Selection, paths: _Paths
+    ) -> Elastic:
+        """Widen the intervals of a fit to contain those of a tied model, which the readings do not rule out.
+
+        One of the two models has bending links, the other a bending base. The prediction of the fit states
+        that either may bend, and whether the intervals contain those of both models.
+
+        Args:
+            whole_set: fit of the chosen model.
+            tied: the other model.
+            selection: comparison of all models.
+            paths: fits of each model and loss.
+        """
+        elastic, effective = whole_set.estimate, whole_set.effective
+        effective_of_tied = self._compute_effective_of_tied(tied, selection, paths)
+        if effective_of_tied is not None:
+            effective = effective.widen_ranges_by(effective_of_tied)
+        prediction = replace(
+            elastic.prediction,
+            bending="links_or_base",
+            predicted_by="base" if elastic.candidate.model.name in WITH_BASE else "links",
+            joined=effective_of_tied is not None,
+        )
+        return replace(whole_set, estimate=replace(elastic, prediction=prediction), effective=effective)
 
     def _fit_whole_set_by_squares(self, name: ModelName, paths: _Paths) -> ElasticFit | None:
         """Fit a model to the whole set by squares, with its best penalty; None if no optimum is certified.

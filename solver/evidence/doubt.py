@@ -93,7 +93,7 @@ def find_doubt(rows: Rows, estimate: Estimate) -> PointDoubt | None:
     None if the ground is strong enough, the readings agree with the statement, or no joint depends on it.
 
     Args:
-        rows: N observations, with the scatter of the fit.
+        rows: N observations, with the scatter that tests count: what is stated or shown.
         estimate: estimate by joints alone, fitted to these measurements.
     """
     measurements, sigma = rows.measurements, estimate.sigma

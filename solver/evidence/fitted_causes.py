@@ -266,9 +266,7 @@ def _add_uncertainty_of_columns(rows: Rows, fitted: FittedCauses) -> FittedError
 
 
 def _find_scatter(rows: Rows, fitted: FittedCauses) -> Scatter:
-    """Estimate the errors that the targets of a posture share, from the residuals of joints and causes.
-
-    The errors that the measurements state are returned if the residuals show no others.
+    """Estimate the errors that the targets of a posture share, from prior and residuals of joints and causes.
 
     Args:
         rows: N observations.
@@ -280,12 +278,9 @@ def _find_scatter(rows: Rows, fitted: FittedCauses) -> Scatter:
     terms = [JOINTS, *fitted.errors.terms]
     fitted_names = {term.name for term in terms}
     stated_terms = [term for term in list_stated_terms(tested.measurements) if term.name not in fitted_names]
-    stack = tested.stack([*terms, *stated_terms], fitted.compliance)
-    columns_of_joints, *columns_of_others = stack.span.values()
-    visible_columns = columns_of_joints[fitted.visible]
-    fitted_columns = np.concatenate([visible_columns, *columns_of_others])
-    likelihood = RestrictedLikelihood(tested.block, stack, fitted_columns)
-    return likelihood.find_believable(tested.block) or rows.measurements.scatter
+    terms = [*terms, *stated_terms]
+    likelihood = RestrictedLikelihood.from_rows(tested, terms, fitted.compliance, fitted.visible)
+    return likelihood.find_believable(tested.block).scatter
 
 
 def subtract_errors(rows: Rows, errors: FittedErrors) -> Measurements:

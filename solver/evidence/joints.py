@@ -12,7 +12,7 @@ from jointstiff.solver.errors import NotObservableError
 from jointstiff.solver.evidence.alternatives import BetterAlternative, find_better_alternative
 from jointstiff.solver.evidence.causes import Screening, screen_estimate
 from jointstiff.solver.evidence.refuted import leave_out, list_refuted
-from jointstiff.solver.evidence.scatter import find_scatter
+from jointstiff.solver.evidence.scatter import FoundScatter, Posterior, find_scatter
 from jointstiff.solver.evidence.structure import Apart, take_apart
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify_with_fallback
@@ -26,7 +26,12 @@ class IdentifiedJoints(NamedTuple):
 
     settings: Settings  #: settings with which the fit succeeded: without K_c if the fit with K_c failed
     estimate: Estimate
-    rows: Rows  #: N observations, with the scatter that their residuals show
+    rows: Rows  #: N observations, with the scatter that the fit accounts for
+    shows_scatter: bool  #: whether the residuals show a scatter beyond the stated one
+    tested: Estimate  #: fit with the scatter that tests count: what is stated or shown
+    posterior: Posterior | None = (
+        None  #: posterior of the scatter of `rows`; None if the scatter is as stated
+    )
 
 
 class JointsAlone:
@@ -101,39 +106,63 @@ class JointsAlone:
     def identified(self) -> IdentifiedJoints:
         """Fit of the joints.
 
-        The scatter (errors that the targets of a posture share) is estimated from the residuals of a first
-        fit; where it is significant, the joints are fitted again.
+        The scatter (errors that the targets of a posture share) is estimated from prior and residuals of a
+        first fit; then the joints are fitted again.
 
         Raises:
             JointstiffError: the identification fails, for one of the reasons listed at `identify`.
         """
-        settings, estimate = identify_with_fallback(self.given, self.stated)
-        without_scatter = IdentifiedJoints(settings, estimate, self.given)
-        scatter = find_scatter(self.given, estimate)
-        if scatter == self.given.measurements.scatter:
+        settings, first = identify_with_fallback(self.given, self.stated)
+        without_scatter = IdentifiedJoints(settings, first, self.given, shows_scatter=False, tested=first)
+        found = find_scatter(self.given, first)
+        if found.scatter == self.given.measurements.scatter:
             return without_scatter
-        rows = self.given.with_scatter(scatter)
+        rows = self.given.with_scatter(found.scatter)
         settings, estimate = identify_with_fallback(rows, self.stated)
         # If the residuals are too large even with the scatter, the scatter is no explanation of them.
-        test = estimate.sigma_test
-        if test is not None and test.result == "residuals_too_large":
+        if not _are_within_stated_noise(estimate):
             return without_scatter
-        return IdentifiedJoints(settings, estimate, rows)
+        if not found.scatter.is_assumed:
+            return IdentifiedJoints(settings, estimate, rows, found.is_shown, estimate, found.posterior)
+        tested = self._fit_without_assumed(first, found)
+        # Errors that are only assumed must make a stated sigma seem neither too large nor right.
+        if first.sigma_given:
+            estimate = estimate.with_residuals_of(tested)
+        return IdentifiedJoints(settings, estimate, rows, found.is_shown, tested, found.posterior)
+
+    def _fit_without_assumed(self, first: Estimate, found: FoundScatter) -> Estimate:
+        """Return the fit that tests count: without errors that are only assumed.
+
+        The noise of the encoders is the most likely one, as in the fit with these errors.
+
+        Args:
+            first: fit with the errors that were stated.
+            found: errors that the targets of a posture share.
+        """
+        if found.without_assumed == self.given.measurements.scatter:
+            return first
+        _, estimate = identify_with_fallback(self.given.with_scatter(found.without_assumed), self.stated)
+        return estimate
 
     @property
     def rows(self) -> Rows:
-        """Rows of the N observations, with the scatter that their residuals show."""
+        """Rows of the N observations, with the scatter that the fit accounts for."""
         return self.identified.rows
 
     @property
+    def tested(self) -> Rows:
+        """Rows of the N observations, with the scatter that tests count: what is stated or shown."""
+        return self.given if self.measurements.scatter.is_assumed else self.rows
+
+    @property
     def measurements(self) -> Measurements:
-        """The N observations, with the scatter that their residuals show."""
+        """The N observations, with the scatter that the fit accounts for."""
         return self.identified.rows.measurements
 
     @property
     def shows_scatter(self) -> bool:
         """True if the residuals show errors that the targets of a posture share, beyond those stated."""
-        return self.measurements.scatter != self.given.measurements.scatter
+        return self.identified.shows_scatter
 
     @property
     def settings(self) -> Settings:
@@ -174,6 +203,12 @@ class JointsAlone:
         if any(finding.weight == "do_not_use" for finding in self.noticed):
             return False
         return self.find_gross_mistake(self.estimate) is None
+
+
+def _are_within_stated_noise(estimate: Estimate) -> bool:
+    """Return whether the residuals are not larger than a stated sigma predicts."""
+    test = estimate.sigma_test
+    return test is None or test.result != "residuals_too_large"
 
 
 def residuals_within_noise(estimate: Estimate) -> bool:

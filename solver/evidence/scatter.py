@@ -3,15 +3,20 @@
 Robots return to 30 to 60 µm, and the error of a tracker's station is the same for all targets of a posture:
 three targets with one error are one reading. The deflections of a posture are
 ``d_i = A_i c + J_i δ_i + t_i + ε_i`` with turns ``δ_i ~ N(0, s² I)`` of the joints and a shift
-``t_i ~ N(0, u² I)`` of all targets. The ratios ρ = s/σ and τ = u/σ maximise the restricted likelihood, which
-accounts for the residuals that the fit of c takes away (Patterson & Thompson, *Biometrika* 58, 1971):
+``t_i ~ N(0, u² I)`` of all targets. The restricted likelihood of the ratios ρ = s/σ and τ = u/σ accounts for
+the residuals that the fit of c takes away (Patterson & Thompson, *Biometrika* 58, 1971):
 
     −log L = ½ (Σ log|V_i| + Σ r_iᵀ V_i⁻¹ r_i / σ² + log|Σ A_iᵀ V_i⁻¹ A_i|)
     V_i = Σ_i + ρ² J_i J_iᵀ + τ² 1 1ᵀ.
 
-A ρ that is not stated, and τ, are zero unless a likelihood ratio test is significant. Zero is a bound of
-each ratio, so that the statistic has the distribution ¼ χ²₀ + ½ χ²₁ + ¼ χ²₂ (Self & Liang, *J. Am. Stat.
-Assoc.* 82, 1987).
+An s that is not significant is not zero: fits use the roots of the posterior means of s² and u²,
+``p(s, u | readings) ∝ L(s, u) p(s) p(u)`` on a grid. The priors are half-Student: the
+lighter tail of a half-normal one takes a station's 50 µm for turns of the joints. A stated repeatability s₀
+gives the log-normal p(s) about s₀ with the factor 2; if it is zero, the joints repeat exactly.
+
+The residuals *show* shared errors, beyond those stated, if a likelihood ratio test is significant. Zero is a
+bound of each ratio, so that the statistic has the distribution ¼ χ²₀ + ½ χ²₁ + ¼ χ²₂ (Self & Liang, *J. Am.
+Stat. Assoc.* 82, 1987).
 
 Encoders behind the gearboxes see the same turns δ_i: their rows are further rows of J_i. The noise of each
 encoder, r_j times the stated noise with r_j ≥ 1, maximises the same likelihood, with and without shared
@@ -21,7 +26,7 @@ errors: a gear's play or an eccentric encoder is no part of what a data sheet st
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal, NamedTuple
 
@@ -45,12 +50,19 @@ from jointstiff.solver.mechanics.block import (
     Term,
     fitted_errors,
 )
-from jointstiff.solver.mechanics.measurements import Measurements, Scatter
+from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.springs import JOINTS
 
 SCATTER_LEVEL: Final = 0.01
-"""Significance level of the test for shared errors: of campaigns without any, one in a hundred gets wider
-intervals for nothing."""
+"""Significance level of the test for shared errors."""
+ASSUMED_REPEATABILITY: Final = 2e-5
+"""Scale of the prior of a joint's turns [rad] where nothing is stated: 0.1 mm (ISO 9283) at 2 m."""
+ASSUMED_STATION_ERROR: Final = 5e-6
+"""Scale of the prior of a shift of all targets [m]."""
+_PRIOR_FREEDOM: Final = 4.0
+"""Degrees of freedom of the half-Student priors."""
+STATED_FACTOR: Final = 2.0
+"""Factor of one standard deviation of the log-normal prior about a stated repeatability."""
 LARGEST_REPEATABILITY: Final = 2e-4
 """Motion of a target by shared errors [m] beyond that of any industrial robot in order: larger residuals are
 a mistake, or something besides the joints bends."""
@@ -73,16 +85,47 @@ _BY_CHANCE: Final = 1e-5
 is raised."""
 _AT_BOUND: Final = 1e-3
 """Relative distance from the greatest logarithm within which a noise is that of a mistake."""
+_TURN_NODES: Final = 12
+_STATION_NODES: Final = 9
+_SIGMA_NODES: Final = np.linspace(-1.0, 1.0, 7)
+_SIGMA_RANGE: Final = 3.0
+"""Range of an unknown sigma, in standard deviations of its logarithm."""
+_LEAST_RATIO: Final = 0.03
+_GREATEST_RATIO: Final = 100.0
+"""Least and greatest nodes of the first grid, in which 1 moves the targets as far as noise does."""
+_NARROWINGS: Final = 2
+_NEGLIGIBLE: Final = 3e-4
+"""Density of a node, relative to the greatest, below which the node does not count."""
+_STEP_OF_RATIO: Final = 1e-4
+"""Step of the differences of log|V|, relative to the ratios of shared errors."""
+_REFINED: Final = 6
+"""Number of intervals between two nodes where a posterior of more readings is computed."""
+_NO_TURN: Final = 1e-6
+"""Least turn at which the logarithm of a turn is computed, relative to the stated one."""
 _STEP: Final = 1e-8
 """Step of the differences of the likelihood, relative to a variance or to the noise of the readings."""
 
 
-def find_scatter(rows: Rows, estimate: Estimate) -> Scatter:
-    """Return the errors that all targets of a posture share: as stated, or as the residuals show them.
+class FoundScatter(NamedTuple):
+    """Errors that all targets of a posture share, as a fit accounts for them."""
 
-    The stated errors are returned if the residuals do not show more significantly, or if they show more
-    than a robot in order has. The noise of each encoder is at least the stated noise. The decoupled method
-    fits joints apart whose readings would depend on each other, so that it has no turns that encoders see.
+    scatter: Scatter  #: roots of the posterior means of the variances
+    without_assumed: Scatter  #: errors as stated, with the most likely noise of the encoders
+    is_shown: bool  #: whether the residuals show such errors beyond those stated, by a test
+    posterior: Posterior | None = None  #: None if the errors are as stated
+
+    @classmethod
+    def as_stated(cls, scatter: Scatter) -> FoundScatter:
+        """Return the stated errors, beyond which nothing is assumed or shown."""
+        return cls(scatter, scatter, is_shown=False)
+
+
+def find_scatter(rows: Rows, estimate: Estimate) -> FoundScatter:
+    """Find the errors that all targets of a posture share, from prior and residuals.
+
+    The stated errors are returned if the residuals show more than a robot in order has. The noise of each
+    encoder is at least the stated noise. The decoupled method fits joints apart whose readings would depend
+    on each other, so that it has no turns that encoders see.
 
     Args:
         rows: N observations, which may state the repeatability.
@@ -91,31 +134,23 @@ def find_scatter(rows: Rows, estimate: Estimate) -> Scatter:
     measurements = rows.measurements
     by_stages = measurements.encoders is not None and len(estimate.compressed.method.stages) > 1
     if by_stages and measurements.scatter:
-        return measurements.scatter
+        return FoundScatter.as_stated(measurements.scatter)
     tested = rows.select_evenly(_MOST_OBSERVATIONS).at(estimate.balanced)
     terms = [JOINTS, *fitted_errors(measurements).terms, *list_stated_terms(measurements)]
+    compliance, visible = np.maximum(estimate.compliance, 0.0), ~estimate.observability.null
     try:
-        stack = tested.stack(terms, np.maximum(estimate.compliance, 0.0))
+        likelihood = RestrictedLikelihood.from_rows(
+            tested, terms, compliance, visible, finds_turns=not by_stages
+        )
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
-        return measurements.scatter
-    joints, *other_spans = stack.span.values()
-    fitted = np.concatenate([joints[~estimate.observability.null], *other_spans])
-    likelihood = RestrictedLikelihood(tested.block, stack, fitted, finds_turns=not by_stages)
-    scatter = likelihood.find_believable(tested.block)
-    if scatter is not None:
-        return scatter
-    if measurements.encoders is not None:
-        return likelihood.without_further_errors
-    if measurements.repeatability and measurements.sigma is None:
-        # The likelihood tells how large sigma is next to the repeatability that is stated.
-        return Scatter(joints=likelihood.fit_shared_errors()[0].joints)
-    return measurements.scatter
+        return FoundScatter.as_stated(measurements.scatter)
+    return likelihood.find_believable(tested.block)
 
 
 def find_most_likely_scatter(
     rows: Rows, terms: Sequence[Term], compliance: FloatArray, list_columns: Callable[[int], IndexArray]
 ) -> Scatter:
-    """Return the shared errors and the noise of the encoders that residuals of some terms show.
+    """Compute the shared errors and the noise of the encoders, from prior and residuals of some terms.
 
     Args:
         rows: N observations with readings of encoders.
@@ -126,10 +161,10 @@ def find_most_likely_scatter(
     Raises:
         SolverError: a load has no balance.
     """
-    tested = rows.select_evenly(_MOST_OBSERVATIONS)
+    tested = rows.select_evenly(_MOST_OBSERVATIONS).with_scatter(NO_SCATTER)
     stack = tested.stack(terms, compliance)
     likelihood = RestrictedLikelihood(tested.block, stack, list_columns(stack.rows.shape[-1] - 1))
-    return likelihood.find_believable(tested.block) or likelihood.without_further_errors
+    return likelihood.find_believable(tested.block).scatter
 
 
 def compute_target_motion(block: RegressorBlock, scatter: Scatter, sigma: float) -> float:
@@ -154,14 +189,14 @@ class Repeatability:
 
     @classmethod
     def from_rows(cls, rows: Rows, sigma: float | None) -> Repeatability | None:
-        """Return the repeatability that a fit accounted for; None if there is none.
+        """Return the repeatability that is stated or that the residuals show; None if there is none.
 
         Args:
             rows: N observations, with the scatter of the fit.
             sigma: standard uncertainty of a coordinate of a reading [m], as stated or estimated by the fit.
         """
         scatter = rows.measurements.scatter
-        if not (scatter and sigma):
+        if not (scatter and sigma) or scatter.is_assumed:
             return None
         block = rows.at(None).select_evenly(_MOST_OBSERVATIONS).block
         stated = rows.measurements.repeatability
@@ -182,7 +217,8 @@ class RestrictedLikelihood:
 
         Args:
             block: the observations.
-            stack: rows of these observations, whitened by the readings' own noise; those of encoders last.
+            stack: rows of these observations, whitened by the readings' own noise alone; those of encoders
+                last.
             fitted: columns of the unknowns that are fitted.
             finds_turns: whether turns of the joints are sought, or are as stated.
         """
@@ -217,6 +253,35 @@ class RestrictedLikelihood:
         # With one target, a shift of all targets cannot be distinguished from the noise of this target.
         self._can_show_station = bool((self._measurements.present.sum(axis=1) > 1).any())
 
+    @classmethod
+    def from_rows(
+        cls,
+        rows: Rows,
+        terms: Sequence[Term],
+        compliance: FloatArray,
+        visible: BoolArray,
+        *,
+        finds_turns: bool = True,
+    ) -> RestrictedLikelihood:
+        """Build the likelihood of the residuals of some terms.
+
+        Args:
+            rows: the observations, with or without shared errors.
+            terms: terms that are fitted, those of the joints first.
+            compliance: (n,) compliances at which the columns of errors are computed [rad/(N·m)].
+            visible: (n,) whether the readings see each joint; the columns of other joints are not fitted.
+            finds_turns: whether turns of the joints are sought, or are as stated.
+
+        Raises:
+            SolverError: a load has no balance.
+        """
+        # The likelihood adds the shared errors itself, so that its rows must not be whitened by any.
+        independent = rows.with_scatter(NO_SCATTER)
+        stack = independent.stack(terms, compliance)
+        columns_of_joints, *columns_of_others = stack.span.values()
+        fitted = np.concatenate([columns_of_joints[visible], *columns_of_others])
+        return cls(independent.block, stack, fitted, finds_turns=finds_turns)
+
     def find_significant(self) -> tuple[Scatter, float]:
         """Return (most likely shared errors, p-value of the test that there are none).
 
@@ -239,16 +304,102 @@ class RestrictedLikelihood:
             p_value = max(p_value, 0.5 * float(special.chdtrc(1, max(likelihood_gain, 0.0))))
         return scatter, p_value
 
-    def find_believable(self, block: RegressorBlock) -> Scatter | None:
-        """Return the most likely shared errors; None if chance explains them, or no robot in order has them.
+    def find_believable(self, block: RegressorBlock) -> FoundScatter:
+        """Find the shared errors from prior and residuals; as stated if no robot in order has such errors.
 
         Args:
             block: the observations.
         """
-        scatter, p_value = self.find_significant()
-        sigma = self._measurements.sigma or self.sigma(scatter)
-        motion = compute_target_motion(block, scatter, sigma)
-        return scatter if p_value < SCATTER_LEVEL and motion <= LARGEST_REPEATABILITY else None
+        most_likely, p_value = self.find_significant()
+        without_assumed = self.without_further_errors
+        if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
+            return FoundScatter.as_stated(without_assumed)
+        is_shown = p_value < SCATTER_LEVEL
+        sigma = self._measurements.sigma or self.sigma(most_likely)
+        if is_shown and compute_target_motion(block, most_likely, sigma) > LARGEST_REPEATABILITY:
+            return FoundScatter.as_stated(without_assumed)
+        # The search may miss the greatest likelihood, so that the posterior is also compared with the limit.
+        posterior = self.compute_posterior(most_likely)
+        motion_by_turn = compute_target_motion(block, Scatter(joints=1.0), 1.0)
+        if posterior.probability_of_motion(LARGEST_REPEATABILITY, motion_by_turn) < SCATTER_LEVEL:
+            return FoundScatter.as_stated(without_assumed)
+        scatter = replace(posterior.scatter, encoders=most_likely.encoders)
+        is_assumed = not is_shown and not self._measurements.repeatability
+        scatter = replace(scatter, is_assumed=is_assumed)
+        return FoundScatter(scatter, without_assumed, is_shown, posterior)
+
+    def compute_posterior(self, most_likely: Scatter) -> Posterior:
+        """Compute the posterior of turns and station, on a grid that is narrowed to where it counts.
+
+        Where sigma is not stated, it is a further unknown. The noise of the encoders is the most likely one.
+
+        Args:
+            most_likely: shared errors of the greatest likelihood.
+        """
+        turns = self._list_nodes(_TURN_NODES) * self._turns_like_noise
+        station = self._list_nodes(_STATION_NODES)
+        if not self._finds_turns or self._measurements.repeatability == 0.0:
+            turns = np.zeros(1)
+        if not self._can_show_station:
+            station = np.zeros(1)
+        motions = self._decompose_motions(most_likely)
+        for _ in range(_NARROWINGS):
+            posterior = self._compute_posterior(turns, station, motions)
+            turns = _narrow(turns, posterior.by_turns)
+            station = _narrow(station, posterior.by_station)
+        return self._compute_posterior(turns, station, motions)
+
+    def _decompose_motions(self, scatter: Scatter) -> _Motions:
+        """Return the motions by shared errors, with the noise of the encoders that the scatter has."""
+        logarithms = np.array([self._encoders.logarithms(scatter)])
+        motion_products, motion_rows, row_products, log_noise = self._encoders.add(
+            logarithms, self._motion_products, self._motion_rows, self._row_products
+        )
+        return _Motions.decompose(
+            motion_products[0],
+            motion_rows[0],
+            row_products.reshape(self._row_products.shape),
+            self._joint_count,
+            float(log_noise[0]),
+            self._degrees_of_freedom,
+        )
+
+    @staticmethod
+    def _list_nodes(count: int) -> FloatArray:
+        """Return so many ratios from zero to the greatest, relative to the noise of the readings."""
+        return np.concatenate([[0.0], np.geomspace(_LEAST_RATIO, _GREATEST_RATIO, count - 1)])
+
+    def _compute_posterior(self, turns: FloatArray, station: FloatArray, motions: _Motions) -> Posterior:
+        """Compute the posterior on a grid of ratios.
+
+        Args:
+            turns: (S,) ratios ρ of the joints' turns to sigma [rad/m].
+            station: (U,) ratios τ of the station's shift to sigma.
+            motions: motions of the targets by turns of the joints and by the station.
+        """
+        rho, tau = (each.ravel() for each in np.meshgrid(turns, station, indexing="ij"))  # (K,)
+        fit = motions.fit(turns, station)
+        freedom = self._degrees_of_freedom
+        sigma = np.full((len(rho), 1), self._measurements.sigma or 0.0)  # (K, 1), or (K, Z) if not stated
+        measure = np.zeros(1)  # logarithm of the volume ds du dσ/σ of a node, relative to dρ dτ
+        if self._measurements.sigma is None:
+            spread = _SIGMA_RANGE / np.sqrt(2.0 * freedom)
+            sigma = np.sqrt(fit.squares / freedom)[:, None] * np.exp(spread * _SIGMA_NODES)
+            unknowns = int(len(turns) > 1) + int(len(station) > 1)
+            measure = unknowns * np.log(sigma)
+        of_residuals = 0.5 * fit.squares[:, None] / sigma**2 + freedom * np.log(sigma)
+        log_likelihood = -(fit.half_log_determinant + 0.5 * fit.log_variance)[:, None] - of_residuals
+        log_prior = self._log_prior_of_turns(rho[:, None] * sigma)
+        log_prior = log_prior + _log_half_student(tau[:, None] * sigma / ASSUMED_STATION_ERROR)
+        return Posterior(turns, station, sigma, log_likelihood, log_prior + measure, motions)
+
+    def _log_prior_of_turns(self, turns: FloatArray) -> FloatArray:
+        """Return the logarithm of the prior density of standard deviations [rad], up to a constant."""
+        stated = self._measurements.repeatability
+        if not stated:
+            return _log_half_student(turns / ASSUMED_REPEATABILITY)
+        logarithm = np.log(np.maximum(turns, _NO_TURN * stated) / stated)
+        return np.asarray(-0.5 * (logarithm / np.log(STATED_FACTOR)) ** 2 - logarithm)
 
     def fit_shared_errors(self) -> tuple[Scatter, float]:
         """Fit the errors that all targets of a posture share; return (errors, likelihood ratio statistic).
@@ -257,7 +408,7 @@ class RestrictedLikelihood:
         without shared errors, but with a stated repeatability.
         """
         if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
-            return self._measurements.scatter, 0.0
+            return self.without_further_errors, 0.0
         without = self._without_further_errors
         starts = [
             np.array([joints, station, *noise])
@@ -277,8 +428,14 @@ class RestrictedLikelihood:
     def without_further_errors(self) -> Scatter:
         """Shared errors as stated, with the noise of the encoders that is most likely then."""
         if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
-            return self._measurements.scatter
+            return self._stated
         return self._scatter(self._without_further_errors)
+
+    @property
+    def _stated(self) -> Scatter:
+        """Shared errors as stated; none where sigma is unknown, or nothing is stated."""
+        repeatability, sigma = self._measurements.repeatability, self._measurements.sigma
+        return Scatter(joints=repeatability / sigma) if repeatability and sigma else NO_SCATTER
 
     @cached_property
     def _without_further_errors(self) -> FloatArray:
@@ -394,14 +551,139 @@ class RestrictedLikelihood:
         root = np.linalg.cholesky(covariance)
         shared = np.linalg.solve(root, scale * motion_rows)
         products = row_products - (shared.mT @ shared).sum(axis=1)
-        factor = np.linalg.cholesky(products[:, :-1, :-1])
-        explained = np.square(np.linalg.solve(factor, products[:, :-1, -1:])).sum(axis=(1, 2))
-        return _Fit(
-            squares=np.maximum(products[:, -1, -1] - explained, 0.0)
-            + self._degrees_of_freedom * _RESOLUTION**2,
-            half_log_determinant=np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1),
-            log_variance=log_noise + 2.0 * np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=(1, 2)),
+        log_variance = log_noise + 2.0 * np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=(1, 2))
+        return _Fit.solve(products, log_variance, self._degrees_of_freedom)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Posterior density on a grid of S ratios of turns, U of a station, and Z values of sigma."""
+
+    turns: FloatArray  # (S,) ratios ρ, ascending [rad/m]
+    station: FloatArray  # (U,) ratios τ, ascending
+    sigma: FloatArray  # (S U, Z) [m]
+    log_likelihood: FloatArray  # (S U, Z)
+    log_prior: FloatArray  # (S U, Z) per volume of a node
+    motions: _Motions  # of the targets by shared errors
+
+    @cached_property
+    def density(self) -> FloatArray:
+        """(S U, Z) density, relative to the greatest."""
+        log_density = self.log_likelihood + self.log_prior
+        return np.asarray(np.exp(log_density - log_density.max()))
+
+    def expect(self, further: int) -> Posterior:
+        """Return the posterior after a number of further postures that show no shared errors.
+
+        The posterior becomes narrower than the distances between its nodes, so that it gets `_REFINED` times
+        as many; logarithms are interpolated linearly.
+        """
+        turns, station = _refine(self.turns), _refine(self.station)
+
+        def interpolate(values: FloatArray) -> FloatArray:
+            of_nodes = values.reshape(len(self.turns), len(self.station), -1)
+            by_turns = _interpolate(self.turns, of_nodes, turns)
+            by_both = _interpolate(self.station, by_turns.swapaxes(0, 1), station).swapaxes(0, 1)
+            return np.asarray(by_both.reshape(-1, values.shape[-1]))
+
+        expected = self.log_likelihood + further * self._of_further[:, None]
+        return Posterior(
+            turns,
+            station,
+            interpolate(self.sigma),
+            interpolate(expected),
+            interpolate(self.log_prior),
+            self.motions,
         )
+
+    @cached_property
+    def _of_further(self) -> FloatArray:
+        """(S U,) expected log-likelihood of a further posture that shows no shared errors."""
+        return self.motions.expect_without_shared_errors(self.turns, self.station)
+
+    @property
+    def _mass(self) -> FloatArray:
+        """Mass (S, U, Z) of each node."""
+        weight = _trapezoids(self.turns)[:, None, None] * _trapezoids(self.station)[:, None]
+        return weight * self.density.reshape(len(self.turns), len(self.station), -1)
+
+    @property
+    def by_turns(self) -> FloatArray:
+        """Density (S,) of the turns, whatever station and sigma."""
+        return np.asarray(self._mass.sum(axis=(1, 2)) / _trapezoids(self.turns))
+
+    @property
+    def by_station(self) -> FloatArray:
+        """Density (U,) of the station, whatever turns and sigma."""
+        return np.asarray(self._mass.sum(axis=(0, 2)) / _trapezoids(self.station))
+
+    @property
+    def scatter(self) -> Scatter:
+        """Roots of the posterior means of the variances, in units of sigma."""
+        return Scatter(self.root_mean_square_of_turns, self.root_mean_square_of_station)
+
+    @property
+    def root_mean_square_of_turns(self) -> float:
+        """√(E[s²] / E[σ²]) [rad/m]."""
+        return self._root_mean_square(self.turns[:, None, None])
+
+    @property
+    def root_mean_square_of_station(self) -> float:
+        """√(E[u²] / E[σ²])."""
+        return self._root_mean_square(self.station[:, None])
+
+    def probability_of_motion(self, most: float, by_turn: float) -> float:
+        """Return the probability that shared errors move the targets by at most a length.
+
+        Args:
+            most: root mean square motion of a target [m].
+            by_turn: motion of a target by turns of all joints [m/rad].
+        """
+        ratio = (by_turn * self.turns[:, None, None]) ** 2 + 3.0 * self.station[:, None] ** 2
+        motion = np.sqrt(ratio) * self.sigma.reshape(len(self.turns), len(self.station), -1)
+        mass = self._mass
+        return float(mass[motion <= most].sum() / mass.sum())
+
+    def _root_mean_square(self, ratio: FloatArray) -> float:
+        variance = self.sigma.reshape(len(self.turns), len(self.station), -1) ** 2
+        mass = self._mass * variance
+        return float(np.sqrt((mass * ratio**2).sum() / mass.sum()))
+
+
+def _log_half_student(size: FloatArray) -> FloatArray:
+    """Return the logarithm of the half-Student density of sizes in units of their scale, up to a constant."""
+    return np.asarray(-0.5 * (_PRIOR_FREEDOM + 1.0) * np.log1p(np.square(size) / _PRIOR_FREEDOM))
+
+
+def _refine(nodes: FloatArray) -> FloatArray:
+    """Return the nodes (K,) with evenly spaced nodes in between; a single node as it is."""
+    places = np.linspace(0.0, len(nodes) - 1.0, _REFINED * (len(nodes) - 1) + 1)
+    return np.asarray(np.interp(places, np.arange(len(nodes)), nodes))
+
+
+def _interpolate(nodes: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
+    """Interpolate values (K, …) at nodes (K,), ascending, linearly at other nodes (L,)."""
+    if len(nodes) == 1:
+        return values
+    left = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, len(nodes) - 2)
+    part = (at - nodes[left]) / (nodes[left + 1] - nodes[left])
+    part = part.reshape(-1, *(1,) * (values.ndim - 1))
+    return np.asarray((1.0 - part) * values[left] + part * values[left + 1])
+
+
+def _trapezoids(nodes: FloatArray) -> FloatArray:
+    """Return the weights (K,) of the trapezoidal rule; 1 for a single node."""
+    if len(nodes) == 1:
+        return np.ones(1)
+    steps = np.diff(nodes)
+    return np.asarray(0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)))
+
+
+def _narrow(nodes: FloatArray, density: FloatArray) -> FloatArray:
+    """Return as many nodes (K,), evenly spread over those whose density counts, and one more on each side."""
+    counts = np.flatnonzero(density >= _NEGLIGIBLE * density.max())
+    first, last = max(int(counts[0]) - 1, 0), min(int(counts[-1]) + 1, len(nodes) - 1)
+    return np.linspace(nodes[first], nodes[last], len(nodes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -493,3 +775,115 @@ class _Fit(NamedTuple):
     squares: FloatArray  #: (K,) sum of squared residuals, with an allowance for rounding
     half_log_determinant: FloatArray  #: (K,) ½ log|Σ A_iᵀ V_i⁻¹ A_i|
     log_variance: FloatArray  #: (K,) Σ log|V_i|
+
+    @classmethod
+    def solve(cls, products: FloatArray, log_variance: FloatArray, degrees_of_freedom: int) -> _Fit:
+        """Fit the k unknowns from products (K, k + 1, k + 1) of whitened rows, those of the residual last."""
+        factor = np.linalg.cholesky(products[:, :-1, :-1])
+        explained = np.square(np.linalg.solve(factor, products[:, :-1, -1:])).sum(axis=(1, 2))
+        left = np.maximum(products[:, -1, -1] - explained, 0.0)
+        return cls(
+            squares=left + degrees_of_freedom * _RESOLUTION**2,
+            half_log_determinant=np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1),
+            log_variance=log_variance,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Motions:
+    """Motions of the targets by shared errors in B postures, for fits on a grid of ratios.
+
+    The eigenvalues λ and eigenvectors of ``JᵀJ`` of each posture give the inverse of ``W = I + ρ² J Jᵀ`` for
+    all ρ in closed form; those of ``1ᵀ W⁻¹ 1`` (3, 3) give the inverse of ``W + τ² 1 1ᵀ`` for all τ.
+    """
+
+    eigenvalues: FloatArray  # (B, n) λ of JᵀJ
+    station_by_turns: FloatArray  # (B, n, 3) J along each eigenvector times the motion 1 of the station
+    rows_by_turns: FloatArray  # (B, n, k + 1) J along each eigenvector times the rows
+    station_products: FloatArray  # (B, 3, 3) 1ᵀ1
+    rows_by_station: FloatArray  # (B, 3, k + 1) 1ᵀ times the rows
+    row_products: FloatArray  # (k + 1, k + 1) products of the rows
+    log_noise: float  # sum of the logarithms of the variances of the encoders' noise
+    degrees_of_freedom: int
+
+    @classmethod
+    def decompose(
+        cls,
+        motion_products: FloatArray,
+        motion_rows: FloatArray,
+        row_products: FloatArray,
+        joint_count: int,
+        log_noise: float,
+        degrees_of_freedom: int,
+    ) -> _Motions:
+        """Decompose the motion of each posture.
+
+        Args:
+            motion_products: (B, n + 3, n + 3) ``GᵀG`` of the motion G by shared errors, of joints first.
+            motion_rows: (B, n + 3, k + 1) Gᵀ times the rows.
+            row_products: (k + 1, k + 1) products of the rows.
+            joint_count: number n of joints.
+            log_noise: sum of the logarithms of the variances of the encoders' noise.
+            degrees_of_freedom: of the residuals.
+        """
+        n = joint_count
+        eigenvalues, vectors = np.linalg.eigh(motion_products[:, :n, :n])
+        return cls(
+            eigenvalues=np.maximum(eigenvalues, 0.0),
+            station_by_turns=vectors.mT @ motion_products[:, :n, n:],
+            rows_by_turns=vectors.mT @ motion_rows[:, :n],
+            station_products=motion_products[:, n:, n:],
+            rows_by_station=motion_rows[:, n:],
+            row_products=row_products,
+            log_noise=log_noise,
+            degrees_of_freedom=degrees_of_freedom,
+        )
+
+    def fit(self, turns: FloatArray, station: FloatArray) -> _Fit:
+        """Fit the unknowns for all pairs of S ratios of turns and U ratios of the station, S U fits."""
+        k = len(self.row_products)
+        by_turns = _reduce(turns, self.eigenvalues)  # (S, B, n)
+        weighted = by_turns[..., None] * self.station_by_turns  # (S, B, n, 3)
+        station_products = self.station_products - weighted.mT @ self.station_by_turns
+        rows_by_station = self.rows_by_station - weighted.mT @ self.rows_by_turns  # (S, B, 3, k + 1)
+        squares_by_turns = _square(self.rows_by_turns)  # (B n, (k + 1)²)
+        row_products = self.row_products.ravel() - by_turns.reshape(len(turns), -1) @ squares_by_turns
+        log_of_turns = np.log1p(np.square(turns)[:, None, None] * self.eigenvalues).sum(axis=(1, 2))
+        products, log_variances = list[FloatArray](), list[FloatArray]()
+        eigenvalues, vectors = np.linalg.eigh(station_products)  # (S, B, 3)
+        eigenvalues = np.maximum(eigenvalues, 0.0)
+        along_vectors = vectors.mT @ rows_by_station
+        for s in range(len(turns)):
+            by_station = _reduce(station, eigenvalues[s]).reshape(len(station), -1)  # (U, 3 B)
+            products.append(row_products[s] - by_station @ _square(along_vectors[s]))
+            log_of_station = np.log1p(np.square(station)[:, None, None] * eigenvalues[s]).sum(axis=(1, 2))
+            log_variances.append(log_of_turns[s] + log_of_station)
+        log_variance = self.log_noise + np.concatenate(log_variances)
+        return _Fit.solve(np.concatenate(products).reshape(-1, k, k), log_variance, self.degrees_of_freedom)
+
+    def expect_without_shared_errors(self, turns: FloatArray, station: FloatArray) -> FloatArray:
+        """Compute the expected log-likelihood (S U,) of a further posture whose targets share no errors.
+
+        The posture is the mean of those so far: ``−½ (log|V| + tr V⁻¹)`` up to a constant. The derivative of
+        log|V| by the logarithm of all shared variances is ``tr V⁻¹(V − I)``.
+
+        Args:
+            turns: (S,) ratios ρ of the joints' turns to sigma [rad/m].
+            station: (U,) ratios τ of the station's shift to sigma.
+        """
+        larger = 1.0 + _STEP_OF_RATIO
+        log_variance = self.fit(turns, station).log_variance - self.log_noise
+        of_larger = self.fit(larger * turns, larger * station).log_variance - self.log_noise
+        derivative = (of_larger - log_variance) / (2.0 * np.log(larger))
+        return np.asarray(-0.5 * (log_variance - derivative) / len(self.eigenvalues))
+
+
+def _reduce(ratios: FloatArray, eigenvalues: FloatArray) -> FloatArray:
+    """Return ``ρ² / (1 + ρ² λ)`` for each ratio ρ and each eigenvalue λ."""
+    squared = np.square(ratios)[(slice(None), *(None,) * eigenvalues.ndim)]
+    return np.asarray(squared / (1.0 + squared * eigenvalues))
+
+
+def _square(rows: FloatArray) -> FloatArray:
+    """Return the outer product of each of the rows (..., k + 1) with itself, as a row of (k + 1)² numbers."""
+    return (rows[..., :, None] * rows[..., None, :]).reshape(-1, rows.shape[-1] ** 2)

@@ -228,9 +228,8 @@ class TermTests:
         terms = [*(term for term in self._terms if term.name in names), *other_stated_terms]
         rows = self.rows
         if self._scattered:
-            stack = rows.stack(terms, self.compliance)
-            fitted_columns = np.concatenate([np.flatnonzero(self.visible), *list(stack.span.values())[1:]])
-            scatter, _ = RestrictedLikelihood(rows.block, stack, fitted_columns).fit_shared_errors()
+            likelihood = RestrictedLikelihood.from_rows(rows, terms, self.compliance, self.visible)
+            scatter, _ = likelihood.fit_shared_errors()
             rows = rows.with_scatter(scatter)
         return other_stated_terms, terms, rows
 

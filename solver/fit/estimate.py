@@ -594,6 +594,14 @@ class Estimate:
         """Statements that were fitted with the joints, with the values that fit best."""
         return self.compressed.fit_statements(self.compliance)
 
+    def with_residuals_of(self, other: Estimate) -> Estimate:
+        """Return the estimate with the χ² and the degrees of freedom of another fit to the same readings.
+
+        Args:
+            other: fit without errors that are only assumed, so that its residuals test the stated sigma.
+        """
+        return replace(self, chi_square=other.chi_square, degrees_of_freedom=other.degrees_of_freedom)
+
     def square_second_order(self) -> FloatArray:
         """Return the covariance (n, n) of the compliances by errors of the load beyond first order.
 

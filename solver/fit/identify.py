@@ -21,7 +21,7 @@ from jointstiff.solver.fit.estimate import (
     Evidence,
     LeverProfile,
 )
-from jointstiff.solver.fit.lever import FreeLoad
+from jointstiff.solver.fit.lever import FreeLoad, ProfileEnds
 from jointstiff.solver.fit.method import (
     Method,
     MethodRows,
@@ -34,7 +34,7 @@ from jointstiff.solver.fit.observability import Excitation, Observability
 from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.rest import find_rest
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import solve, solve_step
+from jointstiff.solver.fit.solution import Certificate, solve, solve_step
 from jointstiff.solver.fit.stages import (
     Fit,
     Likelihood,
@@ -83,6 +83,15 @@ def identify(rows: Rows, settings: Settings) -> Estimate:
         MeasurementError: an array has a wrong shape or wrong numbers, or the numbers overflow.
         SolverError: optimality could not be certified, or the load has no balance with K_c.
     """
+    return _identify(rows, settings, why_without_k_c=None)
+
+
+def _identify(rows: Rows, settings: Settings, why_without_k_c: str | None) -> Estimate:
+    """Identify the joint compliances; arguments, result and errors are those of `identify`.
+
+    `why_without_k_c` is the reason why the settings neglect the complementary stiffness K_c although it was
+    requested; None if they do not.
+    """
     refuse_unsupported(rows, settings)
     unloaded_rows = rows.at(None)  # in the postures without the load
     problem = _state_problem(unloaded_rows, settings)
@@ -90,10 +99,11 @@ def identify(rows: Rows, settings: Settings) -> Estimate:
     final = _fit_until_at_rest(problem, first_fit)
     certified_fit = final.problem.certify(final.fit)
     estimate = _build_estimate(final.problem, certified_fit)
+    effect_of_k_c = _describe_complementary_stiffness(final, first_fit, estimate)
     return replace(
         estimate,
         characteristic_length=problem.method.characteristic_length,
-        complementary_stiffness=_describe_complementary_stiffness(final, first_fit, estimate),
+        complementary_stiffness=replace(effect_of_k_c, obstacle=why_without_k_c),
         statements_dropped=final.statements_dropped,
     )
 
@@ -244,12 +254,9 @@ def identify_with_fallback(rows: Rows, settings: Settings) -> tuple[Settings, Es
     except SolverError as error:
         if error.where != "complementary_stiffness":
             raise
-        settings_without = replace(settings, complementary_stiffness=False)
-        estimate = identify(rows, settings_without)
-        if estimate.complementary_stiffness is None:
-            raise
-        effect = replace(estimate.complementary_stiffness, obstacle=error.reason)
-        return settings_without, replace(estimate, complementary_stiffness=effect)
+        why_without_k_c = error.reason
+    settings_without_k_c = replace(settings, complementary_stiffness=False)
+    return settings_without_k_c, _identify(rows, settings_without_k_c, why_without_k_c)
 
 
 def refuse_unsupported(rows: Rows, settings: Settings) -> None:
@@ -316,6 +323,12 @@ class _SingleFit:
     def compliance(self) -> FloatArray:
         """Fitted compliances (n,) [rad/(N·m)]."""
         return self.fit.compliance
+
+    def list_certificates(self) -> tuple[Certificate, ...]:
+        """Return the certificates of the stages, after that of the robust fit, if there is one."""
+        if self.robust is None:
+            return self.fit.certificates
+        return (self.robust.certificate, *self.fit.certificates)
 
     def estimate_sigma_from_residuals(self) -> float:
         """Return sigma, the standard deviation of a coordinate, from the residuals [m].
@@ -483,30 +496,61 @@ def _require_observable(excitation: Excitation) -> Observability:
     return observability
 
 
+class _Repetition:
+    """Fits that follow each other, each to the robot that is bent by given compliances.
+
+    Attributes:
+        last: last fit.
+        count: number of fits after the first.
+    """
+
+    def __init__(self, problem: _Problem, first: _SingleFit) -> None:
+        """Start from a first fit of the problem."""
+        self._problem = problem
+        self.last = first
+        self.count = 0
+
+    def fit(self, compliance: FloatArray) -> FloatArray:
+        """Fit the robot that compliances (n,) bend, and return the fitted compliances (n,) [rad/(N·m)]."""
+        self.last = self._problem.fit_bent_robot(compliance, before=self.last)
+        self.count += 1
+        return self.last.compliance
+
+
 def _repeat_until_at_rest(problem: _Problem, first: _SingleFit) -> _FinalFit:
-    """Repeat the fit until the fitted compliances equal those of the fit before.
+    """Repeat the fit until the fitted compliances equal those that bend the robot, a fixed point.
 
     With the complementary stiffness K_c, the compliances bend the robot; the columns of stated errors depend
-    on them, too. The iteration starts from a first-order estimate of the effect of K_c, so that with noisy
-    readings a single fit suffices without stated errors.
+    on them, too.
+
+    Args:
+        problem: observations, settings and stated errors.
+        first: fit without K_c and stated errors.
 
     Raises:
         SolverError: the compliances do not come to rest in `MAX_ITERATIONS` fits.
     """
-    start = first.compliance
-    if problem.settings.complementary_stiffness:
-        sigma = problem.rows.measurements.sigma or first.estimate_sigma_from_residuals()
-        start = start + _estimate_neglected_shift(problem, first, sigma)
-    fits = [first]
+    repetition = _Repetition(problem, first)
+    find_rest(
+        repetition.fit,
+        start=_estimate_compliances_at_rest(problem, first),
+        unit=_list_changes_at_rest(problem.observability, first),
+        most_steps=MAX_ITERATIONS,
+    )
+    # The last fit is that at the fixed point.
+    return _FinalFit(problem, repetition.last, iterations=repetition.count)
 
-    def fit_bent_robot(compliance: FloatArray) -> FloatArray:
-        """Return the fitted compliances (n,) of the robot that other compliances (n,) bend."""
-        fits.append(problem.fit_bent_robot(compliance, before=fits[-1]))
-        return fits[-1].compliance
 
-    greatest_changes = _list_changes_at_rest(problem.observability, first)
-    find_rest(fit_bent_robot, start, unit=greatest_changes, most_steps=MAX_ITERATIONS)
-    return _FinalFit(problem, fits[-1], iterations=len(fits) - 1)
+def _estimate_compliances_at_rest(problem: _Problem, first: _SingleFit) -> FloatArray:
+    """Estimate the compliances (n,) at which the fits come to rest [rad/(N·m)].
+
+    These are the compliances of the first fit and, if K_c is part of the model, the effect of K_c to first
+    order. So with noisy readings and without stated errors, a single further fit suffices.
+    """
+    if not problem.settings.complementary_stiffness:
+        return first.compliance
+    sigma = problem.rows.measurements.sigma or first.estimate_sigma_from_residuals()
+    return first.compliance + _estimate_neglected_shift(problem, first, sigma)
 
 
 def _list_changes_at_rest(observability: Observability, first: _SingleFit) -> FloatArray:
@@ -552,12 +596,52 @@ def _build_estimate(problem: _Problem, last_fit: _SingleFit) -> Estimate:
 
     With the Huber loss, a robust scale replaces a sigma that is unknown.
     """
-    settings, robust = problem.settings, last_fit.robust
     scale = _estimate_final_scale(problem, last_fit)
     fit, common_errors = _add_uncertainties(problem, last_fit, scale)
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     _refuse_overflow(fit, scale, covariance)
-    evidence = Evidence(
+    evidence = _collect_evidence(problem, last_fit, fit, scale, common_errors)
+    likelihood: Likelihood | None = fit.likelihood
+    second_order = None
+    if evidence.profiles:
+        # Beyond first order, errors of the load add to the uncertainty of joints near the line of the load.
+        second_order = evidence.compute_extra_uncertainties()
+        covariance = None if covariance is None else covariance + np.diag(np.square(second_order))
+        likelihood = _widen_likelihood(fit, second_order / (scale.sigma or 1.0), evidence.list_open_joints())
+    return Estimate(
+        joints=evidence.derive_joint_results(),
+        compliance=fit.compliance,
+        balanced=last_fit.rows.balanced,
+        covariance=covariance,
+        sigma=scale.sigma,
+        sigma_given=scale.given,
+        chi_square=_compute_chi_square(last_fit, scale),
+        degrees_of_freedom=scale.degrees_of_freedom,
+        identifiability=fit.identifiability,
+        certificates=last_fit.list_certificates(),
+        compressed=last_fit.compressed,
+        observability=problem.observability,
+        likelihood=likelihood,
+        common=common_errors,
+        second_order=second_order,
+        robust=last_fit.robust,
+    )
+
+
+def _collect_evidence(
+    problem: _Problem, last_fit: _SingleFit, fit: Fit, scale: Scale, common_errors: CommonErrors | None
+) -> Evidence:
+    """Return the data on which the verdicts on the joints are based.
+
+    Args:
+        problem: observations and settings.
+        last_fit: last fit, whose rows belong to its compliances.
+        fit: the outcome of this fit, with the uncertainty of errors that all observations share.
+        scale: sigma.
+        common_errors: errors that all observations share; None without any.
+    """
+    settings = problem.settings
+    return Evidence(
         names=problem.rows.robot.joint_names,
         fit=fit,
         observability=problem.observability,
@@ -567,37 +651,14 @@ def _build_estimate(problem: _Problem, last_fit: _SingleFit) -> Estimate:
         prior_to_data=_compare_prior_to_data(fit.alone, settings.prior, scale.sigma, len(fit.compliance)),
         profiles=_profile_short_levers(problem, last_fit, fit, scale, common_errors),
     )
-    likelihood: Likelihood | None = fit.likelihood
-    second_order = None
-    if evidence.profiles:
-        # Beyond first order, errors of the load add to the uncertainty of joints near the line of the load.
-        second_order = evidence.compute_extra_uncertainties()
-        covariance = None if covariance is None else covariance + np.diag(np.square(second_order))
-        likelihood = _widen_likelihood(fit, second_order / (scale.sigma or 1.0), evidence.list_open_joints())
-    chi_square, certificates = scale.chi_square, fit.certificates
-    if robust is not None and last_fit.targets is not None:
-        certificates = (robust.certificate, *certificates)
-        chi_square = last_fit.targets.chi_square(
-            fit.compliance, sigma=robust.sigma, threshold=robust.threshold
-        )
-    return Estimate(
-        joints=evidence.derive_joint_results(),
-        compliance=fit.compliance,
-        balanced=last_fit.rows.balanced,
-        covariance=covariance,
-        sigma=scale.sigma,
-        sigma_given=scale.given,
-        chi_square=chi_square,
-        degrees_of_freedom=scale.degrees_of_freedom,
-        identifiability=fit.identifiability,
-        certificates=certificates,
-        compressed=last_fit.compressed,
-        observability=problem.observability,
-        likelihood=likelihood,
-        common=common_errors,
-        second_order=second_order,
-        robust=robust,
-    )
+
+
+def _compute_chi_square(last_fit: _SingleFit, scale: Scale) -> float:
+    """Return the chi-square of the last fit: with the Huber loss, that of the targets' weighted residuals."""
+    robust, targets = last_fit.robust, last_fit.targets
+    if robust is None or targets is None:
+        return scale.chi_square
+    return targets.chi_square(last_fit.compliance, sigma=robust.sigma, threshold=robust.threshold)
 
 
 def _add_uncertainties(
@@ -685,14 +746,8 @@ def _propagate_common_errors(problem: _Problem, last_fit: _SingleFit, sigma: flo
         sigma: standard uncertainty of a coordinate [m], which weighs a prior against the readings.
     """
     measurements, prior = problem.rows.measurements, problem.settings.prior
-    common_uncertainty = measurements.common_uncertainty
     corrected = fitted_errors(measurements)  # errors for which the readings were corrected
-    corrected_names = {term.name for term in corrected.terms}
-    stated_terms = []
-    for term in TERMS.values():
-        is_stated = any(term.prior(common_uncertainty))
-        if is_stated and term.name not in corrected_names:
-            stated_terms.append(term)
+    stated_terms = _list_terms_to_propagate(measurements)
     if not (stated_terms or corrected.terms):
         return None
     responses = last_fit.compressed.compute_responses(
@@ -702,6 +757,7 @@ def _propagate_common_errors(problem: _Problem, last_fit: _SingleFit, sigma: flo
         joints=np.flatnonzero(~problem.observability.null),
         prior=None if prior is None else prior.in_units_of(sigma),
     )
+    common_uncertainty = measurements.common_uncertainty
     by_source = {}
     for term in stated_terms:
         response = responses[term.name]  # (n, k) for unit errors
@@ -714,6 +770,20 @@ def _propagate_common_errors(problem: _Problem, last_fit: _SingleFit, sigma: flo
     terms_in_fit = last_fit.compressed.statements.terms
     in_fit = frozenset(common_uncertainty.source(term.name) for term in terms_in_fit)
     return CommonErrors(by_source, in_fit)
+
+
+def _list_terms_to_propagate(measurements: Measurements) -> list[Term]:
+    """Return the kinds of error whose uncertainty is stated, and that no earlier fit has estimated.
+
+    The uncertainty of errors that an earlier fit has estimated comes from that fit.
+    """
+    already_estimated = {term.name for term in fitted_errors(measurements).terms}
+    stated_terms = []
+    for term in TERMS.values():
+        is_stated = any(term.prior(measurements.common_uncertainty))
+        if is_stated and term.name not in already_estimated:
+            stated_terms.append(term)
+    return stated_terms
 
 
 def _profile_short_levers(
@@ -743,32 +813,55 @@ def _profile_short_levers(
     quantiles = scale.list_quantiles(problem.settings.confidence)
     inflation = 1.0 if last_fit.robust is None else last_fit.robust.inflation
     radii = scale.sigma * np.sqrt(inflation) * quantiles
-    measurements, bounds = problem.rows.measurements, problem.settings.constraints.bounds
     combined_joints = {j for group in fit.undetermined for j in group.joints}
     profiles = {}
     for index in np.flatnonzero(free_load.has_short_lever).tolist():
-        j = int(free_load.joints[index])
+        j = int(free_load.joints[index])  # the index of the joint is `index` among those that are seen
         if j in combined_joints:
             continue
         ends = free_load.profile(index).find_ends(radii)
-        has_all_ends = np.isfinite(np.concatenate(ends)).all()
-        if not has_all_ends:
-            profiles[j] = LeverProfile()  # an interval without an upper end
-            continue
-        other_errors = _OtherErrors.of(measurements, common_errors, j, quantiles)
-        estimate = float(last_fit.compliance[j])
-        unconstrained = other_errors.widen(ends.without_constraints, estimate)
-        constrained = other_errors.widen(ends.within_constraints, estimate)
-        lower = np.minimum(unconstrained[:, 0], constrained[:, 0])
-        upper = np.maximum(unconstrained[:, 1], constrained[:, 1])
+        other_errors = _OtherErrors.of(problem.rows.measurements, common_errors, j, quantiles)
         first_order_uncertainty = scale.sigma * float(np.sqrt(fit.covariance[j, j]))
-        half_width = float(np.ptp(unconstrained[0])) / 2.0  # of the two-sided interval
-        profiles[j] = LeverProfile(
-            np.clip(np.column_stack([lower, upper]), bounds.lower[j], bounds.upper[j]),
-            standard_uncertainty=max(first_order_uncertainty, half_width / float(quantiles[0])),
-            replaces_first_order=bool(last_fit.compressed.statements.terms),
-        )
+        profile = _build_profile(ends, other_errors, float(last_fit.compliance[j]), first_order_uncertainty)
+        if profile.intervals is not None:
+            bounds = problem.settings.constraints.bounds
+            profile = replace(
+                profile,
+                intervals=np.clip(profile.intervals, bounds.lower[j], bounds.upper[j]),
+                replaces_first_order=bool(last_fit.compressed.statements.terms),
+            )
+        profiles[j] = profile
     return profiles
+
+
+def _build_profile(
+    ends: ProfileEnds, other_errors: _OtherErrors, estimate: float, first_order_uncertainty: float
+) -> LeverProfile:
+    """Return the profile of a joint: intervals of its compliance, and its standard uncertainty.
+
+    The intervals contain those without and those within the constraints, each widened by the joint's errors
+    that are no unknowns of the profile. The standard uncertainty comes from the interval without constraints,
+    as a constraint may cut an interval short; it is at least that to first order.
+
+    Args:
+        ends: intervals by the profile alone, two-sided and one-sided; without an upper end there are none.
+        other_errors: errors of the joint that are no unknowns of the profile.
+        estimate: fitted compliance [rad/(N·m)].
+        first_order_uncertainty: standard uncertainty of the compliance to first order [rad/(N·m)].
+    """
+    has_all_ends = np.isfinite(np.concatenate(ends)).all()
+    if not has_all_ends:
+        return LeverProfile()
+    unconstrained = other_errors.widen(ends.without_constraints, estimate)
+    constrained = other_errors.widen(ends.within_constraints, estimate)
+    lower = np.minimum(unconstrained[:, 0], constrained[:, 0])
+    upper = np.maximum(unconstrained[:, 1], constrained[:, 1])
+    two_sided, quantile = unconstrained[0], float(other_errors.quantiles[0])
+    half_width = float(np.ptp(two_sided)) / 2.0
+    return LeverProfile(
+        intervals=np.column_stack([lower, upper]),
+        standard_uncertainty=max(first_order_uncertainty, half_width / quantile),
+    )
 
 
 class _OtherErrors(NamedTuple):

@@ -36,6 +36,7 @@ class Rows:
     #: stiffness
     balanced: FloatArray | None = None
     prepared: RegressorBlock | None = None  #: kinematics and regressors, where they are known already
+    independent: Measurements | None = None  #: the same readings before they got other sizes of shared errors
 
     def __len__(self) -> int:
         return len(self.measurements)
@@ -46,10 +47,12 @@ class Rows:
 
     def at(self, balanced: FloatArray | None) -> Rows:
         """Return the rows with the loads in balance at other compliances (n,) [rad/(N·m)]."""
-        return Rows(self.robot, self.measurements, balanced)
+        return Rows(self.robot, self.measurements, balanced, independent=self.independent)
 
     def of(self, measurements: Measurements) -> Rows:
         """Return the rows of other measurements with the same robot, at the same linearisation."""
+        if measurements is self.measurements:
+            return self
         return Rows(self.robot, measurements, self.balanced)
 
     def with_scatter(self, scatter: Scatter) -> Rows:
@@ -58,9 +61,11 @@ class Rows:
         The kinematics are the same, so that they are not computed again if the set fits into one block.
         """
         measurements = replace(self.measurements, scatter=scatter)
-        fits_into_one_block = len(self) <= BLOCK_LENGTH
-        prepared = replace(self.block, measurements=measurements) if fits_into_one_block else None
-        return Rows(self.robot, measurements, self.balanced, prepared)
+        if self.prepared is not None:
+            prepared = replace(self.prepared, measurements=measurements)
+            return Rows(self.robot, measurements, self.balanced, prepared)
+        independent = self.measurements if self.independent is None else self.independent
+        return Rows(self.robot, measurements, self.balanced, independent=independent)
 
     def select_evenly(self, most: int) -> Rows:
         """Return the rows of at most so many observations, evenly spread over the set."""
@@ -75,7 +80,7 @@ class Rows:
         """
         if self.prepared is not None:
             return self.prepared
-        return get_whole_block(self.robot, self.measurements, self.balanced)
+        return get_whole_block(self.robot, self.measurements, self.balanced, self.independent)
 
     def generate_blocks(self) -> Iterator[RegressorBlock]:
         """Yield the kinematics and regressors of the observations, some thousand observations at a time.
@@ -85,6 +90,8 @@ class Rows:
         """
         if self.prepared is not None:
             return iter([self.prepared])
+        if len(self) <= BLOCK_LENGTH:
+            return iter([self.block])
         return regressor_blocks(self.robot, self.measurements, self.balanced)
 
     def generate(

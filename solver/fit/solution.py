@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -111,10 +111,15 @@ def find_solver_distance(stages: Sequence[Certificate]) -> float | None:
 def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
     """Return the certificate of a point: by how much it violates the conditions of an optimum.
 
-    The conditions are those of Karush, Kuhn and Tucker; violations up to rounding count as zero. The positive
-    part of the gradient is the multiplier of the lower bound, the negative part that of the upper bound: a
-    bound's multiplier or its slack must be zero (complementarity). The rounding error of a gradient is that
-    of the terms that cancel in it.
+    With bounds alone, the conditions of Karush, Kuhn and Tucker for each variable x and the gradient g of the
+    objective are:
+
+        primal    lower ≤ x ≤ upper
+        dual      g = 0 between the bounds, g ≥ 0 at the lower bound, g ≤ 0 at the upper bound
+        gap       min(g⁺, x − lower) = 0 and min(g⁻, upper − x) = 0
+
+    g⁺ and g⁻ are the positive and the negative part of g, which are the multipliers of the lower and upper
+    bound. The terms of g cancel in it, so a violation up to the rounding error of these terms counts as zero.
 
     Args:
         scaled: the equilibrated problem.
@@ -124,18 +129,14 @@ def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certific
     if len(scaled.d):
         return _certify_under_inequalities(scaled, x, solved_by)
     lower, upper = scaled.bounds.lower, scaled.bounds.upper
-    lower_slack, upper_slack = x - lower, upper - x
     gradient = scaled.gradient(x)
-    lower_multiplier, upper_multiplier = np.maximum(gradient, 0.0), np.maximum(-gradient, 0.0)
-    lower_gap = np.minimum(lower_multiplier, lower_slack)
-    upper_gap = np.minimum(upper_multiplier, upper_slack)
-    greatest_gap = float(np.maximum(lower_gap, upper_gap).max())
-    greatest_violation = float(-np.minimum(lower_slack, upper_slack).min())
+    distance_outside_bounds = float(np.maximum(lower - x, x - upper).max())
     unbalanced_gradient = float(scaled.bounds.gradient_violation(x, gradient).max())
+    greatest_gap = _find_greatest_gap(scaled.bounds, x, gradient)
     rounding = _ROUNDING * max(1.0, float(np.abs(x).max()))
     is_at_bound = (x <= lower) | (x >= upper)
     return Certificate(
-        primal=max(0.0, greatest_violation),
+        primal=max(0.0, distance_outside_bounds),
         dual=max(0.0, unbalanced_gradient - rounding),
         gap=max(0.0, greatest_gap - rounding),
         multipliers=np.where(is_at_bound, gradient, 0.0),
@@ -143,12 +144,35 @@ def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certific
     )
 
 
+def _find_greatest_gap(bounds: Bounds, x: FloatArray, gradient: FloatArray) -> float:
+    """Return the greatest min(multiplier, slack) over the bounds of all variables, which is 0 at an optimum.
+
+    The slack is the distance of a variable from its bound. At an optimum a bound with a slack has no
+    multiplier: it does not keep the variable from moving on (complementarity).
+
+    Args:
+        bounds: bounds of the n variables.
+        x: (n,) point.
+        gradient: (n,) gradient of the objective at x. A positive entry is the multiplier of the lower bound;
+            a negative entry is minus that of the upper bound.
+    """
+    gap_at_lower = np.minimum(np.maximum(gradient, 0.0), x - bounds.lower)
+    gap_at_upper = np.minimum(np.maximum(-gradient, 0.0), bounds.upper - x)
+    return float(np.maximum(gap_at_lower, gap_at_upper).max())
+
+
 def _certify_under_inequalities(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
     """Return the certificate of a point of a problem with constraints ``G x ≥ h``, the bounds among them.
 
-    The arguments are those of `certify`. Non-negative multipliers are computed only for the constraints that
-    hold with equality at the point. So complementarity holds by construction, and rows of G may be linearly
-    dependent.
+    The arguments are those of `certify`. With the gradient g of the objective and multipliers μ ≥ 0 of the
+    constraints, the conditions of an optimum are:
+
+        primal    G x ≥ h
+        dual      g = Gᵀμ
+        gap       μ = 0 for each constraint that does not hold with equality
+
+    Multipliers are computed only for the constraints that hold with equality at the point. So there is no
+    gap by construction, and rows of G may be linearly dependent.
     """
     G, h = scaled.constraints
     multipliers = scaled.multipliers_at(x)
@@ -158,16 +182,27 @@ def _certify_under_inequalities(scaled: Scaled, x: FloatArray, solved_by: Suppor
     # of a joint that the readings hardly show, have multipliers far larger than the gradient.
     greatest_value = max(1.0, float(np.abs(x).max()))
     greatest_term = max(greatest_value, float((np.abs(G.T) @ multipliers).max(initial=0.0)))
-    inequality_count = len(scaled.d)
-    bound_count = len(h) - inequality_count  # the rows of the bounds come first
-    of_bounds = G[:bound_count].T @ multipliers[:bound_count]  # one for each variable
     return Certificate(
         primal=max(0.0, greatest_violation - _ROUNDING * greatest_value),
         dual=max(0.0, unbalanced_gradient - _ROUNDING * greatest_term),
         gap=0.0,
-        multipliers=np.concatenate([of_bounds, multipliers[bound_count:]]),
+        multipliers=_join_multipliers_of_bounds(scaled, multipliers),
         solved_by=solved_by,
     )
+
+
+def _join_multipliers_of_bounds(scaled: Scaled, multipliers: FloatArray) -> FloatArray:
+    """Return one multiplier for both bounds of each variable (n,), then those of the k inequalities.
+
+    Args:
+        scaled: the equilibrated problem, whose constraints ``G x ≥ h`` are the bounds, then the inequalities.
+        multipliers: multipliers of these constraints, zero or positive.
+    """
+    G, h = scaled.constraints
+    bound_count = len(h) - len(scaled.d)
+    # The row of a lower bound is a unit vector, that of an upper bound a negative one.
+    of_variables = G[:bound_count].T @ multipliers[:bound_count]
+    return np.concatenate([of_variables, multipliers[bound_count:]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,19 +305,33 @@ def _select_first_certified(
     for point, solved_by in proposals:
         x = scaled.bounds.snap(point)
         certificate = certify(scaled, x, solved_by)
-        if not certificate.is_optimal():
-            continue
-        active = scaled.bounds.active_bounds_at(x)
-        compliance = problem.bounds.hold_exactly(x * scaled.unit, active)
-        tight_inequalities: BoolArray | None = None
-        if len(scaled.d):
-            # The constraints of the scaled problem are the bounds, then the inequalities.
-            tight_inequalities = scaled.find_tight_constraints(x)[-len(scaled.d) :]
-        return Solution(compliance, active, certificate, tight_inequalities)
+        if certificate.is_optimal():
+            return _build_solution(problem, scaled, x, certificate)
     raise SolverError(
         f"no solution satisfies the optimality conditions to {TOLERANCE:g} (primal "
         f"{certificate.primal:.1e}, dual {certificate.dual:.1e})"
     )
+
+
+def _build_solution(
+    problem: IdentificationProblem, scaled: Scaled, x: FloatArray, certificate: Certificate
+) -> Solution:
+    """Return the solution at a certified point x (n,), with its compliances in the problem's own units.
+
+    Args:
+        problem: the problem in its own units.
+        scaled: the same problem in equilibrated variables.
+        x: (n,) the optimum, in equilibrated variables.
+        certificate: evidence of optimality.
+    """
+    active = scaled.bounds.active_bounds_at(x)
+    compliance = problem.bounds.hold_exactly(x * scaled.unit, active)
+    tight_inequalities: BoolArray | None = None
+    inequality_count = len(scaled.d)
+    if inequality_count:
+        # The constraints of the scaled problem are the bounds, then the inequalities.
+        tight_inequalities = scaled.find_tight_constraints(x)[-inequality_count:]
+    return Solution(compliance, active, certificate, tight_inequalities)
 
 
 def _propose_by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
@@ -341,22 +390,16 @@ def _propose_by_active_set(scaled: Scaled) -> Iterator[_Proposal]:
 def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     """Yield the optimum under inequalities by least-distance programming; nothing if A lacks full rank.
 
-    The problem ``minimise ‖A x − b‖ subject to G x ≥ h`` is turned into one of least distance (Lawson &
-    Hanson 1974, chapter 23). With A = Q R and w = R x − Qᵀb, it is ``minimise ‖w‖ subject to G R⁻¹ w ≥ g``
-    with ``g = h − G R⁻¹ Qᵀ b``. The dual of this problem is to fit (0, …, 0, 1) by multipliers u ≥ 0 of the
-    columns of ``E = [(G R⁻¹)ᵀ; gᵀ]``. The constraints with positive multipliers are active at the optimum,
-    which is then found by exact least squares. Nothing is proposed, too, if the multipliers do not converge.
+    The problem ``minimise ‖A x − b‖² subject to G x ≥ h`` is turned into one of least distance, whose dual is
+    to fit (0, …, 0, 1) by multipliers u ≥ 0 of the columns of a matrix E (Lawson & Hanson 1974, chapter 23).
+    The constraints with positive multipliers are active at the optimum, which is then found by exact least
+    squares. Nothing is proposed, too, if the multipliers do not converge.
     """
     from scipy.optimize import nnls
 
-    Q, R = np.linalg.qr(scaled.A)
-    has_full_rank = len(R) == R.shape[1] and np.abs(np.diagonal(R)).min() > 1e-9
-    if not has_full_rank:
+    E = _build_dual_of_least_distance(scaled)
+    if E is None:
         return
-    G, h = scaled.constraints
-    transformed_G = np.linalg.solve(R.T, G.T).T  # G R⁻¹
-    g = h - transformed_G @ (Q.T @ scaled.b)
-    E = np.vstack([transformed_G.T, g])
     column_norms = np.linalg.norm(E, axis=0)
     target = np.zeros(len(E))
     target[-1] = 1.0
@@ -367,6 +410,22 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     is_active = multipliers > 0
     origin = np.zeros(len(scaled.unit))
     yield from _propose_on_rows(scaled, is_active, origin, "least_distance")
+
+
+def _build_dual_of_least_distance(scaled: Scaled) -> FloatArray | None:
+    """Return the matrix ``E = [(G R⁻¹)ᵀ; gᵀ]`` (n + 1, k) of the least-distance problem; None without it.
+
+    With A = Q R and w = R x − Qᵀb, the problem ``minimise ‖A x − b‖² subject to G x ≥ h`` is ``minimise ‖w‖
+    subject to G R⁻¹ w ≥ g`` with ``g = h − G R⁻¹ Qᵀ b``. There is no such problem if A lacks full rank.
+    """
+    Q, R = np.linalg.qr(scaled.A)
+    has_full_rank = len(R) == R.shape[1] and np.abs(np.diagonal(R)).min() > 1e-9
+    if not has_full_rank:
+        return None
+    G, h = scaled.constraints
+    transformed_G = np.linalg.solve(R.T, G.T).T  # G R⁻¹
+    g = h - transformed_G @ (Q.T @ scaled.b)
+    return np.vstack([transformed_G.T, g])
 
 
 def _propose_on_rows(
@@ -425,17 +484,7 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
             "the numbers of the readings are too large to be squared",
             remedy="check the units and magnitudes of the readings",
         )
-    # Equilibrated variables x, with c = units · x, in which columns of A have norm 1 and the greatest |h| is
-    # 1. A column of zeros is divided by 1.
-    squared_norms = np.diagonal(gram, axis1=1, axis2=2)
-    norms = np.sqrt(np.where(squared_norms > 0, squared_norms, 1.0))
-    scaled_gram = gram / (norms[:, :, None] * norms[:, None, :])
-    scaled_moment = moment / norms
-    greatest_moment = np.abs(scaled_moment).max(axis=1, keepdims=True, initial=0.0)
-    problem_size = np.where(greatest_moment > 0, greatest_moment, 1.0)
-    units = problem_size / norms
-    problems = GramProblems(scaled_gram, scaled_moment / problem_size, bounds.in_units(units))
-
+    problems, units = _equilibrate(gram, moment, bounds)
     is_solvable = problems.well_conditioned()
     solvable = problems.select(np.flatnonzero(is_solvable))
     optima = solvable.find_optima()
@@ -445,6 +494,34 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
     active[is_solvable] = solvable.bounds.active_bounds_at(optima)
     compliance = bounds.hold_exactly(x * units, active)
     return BatchSolution(compliance, active, certified=is_solvable)
+
+
+class _Equilibrated(NamedTuple):
+    """Problems in variables x without unit; the parameters are ``c = units · x``."""
+
+    problems: GramProblems
+    units: FloatArray  # (K, n)
+
+
+def _equilibrate(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> _Equilibrated:
+    """Return K problems in variables in which the columns of A have norm 1, and the greatest |h| is 1.
+
+    Then neither units nor decades between the parameters matter. A column of zeros is divided by 1.
+
+    Args:
+        gram: (K, n, n) Gram matrices G = AᵀA.
+        moment: (K, n) h = Aᵀd.
+        bounds: bounds of the n parameters.
+    """
+    squared_norms = np.diagonal(gram, axis1=1, axis2=2)
+    norms = np.sqrt(np.where(squared_norms > 0, squared_norms, 1.0))  # of the columns of A
+    scaled_gram = gram / (norms[:, :, None] * norms[:, None, :])
+    scaled_moment = moment / norms
+    greatest_moment = np.abs(scaled_moment).max(axis=1, keepdims=True, initial=0.0)
+    problem_size = np.where(greatest_moment > 0, greatest_moment, 1.0)  # (K, 1)
+    units = problem_size / norms
+    problems = GramProblems(scaled_gram, scaled_moment / problem_size, bounds.in_units(units))
+    return _Equilibrated(problems, units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -477,22 +554,26 @@ class GramProblems:
         return is_well_conditioned
 
     def find_optima(self) -> FloatArray:
-        """Return the optima (K, n) of well-conditioned problems, by pivoting or else by `solve_step`."""
+        """Return the optima (K, n) of well-conditioned problems, by pivoting or else by `solve_step`.
+
+        A point within its bounds is the optimum if the gradient is zero off the bounds, not negative at a
+        lower bound and not positive at an upper bound. The gradient has the rounding error of the terms that
+        cancel in it.
+        """
         x = self.bounds.snap(self.solve_by_pivoting())
-        # x is within its bounds. The other conditions of Karush, Kuhn and Tucker are that the gradient is
-        # zero off the bounds, not negative at a lower bound and not positive at an upper bound. The gradient
-        # has the rounding error of the terms that cancel in it.
         violation = self.bounds.gradient_violation(x, self.gradient(x))
         rounding = _ROUNDING * np.maximum(1.0, np.abs(x).max(axis=1))
         is_optimal: BoolArray = violation.max(axis=1) <= TOLERANCE + rounding
-        for k in np.flatnonzero(~is_optimal):
-            # The same problem as rows ``R x ≈ z``: A = L Lᵀ gives R = Lᵀ, and b = Rᵀ z gives z.
-            L = np.linalg.cholesky(self.A[k])
-            z = np.linalg.solve(L, self.b[k])
-            bounds = Bounds(self.bounds.lower[k], self.bounds.upper[k])
-            problem = IdentificationProblem(L.T, z, bounds)
-            x[k] = solve_step(problem).compliance
+        for k in np.flatnonzero(~is_optimal).tolist():
+            x[k] = self._solve_by_rows(k)
         return x
+
+    def _solve_by_rows(self, k: int) -> FloatArray:
+        """Return the optimum (n,) of problem k from rows ``R x ≈ z`` with RᵀR = A and Rᵀz = b."""
+        L = np.linalg.cholesky(self.A[k])  # A = L Lᵀ, so that R = Lᵀ
+        z = np.linalg.solve(L, self.b[k])
+        bounds = Bounds(self.bounds.lower[k], self.bounds.upper[k])
+        return solve_step(IdentificationProblem(L.T, z, bounds)).compliance
 
     def solve_by_pivoting(self) -> FloatArray:
         """Return the least-squares points (K, n) at which pivoting ends; they are not certified.

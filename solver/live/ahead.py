@@ -8,6 +8,7 @@ that have to be chosen in this way until the goal is met is the number of missin
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,8 +28,9 @@ from jointstiff.solver.design.candidates import (
 from jointstiff.solver.design.optimum import AOptimality, Atoms
 from jointstiff.solver.design.plan import DistinctPostures
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.evidence.scatter import Posterior
 from jointstiff.solver.live.forecast import FittedErrorColumns, Forecast
-from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.robot import Robot
 
 MOST_FOLLOWING: Final = 2
@@ -62,11 +64,22 @@ class KnownCompliances:
     #: whose compliance is unknown
     covariance: FloatArray
     factor: float  #: coverage factor of an interval of 95 %
+    scatter: Scatter = NO_SCATTER  #: errors that the targets of a posture share, as the fit accounts for them
+    posterior: Posterior | None = None  #: posterior of the scatter; None if the scatter is as stated
 
     @classmethod
     def before_any_reading(cls, n: int) -> KnownCompliances:
         """Return the compliances before any reading: NaN for each of the n joints."""
         return cls(np.full(n, np.nan), np.zeros((n, n)), 2.0)
+
+    def expect_scatter(self, further: int) -> Scatter:
+        """Return the scatter that a fit accounts for after a number of further readings.
+
+        The more readings show no scatter, the less of an assumed one remains.
+        """
+        if self.posterior is None or not self.scatter.is_assumed:
+            return self.scatter
+        return self.posterior.expect(further).scatter
 
     @property
     def relative_uncertainty(self) -> FloatArray:
@@ -275,8 +288,7 @@ class CandidateReadings:
         )
         basis = parameters.basis[: self.robot.n]
         criterion = AOptimality(basis.T @ share.weights @ basis)
-        forecast, errors = self._begin_forecast(known, readings)
-        M = forecast.M  # the information of each reading is added
+        M = self._compute_information(readings)  # the information of each reading is added
         # A weak prior keeps the information regular before enough postures are read.
         weak_prior = np.diag(np.full(len(M), _BEFORE**-2.0))
         distinct = DistinctPostures(self.pool.readings.joints, self.request.angle)
@@ -286,9 +298,10 @@ class CandidateReadings:
         if not free.any():
             return None
         best = self._choose_best_candidate(criterion, M + weak_prior, free, at)
-        chosen, missing = [self._make_reading(best)], None
+        chosen, planned, missing = [self._make_reading(best)], list[Atoms](), None
         # The ratio of the uncertainties so far to the uncertainties that the design predicts is assumed to be
         # the same after further readings.
+        forecast = self._forecast(known, readings, planned)
         predicted = self._predict_shares(goal, known, share, forecast)
         ratio = np.ones(len(predicted))
         comparable = np.isfinite(share.ratios) & np.isfinite(predicted)
@@ -298,12 +311,14 @@ class CandidateReadings:
             M = M + best.information[0]
             free &= ~distinct.find_conflicts(int(best.index[0]))
             if missing is None:
-                forecast = self._add_planned(forecast, best, errors)
+                planned.append(best)
+                forecast = self._forecast(known, readings, planned)
                 shares = ratio * self._predict_shares(goal, known, share, forecast)
                 missing = count if shares.max() <= 1.0 else None
             if not free.any() or (missing is not None and len(chosen) > MOST_FOLLOWING):
                 break
-            best = candidates.find_highest_priced(criterion.supergradient(M + weak_prior), free)
+            at = None if at is None else self.pool.readings.joints[int(best.index[0])]
+            best = self._choose_best_candidate(criterion, M + weak_prior, free, at)
             if len(chosen) <= MOST_FOLLOWING:
                 chosen.append(self._make_reading(best))
         return replace(chosen[0], missing=missing, following=tuple(chosen[1:]))
@@ -317,38 +332,54 @@ class CandidateReadings:
             index, self.pool.readings.joints[index], force, None if anchor < 0 else anchor, None
         )
 
-    def _begin_forecast(
-        self, known: KnownCompliances, readings: Measurements | None
-    ) -> tuple[Forecast, FittedErrorColumns | None]:
-        """Return the information of the readings so far, and the errors that are fitted with the compliances.
-
-        The errors are None before the first reading, and for a campaign under the robot's own weight.
-        """
-        base, request = self.pool.base, self.request
+    def _compute_information(self, readings: Measurements | None) -> FloatArray:
+        """Compute the information (p, p) of the readings so far, with independent noise as of candidates."""
         if readings is None:
-            return Forecast.begin(base, np.zeros(0, dtype=np.bool_)), None
-        sigma = readings.sigma or request.equipment.sigma
-        rows = build_known_rows(self.robot, request, readings) @ self.pool.parameters.basis / sigma
-        if request.own_weight_rows is not None:
-            empty = np.zeros((len(rows), 0))
-            return Forecast.begin(base, np.zeros(0, dtype=np.bool_)).add(rows, empty), None
-        errors = FittedErrorColumns.from_readings(self.robot, readings, known.compliance)
-        return Forecast.begin(base, errors.assumed).add(rows, errors.build(readings, sigma)), errors
+            return self.pool.base
+        sigma = readings.sigma or self.request.equipment.sigma
+        rows = build_known_rows(self.robot, self.request, readings) @ self.pool.parameters.basis / sigma
+        return np.asarray(self.pool.base + rows.T @ rows)
 
-    def _add_planned(self, forecast: Forecast, chosen: Atoms, errors: FittedErrorColumns | None) -> Forecast:
-        """Return the forecast after one more reading, given as `Atoms` of length one."""
-        if errors is None:
-            return replace(forecast, M=forecast.M + chosen.information[0])
-        equipment, readings, index = self.request.equipment, self.pool.readings, chosen.index
-        planned = equipment.build_measurements(
-            self.robot,
-            readings.joints[index],
-            self.pool.candidate_forces(chosen.force, index),
-            None if readings.along is None else readings.along[index],
+    def _forecast(
+        self, known: KnownCompliances, readings: Measurements | None, planned: Sequence[Atoms]
+    ) -> Forecast:
+        """Forecast the information of the readings so far and of planned readings.
+
+        Each fit has errors that it estimates with the compliances, and the scatter of so many readings; none
+        before the first reading, or under the robot's own weight.
+
+        Args:
+            known: compliances and scatter from the readings so far.
+            readings: the readings so far; None before the first reading.
+            planned: further readings, each as `Atoms` of length one.
+        """
+        if readings is None or self.request.own_weight_rows is not None:
+            M = self._compute_information(readings) + sum(each.information[0] for each in planned)
+            return Forecast.begin(np.asarray(M), np.zeros(0, dtype=np.bool_))
+        scatter = known.expect_scatter(len(planned))
+        basis, equipment = self.pool.parameters.basis, self.request.equipment
+        sigma = readings.sigma or equipment.sigma
+        errors = FittedErrorColumns.from_readings(self.robot, readings, known.compliance)
+        scattered = replace(readings, scatter=scatter)
+        rows = build_known_rows(self.robot, self.request, scattered) @ basis / sigma
+        forecast = Forecast.begin(self.pool.base, errors.assumed).add(rows, errors.build(scattered, sigma))
+        if not planned:
+            return forecast
+        further = self._build_planned(planned, scatter, sigma)
+        rows = build_reading_stack(self.robot, self.request, further).flat[:, :-1] @ basis / equipment.sigma
+        return forecast.add(rows, errors.build(further, equipment.sigma))
+
+    def _build_planned(self, planned: Sequence[Atoms], scatter: Scatter, sigma: float) -> Measurements:
+        """Build the measurements of planned readings with a scatter in units of the readings' sigma [m]."""
+        equipment, readings = self.request.equipment, self.pool.readings
+        index = np.concatenate([each.index for each in planned])
+        force = np.concatenate([self.pool.candidate_forces(each.force, each.index) for each in planned])
+        ratio = sigma / equipment.sigma
+        of_equipment = Scatter(ratio * scatter.joints, ratio * scatter.station)
+        along = None if readings.along is None else readings.along[index]
+        return replace(equipment, scatter=of_equipment).build_measurements(
+            self.robot, readings.joints[index], force, along
         )
-        rows = build_reading_stack(self.robot, self.request, planned).flat[:, :-1]
-        rows = rows @ self.pool.parameters.basis / equipment.sigma
-        return forecast.add(rows, errors.build(planned, equipment.sigma))
 
     def _predict_shares(
         self, goal: Goal, known: KnownCompliances, share: UncertaintyShare, forecast: Forecast

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -25,6 +25,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import Equipment
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.evidence.scatter import Posterior
 from jointstiff.solver.fit.estimate import stiffness_interval
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
@@ -68,6 +69,14 @@ class ReadingsSoFar:
     kept: frozenset[str] = frozenset()  #: labels of doubtful readings that the user kept
     skipped: tuple[tuple[float, ...], ...] = ()  #: postures that the user skipped [rad or m]
     check: HeldOut | None = None  #: check of the last reading that counts; None if it was not held out
+
+
+class _Fitted(NamedTuple):
+    """Joints fitted to the readings so far."""
+
+    compliance: FloatArray  # (n,) [rad/(N·m)], zero or more
+    scatter: Scatter  # errors that the targets of a posture share
+    posterior: Posterior | None  # of the scatter; None if the scatter is as stated
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,25 +124,22 @@ class Progress:
         fitted, robot = self._fitted, self.candidates.robot
         if self.weight is not None or readings.direction is not None or fitted is None:
             return None, None
-        compliance, scatter = fitted
-        readings = replace(readings, scatter=scatter)
-        found = compare_last_reading(robot, readings, compliance)
+        readings = replace(readings, scatter=fitted.scatter)
+        found = compare_last_reading(robot, readings, fitted.compliance)
         if not self.awaits_held_out or found.doubtful:
             return found, None
-        return found, check_held_out_reading(robot, readings, compliance, len(readings) - 1)
+        return found, check_held_out_reading(robot, readings, fitted.compliance, len(readings) - 1)
 
     @cached_property
-    def _fitted(self) -> tuple[FloatArray, Scatter] | None:
-        """Compliances (n,) from the readings that count [rad/(N·m)], and scatter shared by targets.
-
-        None if the readings do not identify any joint.
-        """
+    def _fitted(self) -> _Fitted | None:
+        """Fit of the joints to the readings that count; None if the readings do not identify any joint."""
         robot, measurements = self.candidates.robot, self.so_far.measurements
         if measurements is None:
             return None
         try:
             joints = JointsAlone(Rows(robot, measurements), Settings.from_options(RunOptions(), robot))
-            return np.maximum(joints.estimate.compliance, 0.0), joints.measurements.scatter
+            compliance = np.maximum(joints.estimate.compliance, 0.0)
+            return _Fitted(compliance, joints.measurements.scatter, joints.identified.posterior)
         except JointstiffError:
             return None
 
@@ -184,7 +190,10 @@ class Progress:
     @cached_property
     def known(self) -> KnownCompliances:
         """Compliances from the readings so far; the covariance contains stated errors, not assumed errors."""
-        return self._extract_known_compliances(self.result, assumed=False)
+        known = self._extract_known_compliances(self.result, assumed=False)
+        if self.weight is not None or self._fitted is None:
+            return known
+        return replace(known, scatter=self._fitted.scatter, posterior=self._fitted.posterior)
 
     def _extract_known_compliances(
         self, result: RunResult | JointstiffError | None, *, assumed: bool

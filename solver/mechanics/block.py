@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache, partial
 from typing import ClassVar, Final, NamedTuple
 
@@ -545,7 +545,10 @@ def _compute_blocks_ahead(
 
 
 def get_whole_block(
-    robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
+    robot: Robot,
+    measurements: Measurements,
+    compliance: FloatArray | None = None,
+    independent: Measurements | None = None,
 ) -> RegressorBlock:
     """Return the regressors of all observations as one block; blocks of small sets are cached.
 
@@ -554,6 +557,8 @@ def get_whole_block(
         measurements: observations; a block of at most `_MOST_CACHED_OBSERVATIONS` is cached.
         compliance: (n,) joint compliances with which the load is in balance, to include the complementary
             stiffness; None to neglect the complementary stiffness.
+        independent: the same readings with other sizes of shared errors, which have the same regressors; None
+            if there are none.
 
     Raises:
         SolverError: a load has no equilibrium with joints of this compliance.
@@ -562,7 +567,9 @@ def get_whole_block(
     if is_large:
         return _compute_block(robot, measurements, compliance)
     hashable = None if compliance is None else tuple(compliance.tolist())
-    return _get_cached_block(robot, measurements, hashable)
+    if independent is None:
+        return _get_cached_block(robot, measurements, hashable)
+    return _get_cached_block_with_shared_errors(robot, measurements, hashable, independent)
 
 
 @lru_cache(maxsize=_BLOCKS_CACHED)
@@ -572,6 +579,17 @@ def _get_cached_block(
     """Return the regressors of a small set from a cache of the blocks used last; compute if not there."""
     array = None if compliance is None else np.array(compliance)
     return _compute_block(robot, measurements, array)
+
+
+@lru_cache(maxsize=_BLOCKS_CACHED)
+def _get_cached_block_with_shared_errors(
+    robot: Robot,
+    measurements: Measurements,
+    compliance: tuple[float, ...] | None,
+    independent: Measurements,
+) -> RegressorBlock:
+    """Return the block of the same readings with other sizes of shared errors; all arrays are the same."""
+    return replace(_get_cached_block(robot, independent, compliance), measurements=measurements)
 
 
 def unloaded_postures(robot: Robot, measurements: Measurements) -> Postures:

@@ -407,6 +407,7 @@ class Scatter:
     #: (n,) noise of the encoder of each joint, relative to its stated noise; encoders then also see the turns
     #: of `joints`. Empty: noise as stated, and encoders see no turns.
     encoders: tuple[float, ...] = ()
+    is_assumed: bool = False  #: whether the errors are assumed: neither stated nor shown by the residuals
 
     def __bool__(self) -> bool:
         """Return whether targets of a posture share errors."""

@@ -81,7 +81,7 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
         estimate = budget.widen_intervals(estimate, settings.bounds)
     # Causes that are found explain more than a doubt does.
     is_explained = bool(screening.causes) or screening.lack_of_fit
-    doubt = None if is_explained or not joints.are_sound else find_doubt(rows, estimate)
+    doubt = None if is_explained or not joints.are_sound else find_doubt(joints.tested, estimate)
     prediction = predict(
         rows.at(estimate.balanced),
         estimate.compliance,

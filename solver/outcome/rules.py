@@ -263,7 +263,8 @@ def _list_reasons(
         yield report_alternative(robot, measurements, mistake)
     if causes:
         fitted_count = sum(bool(term.words) for term in fitted_errors(measurements).terms)
-        yield report_causes(causes, estimate, wrong, most=MAX_CAUSES - fitted_count)
+        # The causes were fitted with the scatter that tests count, so that the joints alone are, too.
+        yield report_causes(causes, joints.identified.tested, wrong, most=MAX_CAUSES - fitted_count)
     yield from report_fitted_causes(measurements)
     is_explained = explanation.has_gross_error or mistake is not None
     if not is_explained:  # a gross error in the data changes the stiffnesses, too

@@ -128,6 +128,14 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
         "readings": 4,
         "joints": [f"joint_{j}" for j in range(2, 7)],  # a weight never twists the first
     }
+    step = {
+        "robot_id": robot,
+        "weight_step": {"mass": 100.0, "mass_uncertainty": 0.1},
+        "load_point": [0.0, 0.0, 0.15],
+        "joints": ["joint_2", "joint_3"],
+        "readings": 12,
+        "candidates": 100,
+    }
     return {
         "robot": robot,
         "set": first,
@@ -136,6 +144,7 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
         "comparison": filling.add("comparisons", {"run_ids": runs}),
         "pair": filling.add("comparisons", {"run_ids": [run, other], "ordered": True}),
         "plan": filling.add("plans", plan),
+        "step_plan": filling.add("plans", step),
         "fleet": filling.add("fleets", {"measurement_set_ids": [first, second], "name": "two sets"}),
         "program": filling.program("programs", run, 6),
         "long_program": filling.program("programs", run, 400, "pocket.src"),

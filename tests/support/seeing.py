@@ -28,6 +28,7 @@ ASKING = (
     *("/report", "}/map", "/program", "/process", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
     *("#/archive", "of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
     *("{cancelled}", "{deleted}", "{running}", "{queued}", "{empty_map}", "{live_fresh}"),
+    *("plans?step=1", "#/gearboxes"),
     *("trend/{cobot}", "trend/{bare}", "plans?robot={cobot}", "measure?robot={cobot}"),
 )
 """Views that ask, hand out files, or have nothing to show: they have no number of their own to show first."""

@@ -36,7 +36,7 @@ beforeEach(() => {
 afterEach(() => vi.unstubAllGlobals());
 
 async function opened(): Promise<HTMLElement> {
-  const root = await drawn(<GearboxesView />);
+  const root = await drawn(<GearboxesView query={new URLSearchParams()} />);
   const input = root.querySelector<HTMLInputElement>("input[type=file]");
   Object.defineProperty(input, "files", { value: [new File(["label,motor [deg]"], "step.csv")] });
   await settled(() => input?.dispatchEvent(new Event("change", { bubbles: true })));

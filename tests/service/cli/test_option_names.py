@@ -1,6 +1,7 @@
 """Texts that advise an option name one that a command has."""
 
 import ast
+import json
 import re
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.fields import field_options, name_options_in_text
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
+from jointstiff.simulator import default_arm, simulate_campaign
 
 PACKAGE = Path(jointstiff.__file__).parent
 OF_OTHERS = {"--publish", "--file", "--format"}
@@ -126,6 +128,68 @@ def test_an_option_that_may_be_repeated_is_repeated_for_each_value():
     assert name_options_in_text(RunOptions, "fit `causes: [play, shift]`") == (
         "fit `--cause play --cause shift`"
     )
+
+
+OF_PYTHON = re.compile(
+    r"\bjs\.\w+|jointstiff\.[a-zA-Z]\w*[(`]|`\w+\(|`\w+\.\w+\(|\bdata frame\b|to_parquet|\b[a-z_]+='"
+)
+FOR_PYTHON = (
+    "service/library/",
+    "service/conversion/arrays.py",
+    "service/conversion/dh_tables.py",
+    "service/kinds/verb.py",
+)
+"""What only arguments of Python reach: objects, arrays and rows of Denavit and Hartenberg."""
+
+
+def test_no_text_that_reaches_the_terminal_has_words_of_python():
+    found = []
+    for path in (
+        each for room in ("schemas", "solver", "service") for each in (PACKAGE / room).rglob("*.py")
+    ):
+        place = path.relative_to(PACKAGE).as_posix()
+        if not place.startswith(FOR_PYTHON):
+            tree = ast.parse(path.read_text())
+            docs = {id(each.value) for each in ast.walk(tree) if isinstance(each, ast.Expr)}
+            texts = (
+                each for each in ast.walk(tree) if isinstance(each, ast.Constant) and id(each) not in docs
+            )
+            found += [
+                (place, text.value)
+                for text in texts
+                if isinstance(text.value, str) and OF_PYTHON.search(text.value)
+            ]
+    assert found == []
+
+
+TIPS = """<robot name="a"><link name="b"/><link name="l"/><link name="t1"/><link name="t2"/>
+<joint name="j" type="revolute"><parent link="b"/><child link="l"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+<joint name="f1" type="fixed"><parent link="l"/><child link="t1"/></joint>
+<joint name="f2" type="fixed"><parent link="l"/><child link="t2"/></joint></robot>"""
+
+
+def test_each_door_names_the_remedy_of_a_file_in_its_own_words(tmp_path):
+    """Carried out, the remedy of the terminal works there."""
+    campaign = simulate_campaign(default_arm(), load="pull", configurations=6, seed=1)
+    (tmp_path / "set.json").write_text(json.dumps(campaign["measurement_set"]))
+    (tmp_path / "robot.json").write_text(json.dumps(campaign["robot"]))
+    (tmp_path / "tips.urdf").write_text(TIPS)
+    shown = " ".join(terminal("identify", tmp_path / "set.json", width=300).output.split())
+    assert shown.endswith("or use `jointstiff import FILE --robot ROBOT`")
+    with pytest.raises(jointstiff.CampaignError, match=r"or use `jointstiff.read\(FILE, robot=ROBOT\)`$"):
+        jointstiff.identify(tmp_path / "set.json")
+
+    shown = " ".join(terminal("plan", tmp_path / "tips.urdf", width=300).output.split())
+    assert shown.endswith("leave only one of these links in the URDF, with the joints that lead to the link")
+    with pytest.raises(jointstiff.CampaignError, match=r"jointstiff.robot\(urdf, flange='LINK'\)$"):
+        jointstiff.robot(tmp_path / "tips.urdf")
+
+    planned = ("plan", tmp_path / "robot.json", "--target", "P1=0,0,0.1", "--load", "dead_weight:1500")
+    assert terminal(*planned, "--save", tmp_path / "plan.json").exit_code == 0
+    shown = " ".join(terminal("rehearse", tmp_path / "plan.json", width=300).output.split())
+    assert shown == "robot: the plan has no robot remedy: give `--robot`"
+    assert terminal("rehearse", tmp_path / "plan.json", "--robot", tmp_path / "robot.json").exit_code == 0
 
 
 POCKET = """DEF pocket()

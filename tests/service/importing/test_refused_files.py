@@ -117,7 +117,7 @@ def test_a_file_without_a_table_is_told_what_it_is(content, said):
 def test_a_campaign_needs_no_import(content):
     assert refusals(("a.csv", content)) == [
         "a.csv: the file is a JSON document, not a table; "
-        "a campaign needs no import: `jointstiff identify` runs it, `jointstiff post` posts it"
+        "a campaign needs no import: use `jointstiff identify FILE`"
     ]
 
 

@@ -335,11 +335,11 @@ def test_the_reasons_of_what_is_absurd_name_its_size(run, by_weights):
         for made in [ABSURD[name](run, by_weights)]
     }
     assert said["prediction, kN for N"] == [
-        f"the greatest deflection is 526 mm, 102 times the greatest of the campaign{PLAUSIBLE}",
+        f"the greatest deflection is 525.9 mm, 102 times the greatest of the campaign{PLAUSIBLE}",
         "1 of 1 cases have loads or postures beyond those of the campaign",
     ]
     assert said["prediction, a few metres"][:2] == [
-        f"the greatest deflection is 26.5 mm, 5.14 times the greatest of the campaign{PLAUSIBLE}",
+        f"the greatest deflection is 26.51 mm, 5.14 times the greatest of the campaign{PLAUSIBLE}",
         "the load point or the place is 4 m from the flange; 2 mm to 1.5 m is plausible",
     ]
     assert said["prediction, joint without a number"] == ["none of the 1 cases has a number"]
@@ -379,7 +379,7 @@ def test_a_program_for_kilonewtons_is_refused_with_all_its_reasons(run):
     assert (problem.type, problem.where) == ("urn:jointstiff:problem:not-to-be-used", "max_displacement")
     assert problem.detail == "the verdict on a program whose corrections exceed the limits is: do not use"
     assert [each.reason for each in problem.errors] == [
-        f"the greatest deflection is 711.7 mm, 138 times the greatest of the campaign{PLAUSIBLE}",
+        f"the greatest deflection is 711.6 mm, 138 times the greatest of the campaign{PLAUSIBLE}",
         "4 of 4 points have loads or postures beyond those of the campaign",
         "the limits reduce the correction of 4 of 4 points",
     ]

@@ -5,11 +5,14 @@ import pytest
 from support.documents import campaign
 
 import jointstiff as js
-from jointstiff.simulator import TARGETS
+from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 
 UNITS = {"length": "mm", "angle": "deg", "force": "kN", "moment": "N.mm"}
 DOCUMENT = campaign(configurations=6, units=UNITS)
 ROWS = DOCUMENT["measurement_set"]["observations"]
+
+
+ENCODERS = {"encoders": "motor"}
 
 
 def column(name):
@@ -164,3 +167,26 @@ def test_positions_after_unloading_reach_the_run_and_may_be_missing():
     assert stated == [[i < 2] * len(TARGETS) for i in range(6)]
     with pytest.raises(js.CampaignError, match="alone cannot be used as readings"):
         of_arrays(unloaded=None, loaded=None, deflections=MOVED, unloaded_after=after, targets=dict(TARGETS))
+
+
+@pytest.mark.parametrize(
+    ("stated", "assumed"), [({}, "motor encoders, load point"), (ENCODERS, "load point")]
+)
+def test_a_run_says_once_that_motor_encoders_were_assumed(stated, assumed):
+    document = simulate_campaign(default_arm(), load="pull", configurations=8, seed=1)
+    measured = document["measurement_set"]
+    rows = measured["observations"]
+    campaign = js.Campaign.from_arrays(
+        document["robot"],
+        [row["joints"] for row in rows],
+        [row["force"] for row in rows],
+        unloaded=[[reading["unloaded"] for reading in row["readings"]] for row in rows],
+        loaded=[[reading["loaded"] for reading in row["readings"]] for row in rows],
+        load_point=measured["load_point"],
+        units="m, rad, N",
+        **stated,
+    )
+    run = js.identify(campaign)
+    assert run.summary().count("encoders") == len(ENCODERS) - len(stated)
+    assert f"assumed: {assumed} ± 10 mm" in run.summary()
+    assert ("assumed: motor encoders" in run.details()) == (not stated)

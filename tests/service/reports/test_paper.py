@@ -58,7 +58,10 @@ def test_table_1_needs_a_geometry_with_targets():
     compare = "compare motor.json secondary.json"
     words = refused(f"{compare} --paper paper.html --geometry bare.json")
     assert "no wrist centre by three targets" in words
-    assert "not 'geometry'" in refused(f"{compare} --paper paper.html --geometry motor.json")
+    assert refused(f"{compare} --paper paper.html --geometry motor.json") == (
+        "motor.json is not a geometry remedy: give a file that `jointstiff geometry SWEEPS.json --save FILE` "
+        "wrote"
+    )
     assert "add --paper" in refused(f"{compare} --geometry geometry.json")
     typed(f"{compare} --paper paper.html")
     assert "Table I:" not in Path("paper.html").read_text()

@@ -107,9 +107,9 @@ def test_a_report_has_results_with_their_intervals(laboratory, pulled):
         report_of(laboratory, pulled),
         "1 Results",
         "joint | stiffness [10⁶ N·m/rad] | 95 % interval | verdict |",
-        "joint_1 | 3.819 | 3.736 … 3.906 | use |",
-        "joint_4 | 0.442 | 0.381 … 0.526 | use |",
-        "joint_6 | 0.0928 | 0.0772 … 0.1130 | use |",
+        "joint_1 | 3.818 | 3.733 … 3.906 | use |",
+        "joint_4 | 0.445 | 0.382 … 0.533 | use |",
+        "joint_6 | 0.0924 | 0.0767 … 0.1129 | use |",
         "Fraction of the mean deflection that the model explains 98.7 %",
         "Root mean square of the residuals' lengths 38.8 µm",
         "Standard uncertainty of a coordinate of a reading 20 µm (given)",
@@ -119,11 +119,11 @@ def test_a_report_has_results_with_their_intervals(laboratory, pulled):
         "The arm in the posture of the first observation x y z 1 2 3, 4 5, 6",
         "4 Predicted static compliance of the flange",
         "in brackets: 95 % interval",
-        "X | 0.0005091 (0.0004977 … 0.0005204) | -0.0001956 (-0.0002015 … -0.0001897) | "
-        "-0.000994 (-0.001016 … -0.000973) | unknown |",
+        "X | 0.0005091 (0.0004976 … 0.0005206) | -0.0001957 (-0.0002016 … -0.0001897) | "
+        "-0.000995 (-0.001016 … -0.000973) | unknown |",
         "Predicted from the identified stiffness, not measured",
         "Mean deflection, before: as measured 2.762 mm",
-        "Mean deflection, after compensation by the model, computed 0.03567 mm",
+        "Mean deflection, after compensation by the model, computed 0.0357 mm",
     )
 
 
@@ -132,15 +132,15 @@ def test_a_report_has_the_budget_of_each_joint(laboratory, pulled):
         report_of(laboratory, pulled),
         "5 Uncertainty budget Contributions to the standard uncertainty of each compliance "
         "[% of the compliance]",
-        "readings | B | 0.50 | 0.55 | 1.0 | 7.9 | 1.6 | 10 |",
-        "assumed force scale | B | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 |",
-        "assumed load point | B | 0.20 | 0.16 | 0.55 | 1.5 | 1.7 | 2.5 |",
+        "readings | B | 0.52 | 0.58 | 1.0 | 8.2 | 1.6 | 10 |",
+        "assumed force scale | B | 1.00 | 1.0 | 1.00 | 1.00 | 1.00 | 1.00 |",
+        "assumed load point | B | 0.22 | 0.17 | 0.56 | 1.5 | 1.8 | 2.7 |",
         "model error (not included) | A | 0 | 0 | 0 | 0 | 0 | 0 |",
-        "combined, only sources that the intervals include | | 1.1 | 1.2 | 1.5 | 8.1 | 2.6 | 11 |",
-        "combined, all sources | | 1.1 | 1.2 | 1.5 | 8.1 | 2.6 | 11 |",
-        "expanded, all sources, k = 2 | | 2.3 | 2.3 | 3.1 | 16 | 5.2 | 21 |",
-        "expanded, of the stiffness [10⁶ N·m/rad] | | 0.087 | 0.072 | 0.076 | 0.072 | 0.013 | 0.020 |",
-        "Greatest correlation coefficient between two joints: 0.82 (joint_1 and joint_2); all are in "
+        "combined, only sources that the intervals include | | 1.1 | 1.2 | 1.6 | 8.4 | 2.6 | 11 |",
+        "combined, all sources | | 1.1 | 1.2 | 1.6 | 8.4 | 2.6 | 11 |",
+        "expanded, all sources, k = 2 | | 2.3 | 2.3 | 3.1 | 17 | 5.3 | 22 |",
+        "expanded, of the stiffness [10⁶ N·m/rad] | | 0.088 | 0.073 | 0.077 | 0.075 | 0.013 | 0.020 |",
+        "Greatest correlation coefficient between two joints: 0.81 (joint_1 and joint_2); all are in "
         "run.json.",
         "The interval of a joint in the results differs from y ± U: the interval contains all "
         "stiffnesses that the likelihood of the readings does not exclude, can be asymmetric, and omits the "
@@ -180,12 +180,12 @@ def test_a_joint_without_a_number_has_none_in_results_prediction_and_budget(labo
     assert_said(
         report_of(laboratory, weighed),
         "joint_1 | — | — | not observable |",
-        "joint_2 | 3.109 | 3.078 … 3.141 | use |",
+        "joint_2 | 3.110 | 3.078 … 3.143 | use |",
         "joint_6 | 0.0880 | 0.0804 … 0.0971 | use |",
         "joint_1: no number: the load never twists this joint: add loads that twist the joint.",
         "joint_1 no number: see the table joint_2",
         "5 of 6 joints passed the checks.",
-        "X | — | — | — | — | Y | — | — | — | — | Z | -0.000276",
+        "X | — | — | — | — | Y | — | — | — | — | Z | -0.0002758",
         "the load or own weight twists joint_1, which the readings of the run do not determine: the "
         "prediction is not valid",
         "source | type | joint_2 | joint_3 | joint_4 | joint_5 | joint_6 |",
@@ -196,13 +196,13 @@ def test_stated_errors_take_the_place_of_assumed_ones(laboratory, weighed):
     words = report_of(laboratory, weighed)
     assert_said(
         words,
-        "readings | B | 0.47 | 0.72 | 4.7 | 1.2 | 4.5 |",
+        "readings | B | 0.50 | 0.76 | 5.0 | 1.2 | 4.5 |",
         "force scale | B | 0.20 | 0.20 | 0.20 | 0.20 | 0.20 |",
-        "force direction | B | 0.040 | 0.022 | 0.25 | 0.064 | 0.057 |",
-        "load point | B | 0.043 | 0.067 | 0.26 | 0.25 | 1.7 |",
-        "model error (not included) | A | 0.077 | 0.035 | 6.5 | 0.26 | 0.78 |",
-        "combined, all sources | | 0.52 | 0.75 | 8.0 | 1.2 | 4.9 |",
-        "Greatest correlation coefficient between two joints: -0.58 (joint_2 and joint_3); all are in "
+        "force direction | B | 0.042 | 0.023 | 0.23 | 0.059 | 0.053 |",
+        "load point | B | 0.043 | 0.065 | 0.25 | 0.25 | 1.8 |",
+        "model error (not included) | A | 0.066 | 0.051 | 6.8 | 0.25 | 0.75 |",
+        "combined, all sources | | 0.54 | 0.79 | 8.4 | 1.3 | 4.9 |",
+        "Greatest correlation coefficient between two joints: -0.59 (joint_2 and joint_3); all are in "
         "run.json.",
         "σ = 20 µm of a coordinate of a reading. Force: relative 0.002, direction 1 mrad. Load point: 1 mm "
         "a coordinate.",
@@ -223,16 +223,16 @@ def test_the_tables_of_a_run_have_its_lines_and_its_evidence(laboratory, weighed
     assert table["legend"] == f"{table['title']}; {table['caption']}"
     assert table["head"] == ["joint", "stiffness", "95 % interval", "verdict"]
     assert table["rows"][0] == ["joint_1", "—", "—", "not observable"]
-    assert table["rows"][1] == ["joint_2", "3.109", "3.078 … 3.141", "well determined"]
+    assert table["rows"][1] == ["joint_2", "3.110", "3.078 … 3.143", "well determined"]
     assert table["texts"] == [0, 3]
     assert answer["lines"] == [
         "joint_1: the load never twists this joint: add loads that twist the joint",
-        "explains 98.8 % of the mean deflection, residual 44.1 µm rms (3-D), sigma of a reading 20 µm "
+        "explains 98.8 % of the mean deflection, residual 44.2 µm rms (3-D), sigma of a reading 20 µm "
         "(given)",
     ]
     assert answer["evidence"][:3] == [
         "χ²/dof 0.85: consistent with sigma (1 if model and sigma are right; 103 degrees of freedom)",
-        "uncertainty from readings (type B): ± 0.93 to 9.2 % of a compliance",
+        "uncertainty from readings (type B): ± 0.97 to 9.7 % of a compliance",
         "uncertainty from scale of the force (type B): ± 0.39 % of a compliance",
     ]
 
@@ -270,15 +270,15 @@ def test_a_certificate_states_place_days_and_languages_of_the_laboratory(laborat
             },
             {},
             [
-                "joint_1 | 3.769 | 3.680 … 3.862 | use |",
-                "X | 0.000903 (0.000882 … 0.000924) | 0.0001380 (0.0001333 … 0.0001427) |",
-                "combined, all sources | | 1.2 | 1.2 | 1.6 | 5.6 | 2.6 | 8.4 |",
+                "joint_1 | 3.767 | 3.675 … 3.864 | use |",
+                "X | 0.000903 (0.000881 … 0.000925) | 0.0001379 (0.0001328 … 0.0001429) |",
+                "combined, all sources | | 1.3 | 1.2 | 1.6 | 6.2 | 2.7 | 9.1 |",
                 "Deviation: negative compliances were allowed.",
                 "complete pose, covariance weights, without constraints",
                 "Resampling: size 8 Resampling: repetitions 200 Resampling: seed 4 Resampling: replacement "
                 "no",
                 "Mean deflection, before: as measured 2.457 mm",
-                "computed 0.04337 mm",
+                "computed 0.04338 mm",
             ],
         ),
         (
@@ -290,7 +290,7 @@ def test_a_certificate_states_place_days_and_languages_of_the_laboratory(laborat
             },
             {"encoders": "secondary"},
             [
-                "joint_1 | 3.803 | 3.712 … 3.898 | use |",
+                "joint_1 | 3.804 | 3.712 … 3.900 | use |",
                 "joint_6 | 0.099 | 0.071 … 0.159 | use |",
                 "Deviation: loss huber: large residuals have less weight.",
                 "Deviation: prior knowledge of joint_1 was used.",

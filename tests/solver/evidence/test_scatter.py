@@ -4,18 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 from support.springs import SIGMA, SpringCampaign, robot_of
 
 from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import TARGETS, default_arm, deflections
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.evidence.joints import JointsAlone
-from jointstiff.solver.evidence.scatter import Repeatability, compute_target_motion
+from jointstiff.solver.evidence.scatter import (
+    ASSUMED_REPEATABILITY,
+    ASSUMED_STATION_ERROR,
+    Repeatability,
+    RestrictedLikelihood,
+    compute_target_motion,
+)
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import get_whole_block
 from jointstiff.solver.mechanics.measurements import Scatter
+from jointstiff.solver.mechanics.springs import JOINTS
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)
@@ -47,8 +55,48 @@ def test_the_repeatability_of_the_joints_is_found(planted, sigma):
 @pytest.mark.parametrize("sigma", [SIGMA, None])
 def test_joints_that_repeat_show_no_scatter(sigma):
     for seed in range(6):
-        measurements = scattered(0.0, seed=seed, sigma=sigma)
-        assert JointsAlone(Rows(ROBOT, measurements), SETTINGS).measurements is measurements
+        joints = JointsAlone(Rows(ROBOT, scattered(0.0, seed=seed, sigma=sigma)), SETTINGS)
+        assert not joints.shows_scatter
+        assert Repeatability.from_rows(joints.rows, joints.estimate.sigma) is None
+
+
+def test_a_scatter_that_is_only_assumed_never_excuses_or_doubts_a_stated_sigma():
+    """The residuals are tested under the stated noise alone, whatever errors the intervals allow for."""
+    for factor in (1.0, 1.6, 1.0 / 1.6):
+        measurements = scattered(0.0, sigma=factor * SIGMA)
+        joints = JointsAlone(Rows(ROBOT, measurements), SETTINGS)
+        assert not joints.shows_scatter
+        alone = identify(Rows(ROBOT, measurements), SETTINGS)
+        assert joints.estimate.sigma_test == alone.sigma_test
+
+
+def test_a_repeatability_that_is_not_significant_widens_the_intervals():
+    measurements = scattered(0.0, count=6)
+    joints = JointsAlone(Rows(ROBOT, measurements), SETTINGS)
+    assert not joints.shows_scatter
+    exact = identify(Rows(ROBOT, measurements), SETTINGS)
+    ratio = np.sqrt(np.diag(joints.estimate.covariance) / np.diag(exact.covariance))
+    assert (ratio > 1.0).all()
+    assert np.median(ratio) < 1.3
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, None])
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_readings_correct_a_stated_repeatability(factor, sigma):
+    """Twenty-four postures know the repeatability better than a figure that is wrong by a factor of two."""
+    found = []
+    for seed in range(4):
+        measurements = replace(scattered(3e-5, seed=seed, sigma=sigma), repeatability=factor * 3e-5)
+        if sigma:
+            measurements = replace(measurements, scatter=Scatter(factor * 3e-5 / sigma))
+        joints = JointsAlone(Rows(ROBOT, measurements), SETTINGS)
+        found.append(joints.measurements.scatter.joints * joints.estimate.sigma)
+    assert np.mean(found) == pytest.approx(3e-5, rel=0.2)
+
+
+def test_a_repeatability_that_is_stated_as_zero_is_exact():
+    joints = JointsAlone(Rows(ROBOT, replace(scattered(0.0), repeatability=0.0)), SETTINGS)
+    assert joints.measurements.scatter.joints == 0.0
 
 
 def test_the_error_of_a_station_is_not_taken_for_that_of_three_targets():
@@ -83,6 +131,67 @@ def test_a_fit_with_scatter_is_generalised_least_squares():
     expected = np.linalg.solve(N, (A.mT @ np.linalg.solve(V, d[..., None])).sum(axis=0))[:, 0]
     np.testing.assert_allclose(found.compliance, expected, rtol=1e-9)
     np.testing.assert_allclose(found.covariance, SIGMA**2 * np.linalg.inv(N), rtol=1e-8)
+
+
+def test_the_posterior_is_the_restricted_likelihood_of_whole_covariances_times_the_priors():
+    """Independent of eigenvectors: each node by the inverse and the determinant of the whole covariance."""
+    measurements = scattered(2e-5, count=8)
+    rows = Rows(ROBOT, measurements)
+    compliance = identify(rows, SETTINGS).compliance
+    likelihood = RestrictedLikelihood.from_rows(rows, [JOINTS], compliance, np.ones(ROBOT.n, dtype=bool))
+    posterior = likelihood.compute_posterior(likelihood.find_significant()[0])
+    block = get_whole_block(ROBOT, measurements)
+    A, J = (each.reshape(len(measurements), -1, ROBOT.n) for each in (block.A, block.jacobian))
+    d = measurements.deflection.reshape(len(measurements), -1, 1)
+    ones = np.tile(np.eye(3), (len(POINTS), 1))
+    expected = np.empty((len(posterior.turns), len(posterior.station)))
+    for s, turn in enumerate(posterior.turns):
+        for u, shift in enumerate(posterior.station):
+            V = SIGMA**2 * (2.0 * np.eye(d.shape[1]) + turn**2 * J @ J.mT + shift**2 * ones @ ones.T)
+            N = (A.mT @ np.linalg.solve(V, A)).sum(axis=0)
+            fit = np.linalg.solve(N, (A.mT @ np.linalg.solve(V, d)).sum(axis=0))
+            r = d - A @ fit
+            squares = (r.mT @ np.linalg.solve(V, r)).sum()
+            log_likelihood = -0.5 * (np.linalg.slogdet(V)[1].sum() + squares + np.linalg.slogdet(N)[1])
+            sizes = np.array([turn * SIGMA / ASSUMED_REPEATABILITY, shift * SIGMA / ASSUMED_STATION_ERROR])
+            expected[s, u] = log_likelihood + stats.t(4).logpdf(sizes).sum()
+    found = posterior.density.reshape(expected.shape)
+    np.testing.assert_allclose(found, np.exp(expected - expected.max()), rtol=1e-6, atol=1e-9)
+
+
+def test_a_further_posture_without_shared_errors_has_its_expected_likelihood():
+    """By the inverse of the whole covariance: ``−½ (log|V| + tr V⁻¹)``, in units of the noise, on average."""
+    measurements = scattered(0.0, count=8)
+    rows = Rows(ROBOT, measurements)
+    compliance = identify(rows, SETTINGS).compliance
+    likelihood = RestrictedLikelihood.from_rows(rows, [JOINTS], compliance, np.ones(ROBOT.n, dtype=bool))
+    posterior = likelihood.compute_posterior(likelihood.find_significant()[0])
+    J = get_whole_block(ROBOT, measurements).jacobian.reshape(len(measurements), -1, ROBOT.n)
+    ones, noise = np.tile(np.eye(3), (len(POINTS), 1)), np.eye(J.shape[1])
+    expected = np.empty((len(posterior.turns), len(posterior.station)))
+    for s, turn in enumerate(posterior.turns):
+        for u, shift in enumerate(posterior.station):
+            V = noise + 0.5 * (turn**2 * J @ J.mT + shift**2 * ones @ ones.T)
+            traces = np.trace(np.linalg.inv(V), axis1=1, axis2=2)
+            expected[s, u] = -0.5 * (np.linalg.slogdet(V)[1] + traces).mean()
+    found = posterior.motions.expect_without_shared_errors(posterior.turns, posterior.station)
+    found = found.reshape(expected.shape)
+    np.testing.assert_allclose(found - found[0, 0], expected - expected[0, 0], rtol=1e-3, atol=1e-3)
+
+
+def test_the_scatter_of_more_readings_is_foreseen():
+    """The prior leaves less and less where readings show nothing."""
+    foreseen, found = [], []
+    for seed in range(8):
+        whole = scattered(0.0, seed=seed)
+        few = JointsAlone(Rows(ROBOT, whole[:6]), SETTINGS).identified
+        now = few.posterior.expect(0).scatter
+        assert now.joints == pytest.approx(few.rows.measurements.scatter.joints, rel=0.1)
+        later = few.posterior.expect(18).scatter
+        assert later.joints < now.joints
+        foreseen.append(later.joints)
+        found.append(JointsAlone(Rows(ROBOT, whole), SETTINGS).rows.measurements.scatter.joints)
+    assert np.mean(foreseen) == pytest.approx(np.mean(found), rel=0.3)
 
 
 def test_complete_and_partial_pose_agree_with_scatter():
@@ -165,7 +274,7 @@ def test_noise_of_one_target_that_is_stated_too_small_is_no_scatter():
         one = replace(measurements, present=np.arange(3) == np.zeros((30, 1)))
         one = replace(one, deflection=np.where(one.present[..., None], one.deflection, 0.0))
         joints = JointsAlone(Rows(ROBOT, one), SETTINGS)
-        assert not joints.measurements.scatter
+        assert not joints.shows_scatter
         assert joints.estimate.sigma_test.result == "residuals_too_large"
 
 

@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../../api/calls";
 import type { GearboxRequest, GearboxResult, RobotDocument } from "../../api/types";
-import { ActionButton, Facts, Name, ProblemNote, Title } from "../../components/basics";
+import { ActionButton, Facts, Head, LinkButton, lazy, Name, ProblemNote } from "../../components/basics";
 import { RobotSelect } from "../../components/choosers";
 import { Estimate } from "../../components/estimate";
 import { JobLines, JobPage, JobTables, VerdictCard } from "../../components/job_page";
@@ -18,6 +18,8 @@ import { Refused } from "../readings/flow";
 import { RobotTabs } from "../robots/view";
 import { JobList } from "../runs/view";
 import { gearboxWords as words } from "./words";
+
+const StepReading = lazy(async () => (await import("./reading")).StepReading);
 
 export function GearboxView({ id }: { id: string }) {
   return (
@@ -133,7 +135,13 @@ const isTable = (file: File) => !file.name.toLowerCase().endsWith(".json");
 
 type Opened = { name: string; step: Step | null };
 
-export function GearboxesView() {
+/** Where gearboxes begin: by the weight step of a plan, or by a file. */
+export function GearboxesView({ query }: { query: URLSearchParams }) {
+  const plan = query.get("plan");
+  return plan === null ? <FromFile /> : <StepReading key={plan} plan={plan} />;
+}
+
+function FromFile() {
   const [opened, setOpened] = useState<Opened | null>(null);
   const take = useAction(async (file: File) => {
     const step = isTable(file) ? await stepOfTable(file) : stepOf(await file.text());
@@ -141,7 +149,10 @@ export function GearboxesView() {
   });
   return (
     <>
-      <Title plain={words.title}>{words.title}</Title>
+      <Head
+        plain={words.title}
+        first={<LinkButton href={link(["plans"], { step: "1" })}>{words.planStep}</LinkButton>}
+      />
       <RobotTabs current="gearboxes" />
       <p>{words.intro}</p>
       <div class="flow">

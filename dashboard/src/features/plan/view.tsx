@@ -16,7 +16,7 @@ import { text } from "../../words";
 import { alongText } from "../run/joint_table";
 import { RequestFields as Form } from "../../components/fields";
 import { SchemaFields, type Terms, useDescribed } from "../../components/schema_form";
-import { freshKey, type Fields, unreadIn } from "../../lib/json";
+import { freshKey, type Fields, isFields, unreadIn } from "../../lib/json";
 import { asking, useAction, link } from "../../state/action";
 import { useDraft } from "../../state/session";
 import { JobList } from "../runs/view";
@@ -26,6 +26,7 @@ import { JobLines, JobPage, JobTables } from "../../components/job_page";
 import { posturesOf } from "../../state/run_context";
 import { Rehearsal } from "../run/rehearsal";
 import { measureWords } from "../measure/words";
+import { gearboxWords } from "../gearbox/words";
 import { planWords } from "./words";
 import { nextWords } from "../run/words";
 
@@ -120,23 +121,27 @@ const WIDTH = { constant: 2e-5, per_distance: 0 };
 export const EQUIPMENT: Terms = {
   labels: words.labels,
   seeds: { tracker: { range: WIDTH, transverse: WIDTH } },
-  units: { "tracker.station": [text.units.mm, 1e-3] },
+  units: { "tracker.station": [text.units.mm, 1e-3], "weight_step.noise": ["µrad", 1e-6] },
   hidden: [
     ...["inside", "obstacles", "link_radius", "facing", "acceptance"].map((name) => `surroundings.${name}`),
     ...["gravity", "balancers"].map((name) => `load.${name}`),
   ],
 };
 
+/** The same of a weight step. */
+const OF_STEP_TERMS: Terms = { ...EQUIPMENT, labels: { ...words.labels, ...words.labelsOfStep } };
+
 export function PlansView({ query }: { query: URLSearchParams }) {
   const robots = useQuery(queries.robots(ROBOTS));
   const given = query.get("set") ? `set:${query.get("set")}` : query.get("robot") ? `robot:${query.get("robot")}` : "";
+  const isStep = query.has("step");
   return (
     <>
       <Title plain={words.begin}>{words.begin}</Title>
       <Show of={robots} instead={({ items }) => items.length === 0 && <NoRobots />}>
         {() => (
           <>
-            <Begin given={given} after={query.get("run")} />
+            <Begin key={String(isStep)} {...{ given, isStep }} after={query.get("run")} />
             <JobList collection="plans" />
           </>
         )}
@@ -166,13 +171,26 @@ export function useEquipped(robot: string) {
   return robot === "" || problem ? null : data;
 }
 
-/** `after`: the run of the campaign so far, whose causes and omitted readings hold on. */
-function Begin({ given, after }: { given: string; after: string | null }) {
+/** Fields of a plan of a weight step: all others concern targets. */
+const OF_STEP = ["readings", "weight_step", "load_point", "joints"];
+/** Postures that are good practice for a weight step. */
+const STEP = { weight_step: {}, readings: 12 };
+
+/**
+ * `after`: the run of the campaign so far, whose causes and omitted readings hold on. `isStep`: whether the form begins
+ * with a weight step.
+ */
+function Begin({ given, isStep, after }: { given: string; isStep: boolean; after: string | null }) {
   const [subject, setSubject] = useState(given);
-  const [asked, change] = useDraft<Fields>(`plan/${given}`, given.startsWith("set:") ? {} : START);
+  const [asked, change] = useDraft<Fields>(
+    isStep ? `plan/step/${given}` : `plan/${given}`,
+    given.startsWith("set:") ? {} : isStep ? { ...START, ...STEP } : START,
+  );
   const [kind, id = ""] = subject.split(":", 2);
   const unread = unreadIn(asked);
-  const ready = kind === "set" || Boolean(asked["load"] && asked["targets"]);
+  const step = kind !== "set" && isFields(asked["weight_step"]) ? asked["weight_step"] : null;
+  const states = step ? step["mass"] && asked["load_point"] : asked["load"] && asked["targets"];
+  const ready = kind === "set" || Boolean(states);
   const ofRun = useQuery({ ...queries.run(after ?? ""), enabled: after !== null });
   const { data: run } = ofRun;
   const so = run?.request.measurement_set_id === id ? run?.request : null;
@@ -180,7 +198,9 @@ function Begin({ given, after }: { given: string; after: string | null }) {
   const start = useAction(async () => {
     const whose = kind === "set" ? { measurement_set_id: id } : { robot_id: id };
     const held = so ? { causes, leave_out: left } : {};
-    const stated = Object.fromEntries(Object.entries(asked).filter(([, value]) => value !== null));
+    const concerns = ([name, value]: [string, unknown]) =>
+      value !== null && (step ? OF_STEP.includes(name) : name !== "weight_step");
+    const stated = Object.fromEntries(Object.entries(asked).filter(concerns));
     const plan = await asking((accepted) =>
       api.plans.add({ ...whose, ...held, ...stated, ...accepted }, freshKey("plan")),
     );
@@ -200,7 +220,8 @@ function Begin({ given, after }: { given: string; after: string | null }) {
   const ofRobot = useQuery({ ...queries.robot(robot), enabled: robot !== "" });
   const joints = ofRobot.data?.joints.map(({ name }) => name) ?? [];
   const [robots, sets] = [useRobotChoices(kind === "robot" ? id : ""), useSetChoices(kind === "set" ? id : "")];
-  const form = { of: "PlanRequest", value: asked, change, terms: { ...EQUIPMENT, joints } };
+  const terms = step ? OF_STEP_TERMS : EQUIPMENT;
+  const form = { of: "PlanRequest", value: asked, change, terms: { ...terms, joints } };
   const equipment = campaign === undefined ? <Busy /> : <Equipment {...form} />;
   const isDescribed = useDescribed();
   const isRobotKnown = id === "" || isKnown(ofRobot) || ofSet.problem !== null;
@@ -233,6 +254,7 @@ function Begin({ given, after }: { given: string; after: string | null }) {
           ...sets.options.map(({ value, label }) => ({ value: `set:${value}`, label: `${label} (${words.setGroup})` })),
         ]}
       />
+      {kind !== "set" && <SchemaFields {...form} show={["weight_step"]} />}
       <SchemaFields {...form} show={["readings"]} />
       {kind === "set" ? (
         <>
@@ -243,11 +265,13 @@ function Begin({ given, after }: { given: string; after: string | null }) {
             <div class="card form">{equipment}</div>
           </details>
         </>
+      ) : step ? (
+        <SchemaFields {...form} show={["load_point"]} />
       ) : (
         equipment
       )}
       {joints.length > 0 && <SchemaFields {...form} show={["joints"]} />}
-      {id && !ready && <p class="soft">{words.notReady}</p>}
+      {id && !ready && <p class="soft">{step ? words.stepNotReady : words.notReady}</p>}
       <ActionButton look="primary big" action={start} disabled={!id || unread !== null || !ready} going={words.going}>
         {words.go}
       </ActionButton>
@@ -285,21 +309,28 @@ export function PlanView({ id }: { id: string }) {
         list: "#/plans",
         run,
         about: <NameLink to={base ? ["sets", base.id] : ["robots", robot.id]}>{subject}</NameLink>,
-        first: job.result && !job.request.weight_step && (
-          <>
-            <LinkButton look="primary" href={link(["measure"], { plan: id })}>
-              {measureWords.title}
+        first:
+          job.result && job.request.weight_step ? (
+            <LinkButton look="primary" href={link(["gearboxes"], { plan: id })}>
+              {gearboxWords.reading.begin}
             </LinkButton>
-            <Button
-              onClick={() => {
-                const campaign = toFillIn(job, robot, base);
-                saveJson(campaign, fileName(`${subject} planned`, "json"));
-              }}
-            >
-              {words.fillIn}
-            </Button>
-          </>
-        ),
+          ) : (
+            job.result && (
+              <>
+                <LinkButton look="primary" href={link(["measure"], { plan: id })}>
+                  {measureWords.title}
+                </LinkButton>
+                <Button
+                  onClick={() => {
+                    const campaign = toFillIn(job, robot, base);
+                    saveJson(campaign, fileName(`${subject} planned`, "json"));
+                  }}
+                >
+                  {words.fillIn}
+                </Button>
+              </>
+            )
+          ),
         actions: job.result && <Download href={api.jobs.file(id, "readings.csv")}>{words.csv}</Download>,
       })}
     >

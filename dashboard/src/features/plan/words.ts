@@ -25,6 +25,16 @@ export const planWords = {
     "surroundings.floor": "Least height above the floor",
     work_area: "Work area: two opposite corners in R0, one per line",
     joints: "Joints to be determined",
+    weight_step: "Weight step: read two encoders of each joint, without a tracker",
+    "weight_step.mass": "Mass of the load",
+    "weight_step.mass_uncertainty": "Standard uncertainty of the mass",
+    "weight_step.point_uncertainty": "Standard uncertainty of each coordinate of the load point",
+    "weight_step.noise": "Standard deviation of the change of a twist in one posture",
+  },
+  labelsOfStep: {
+    readings: "Number of postures",
+    load_point: "Centre of mass of the load: x, y, z, flange frame",
+    joints: "Joints with two encoders",
   },
   asInRun: (leftOut: string[], causes: { name: string }[]) =>
     `As in the run so far: ${[
@@ -33,6 +43,7 @@ export const planWords = {
     ].join(", ")}.`,
   fromCampaign: "Empty fields are taken from the campaign.",
   more: "Targets, tracker and load, if they change",
+  stepNotReady: "State the mass and the centre of mass of the load",
   notReady: "State the force and at least one target",
   go: "Plan",
   going: "Planning…",
