@@ -54,6 +54,7 @@ ActionKind = Literal[
     "exchange_columns",
     "apply_joint_map",
     "exchange_load_and_target",
+    "omit_load_point",
     "fit_causes",
     "convert_units",
     "exchange_readings",
@@ -94,7 +95,8 @@ class AdvisedAction(Message):
         description="`fit_causes`: identify with `causes` as further unknowns, without `observations`. "
         "`convert_units`: keep the numbers, and declare `unit`. `exchange_readings`: swap unloaded and "
         "loaded readings. `choose_model`: let the readings choose elasticity and loss. `choose_robot`: "
-        "identify with `robot`. `state_payload`: keep `payload` with the robot."
+        "identify with `robot`. `state_payload`: keep `payload` with the robot. `omit_load_point`: keep "
+        "the reading of the load point only."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
@@ -174,6 +176,7 @@ FindingCode = Literal[
     "length_unit_suspect",
     "force_unit_suspect",
     "force_sign_suspect",
+    "load_point_refuted",
     "drift_in_time",
     "repeated_readings",
     "residual_outlier",

@@ -113,6 +113,10 @@ class ImportOptions(Message):
         default=False,
         description="Skip and list incomplete readings instead of refusing the file.",
     )
+    load_point_target: Name | None = Field(
+        default=None,
+        description="Target at the hook, read without load, that gives the load point.",
+    )
     mean_of_repeats: StrictBool = Field(
         default=False, description="Use the mean of repeated readings of a point."
     )

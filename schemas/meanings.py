@@ -44,6 +44,7 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "targets_not_rigid": "A distance between two targets differs from its median. *Do not use.*",
             "duplicated_observation": "Two rows are equal to the last digit. *Do not use.*",
             "force_sign_suspect": "The work of the load on the joints is negative. *Do not use.*",
+            "load_point_refuted": "The reading of the hook refutes the stated load point. *Do not use.*",
             "deflection_against_force": "One observation fits if its load is reversed; or, in all "
             "observations, unloaded and loaded readings of some targets are exchanged. *Do not use.*",
             "sigma_suspect": "The stated noise is above 1 mm: *do not use*. Distances between targets "

@@ -135,6 +135,10 @@ LoadPointGround = Literal["tracker", "drawing", "hand"]
 """How the load point became known, from the most exact to the least."""
 
 
+BetweenReadings = Literal["still", "payload_declared", "gravity_compensated"]
+"""What happened between the readings of a posture without and under load."""
+
+
 class Grounds(Message):
     """Grounds of a campaign's statements; each ground has a least uncertainty in the fit.
 
@@ -147,6 +151,12 @@ class Grounds(Message):
         "the fit: measured by `tracker` at the hook 1 mm, from a `drawing` 3 mm, by `hand` 10 mm. Absent: "
         "10 mm.",
         examples=["tracker"],
+    )
+    between: BetweenReadings | None = Field(
+        default=None,
+        description="Between the two readings of a posture the arm stood `still`, as is assumed if absent; "
+        "or the controller knew of the load, by its payload or a gravity compensation: such readings are "
+        "refused.",
     )
 
 
@@ -546,6 +556,12 @@ class MeasurementSetHeader(SetMetadata):
     load_point: Vector3 | None = Field(
         default=None,
         description="Load point in the flange frame, in units.length; an observation may have its own.",
+    )
+    load_point_target: Name | None = Field(
+        default=None,
+        description="Target at the hook: its unloaded reading in any observation gives the load point. A "
+        "stated load point is tested against it.",
+        examples=["hook"],
     )
     joint_kinds: Annotated[list[JointKind], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,

@@ -41,6 +41,7 @@ class _Row:
     least: float  # least distance of the load from its stated point [m]
     greatest: float  # greatest distance [m]
     ground: str | None = None  # how the load point is known
+    is_read: bool = False  # whether a target at the hook was read once without load, too
 
     def draw_error(self, generator: np.random.Generator) -> FloatArray:
         """Return an error (3,) of the load point in a random direction [m]."""
@@ -55,6 +56,11 @@ _WRONG = (
     _Row("stated to 0.1 mm, no ground, 8 to 30 mm off", 1e-4, 8e-3, 3e-2),
     _Row("stated to 1 mm, no ground, 8 to 30 mm off", 1e-3, 8e-3, 3e-2),
 )
+_READ = (
+    _Row("hook read, stated to 0.1 mm, 8 to 30 mm off", 1e-4, 8e-3, 3e-2, is_read=True),
+    _Row("hook read, stated to 1 mm, 8 to 30 mm off", 1e-3, 8e-3, 3e-2, is_read=True),
+)
+_CLEAN_READ = (_Row("clean, hook read, stated to 1 mm", 1e-3, 0.0, 0.0, is_read=True),)
 _CLEAN = (
     _Row("clean, stated to 0.1 mm, no ground", 1e-4, 0.0, 0.0),
     _Row("clean, stated to 1 mm, by tracker", 1e-3, 0.0, 0.0, "tracker"),

@@ -60,6 +60,10 @@ The default is None where a wrong guess could change numbers: then the person mu
 
 _GROUND_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
     "load_point": ("How the load point is known", ("tracker", "drawing", "hand")),
+    "between": (
+        "What the controller did between the readings without and under load",
+        ("still", "payload_declared", "gravity_compensated"),
+    ),
 }
 """Field of `Grounds` → (question, possible answers); a person who does not know presses Enter."""
 _NOT_KNOWN: Final = "unknown"
@@ -175,7 +179,7 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
             typer.Option(
                 metavar="KEY=VALUE",
                 help="How a statement is known: load_point=tracker (1 mm at least), drawing (3 mm) or hand "
-                "(10 mm). Repeatable.",
+                "(10 mm); between=still, payload_declared or gravity_compensated. Repeatable.",
             ),
         ],
         None,
@@ -296,9 +300,22 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
 def _complete_grounds(
     document: MeasurementSetDocument, grounds: Options, *, may_ask: bool
 ) -> MeasurementSetDocument:
-    """Return a measurement set with its grounds: those of options, then those that a person states."""
-    stated = _state_grounds(document, grounds)
-    return _state_grounds(stated, _ask_for_grounds(stated)) if may_ask else stated
+    """Return a measurement set with its grounds: those of options, then those that a person states.
+
+    Raises:
+        typer.BadParameter: the controller knew of the load, so the readings cannot be used.
+    """
+    from jointstiff.service.conversion.readings import refuse_informed_controller
+    from jointstiff.solver.errors import MeasurementError
+
+    complete_set = _state_grounds(document, grounds)
+    if may_ask:
+        complete_set = _state_grounds(complete_set, _ask_for_grounds(complete_set))
+    try:
+        refuse_informed_controller(complete_set.noise)
+    except MeasurementError as error:
+        raise typer.BadParameter(f"{error.reason}; {error.remedy}", param_hint="--ground") from error
+    return complete_set
 
 
 def _ask_for_grounds(document: MeasurementSetDocument) -> dict[str, Any]:
@@ -310,7 +327,8 @@ def _ask_for_grounds(document: MeasurementSetDocument) -> dict[str, Any]:
     grounds = None if document.noise is None else document.noise.grounds
     answers = dict[str, Any]()
     for field, (question, choices) in _GROUND_QUESTIONS.items():
-        is_answered = getattr(grounds, field, None) is not None
+        is_read = field == "load_point" and document.load_point_target is not None
+        is_answered = is_read or getattr(grounds, field, None) is not None
         if not is_loaded or is_answered:
             continue
         answer = _prompt_choice(question, (*choices, _NOT_KNOWN), _NOT_KNOWN)
@@ -724,6 +742,8 @@ def ask_for_missing(answer: ImportAnswer, asked_before: set[str]) -> Options:
                     typer.echo(_HOW_TO_ANSWER, err=True)
                 asked_before.add(name)
                 value = question()
+                if name == "load_point" and isinstance(value, str):
+                    name = "load_point_target"
                 field, _, subfield = name.partition(".")  # such as `units.length`: a key of the field `units`
                 if subfield:
                     new_options.setdefault(field, {})[subfield] = value
@@ -747,10 +767,8 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
     """Yield the questions about a missing option, as (name of a field, function that asks for its value)."""
     if option in _QUESTIONS:
         yield option, _QUESTIONS[option]
-    elif option == "flange_targets":
-        for target in answer.targets:
-            text = f"{target} in the flange frame, X,Y,Z in mm"
-            yield f"flange_targets.{target}", partial(_ask_vector, text, None)
+    elif option in {"load_point", "flange_targets"}:
+        yield from _find_place_questions(option, answer)
     elif option == "state_words":
         yield from _find_state_questions(
             next(fault.words for fault in answer.faults if fault.option == option)
@@ -763,6 +781,16 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
         for header in dict.fromkeys(column.header for column in columns if column.meaning == "unknown"):
             text = f"Meaning of column {header!r}, such as J1 [deg]"
             yield f"columns.{header}", partial(typer.prompt, text, default="ignore", err=True)
+
+
+def _find_place_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Yield questions about places on the flange, as (name of a field, function that asks for its value)."""
+    if option == "load_point":
+        yield option, partial(_ask_load_point, answer.targets)
+        return
+    for target in answer.targets:
+        text = f"{target} in the flange frame, X,Y,Z in mm"
+        yield f"flange_targets.{target}", partial(_ask_vector, text, None)
 
 
 def _prompt_choice(text: str, choices: tuple[str, ...], default: str | None) -> str:
@@ -804,12 +832,24 @@ def _ask_vector(text: str, default: str | None) -> tuple[float, ...]:
     return answer
 
 
+def _ask_load_point(targets: Sequence[str]) -> tuple[float, ...] | str:
+    """Ask a person for the load point [mm], or which of the targets shows it; return the answer."""
+
+    def parse_answer(text: str) -> tuple[float, ...] | str:
+        """Return the name of a target as it is, and any other text as three numbers."""
+        return text if text in targets else cli.parse_vector(text)
+
+    answer: tuple[float, ...] | str = typer.prompt(
+        "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0), or the target at the hook",
+        value_proc=parse_answer,
+        err=True,
+    )
+    return answer
+
+
 _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
     # field of the request → function that asks for its value
     **{option: partial(_prompt_choice, *question) for option, question in _CHOICE_QUESTIONS.items()},
-    "load_point": partial(
-        _ask_vector, "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0)", None
-    ),
     "force": partial(_ask_vector, "Force on the robot in R0, X,Y,Z", None),
     "by_order": partial(typer.confirm, "Number the rows of files without names?", default=False, err=True),
     "allow_missing": partial(typer.confirm, "Skip incomplete readings?", default=False, err=True),

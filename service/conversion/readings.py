@@ -28,6 +28,7 @@ from jointstiff.service.conversion.robots import joint_factors, list_joint_names
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.mechanics.hook import HookReading, locate_hook
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
@@ -44,6 +45,7 @@ from jointstiff.solver.mechanics.measurements import (
 )
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.text import length_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,11 @@ class ArrayGroup:
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return name → array; the names are those under which the arrays are stored."""
         return {f"{self.prefix}{field.name}": getattr(self, field.name) for field in fields(self)}
+
+    def select(self, rows: IndexArray, targets: IndexArray) -> Self:
+        """Return the arrays of the selected observations and targets, in the given order."""
+        selected = {name: array[rows][:, targets] for name, array in vars(self).items()}
+        return replace(self, **selected)
 
     @classmethod
     def from_archive(cls, archive: Mapping[str, npt.NDArray[np.generic]]) -> Self | None:
@@ -135,6 +142,13 @@ class EncoderArrays(ArrayGroup):
     present: BoolArray  # (N, E) which encoders were read
     unloaded: FloatArray  # (N, E) angles before the load; zero where not read
     loaded: FloatArray  # (N, E) angles under load; zero where not read
+
+    def select(self, rows: IndexArray, targets: IndexArray) -> Self:
+        """Return the angles of the selected observations; encoders have no targets."""
+        del targets
+        return replace(
+            self, present=self.present[rows], unloaded=self.unloaded[rows], loaded=self.loaded[rows]
+        )
 
     @classmethod
     def from_observations(cls, observations: list[Observation]) -> EncoderArrays | None:
@@ -485,6 +499,8 @@ _OPTIONAL_GROUPS: dict[str, type[ArrayGroup]] = {
     "directions": Directions,
     "after": PositionsAfter,
 }
+LARGEST_HOOK_SCATTER = 3.0 * LEAST_OF_GROUND["tracker"]
+"""Largest distance [m] of a reading of the hook from the median of all: three standard uncertainties."""
 _UNREAD = (np.nan, np.nan, np.nan)
 
 
@@ -568,6 +584,18 @@ class ReadingArrays:
         """Mask (N, T) of the targets that were read without a load only."""
         return np.isnan(self.loaded[..., 0])
 
+    def select(self, rows: IndexArray, targets: IndexArray) -> ReadingArrays:
+        """Return the readings of the selected observations and targets, in the given order."""
+        selected: dict[str, Any] = {"targets": self.targets[targets]}
+        for name in ("labels", "joints", "force", "moment", "moment_given", "load_point", "load_point_given"):
+            selected[name] = getattr(self, name)[rows]
+        for name in ("present", "as_deflection", "unloaded", "loaded"):
+            selected[name] = getattr(self, name)[rows][:, targets]
+        for name in _OPTIONAL_GROUPS:
+            group = getattr(self, name)
+            selected[name] = None if group is None else group.select(rows, targets)
+        return replace(self, **selected)
+
     def observations(self) -> list[Observation]:
         """Return the observations as they were posted, with readings in the order of `targets`."""
         # The numbers were validated when they were posted; validating 10,000 again takes as long as a run.
@@ -642,10 +670,16 @@ def compute_content_hash(
     # Sets were hashed before these fields existed: where nothing is stated, the hash has to stay what it was.
     newer_fields = {"refuted", "grounds"}
     unstated_fields = {name for name in newer_fields if not getattr(header.noise, name, None)}
+    excluded: dict[str, Any] = dict.fromkeys(unstated_fields, True)
+    grounds = None if header.noise is None else header.noise.grounds
+    if grounds is not None and grounds.between is None:
+        excluded["grounds"] = {"between"}
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
-        exclude={"noise": unstated_fields},
+        exclude={"noise": excluded},
     )
+    if header.load_point_target is not None:
+        text += f"load_point_target {header.load_point_target}"
     if header.frame is not None and resolved is not None:
         text += f"{header.frame.forces} {resolved.model_dump_json()}"
     return hashlib.sha256(text.encode() + readings.digest()).hexdigest()
@@ -755,7 +789,14 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         MeasurementError: the set does not fit the robot, lacks a quantity or a unit, or its noise is unclear.
     """
     _refuse_other_joints(header, readings, robot)
-    length, unloaded_only = LENGTH[header.units.length], readings.unloaded_only
+    if not readings.unloaded_only.all():
+        refuse_informed_controller(header.noise)
+    length = LENGTH[header.units.length]
+    shots = None
+    if header.load_point_target is not None:
+        shots = _locate_load_point(header, header.load_point_target, readings, robot)
+        header, readings = shots.header, shots.other_readings
+    unloaded_only = readings.unloaded_only
     unloaded, returned = _average_unloaded_readings(readings, length)
     deflection = np.where(readings.as_deflection[..., None], readings.loaded, readings.loaded - unloaded)
     deflection = np.where(unloaded_only[..., None], 0.0, deflection)
@@ -789,6 +830,15 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     encoders = _to_encoder_readings(header, readings.encoders, robot)
     common_uncertainty = to_common_uncertainty(header.noise, length)
     repeatability = _get_repeatability(header, encoders)
+    hook = None
+    if shots is not None:
+        hook = shots.to_hook_reading(sigma or 0.0, repeatability or 0.0)
+        common_uncertainty = replace(
+            common_uncertainty,
+            load_point=hook.uncertainty,
+            assumed=common_uncertainty.assumed - {"load_point"},
+            doubtful_load_point=None,
+        )
     return replace(
         measurements,
         sigma=sigma,
@@ -798,9 +848,41 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         # Without sigma, the first fit tells how the scatter compares to the noise of the readings.
         scatter=Scatter(joints=repeatability / sigma if repeatability and sigma else 0.0),
         encoders=encoders,
+        hook=hook,
         closed_on_links=header.encoders == "secondary",
         common_uncertainty=common_uncertainty,
         present=readings.present & ~unloaded_only,
+    )
+
+
+_KNOWLEDGE_OF_CONTROLLER = {
+    "payload_declared": (
+        "the load was declared as a payload to the controller",
+        "with the same declared payload before and under the load",
+    ),
+    "gravity_compensated": (
+        "the controller compensated the weight of the load",
+        "with the compensation switched off",
+    ),
+}
+"""Ground → (what the controller did, how to measure instead)."""
+
+
+def refuse_informed_controller(noise: Noise | None) -> None:
+    """Refuse readings under a load of which the controller knew: it moved the joints against the deflection.
+
+    Raises:
+        MeasurementError: a ground of the noise says so.
+    """
+    between = None if noise is None or noise.grounds is None else noise.grounds.between
+    if between is None or between not in _KNOWLEDGE_OF_CONTROLLER:
+        return
+    reason, way = _KNOWLEDGE_OF_CONTROLLER[between]
+    raise MeasurementError(
+        f"{reason} between the readings without and under load: it then moves the joints against the "
+        "deflection, and stiffnesses from these readings would be wrong by a quarter, which no check shows",
+        where="noise.grounds.between",
+        remedy=f"measure again {way}, and state `between` as `still`",
     )
 
 
@@ -946,6 +1028,164 @@ def _choose_load_points(header: MeasurementSetHeader, readings: ReadingArrays) -
             remedy="give `load_point`, in the flange frame, for the set or for each observation",
         )
     return readings.load_point
+
+
+@dataclass(frozen=True, eq=False)
+class _LocatedLoadPoint:
+    """Load point from readings of a target at the hook, with the set that remains without these readings."""
+
+    target: str  # name of the target at the hook
+    place: FloatArray  # (3,) load point that the readings show, flange frame [m]
+    lever: float  # distance of the hook from the targets beside which it was placed, or from R0 [m]
+    stated: FloatArray | None  # (3,) load point that was stated, flange frame [m]; None if not stated
+    stated_uncertainty: float  # standard uncertainty of each coordinate of `stated` [m]
+    header: MeasurementSetHeader  # header of the set, with this load point
+    other_readings: ReadingArrays  # readings of the other targets
+
+    def to_hook_reading(self, sigma: float, repeatability: float) -> HookReading:
+        """Return the reading with its uncertainty, which is at least that of a tracker's reading.
+
+        Args:
+            sigma: standard uncertainty of a coordinate of a reading [m].
+            repeatability: standard deviation of a joint's angle from posture to posture [rad].
+        """
+        by_reading = float(np.hypot(sigma, repeatability * self.lever))
+        uncertainty = max(by_reading, LEAST_OF_GROUND["tracker"])
+        return HookReading(self.target, self.place, uncertainty, self.stated, self.stated_uncertainty)
+
+
+def _locate_load_point(
+    header: MeasurementSetHeader, name: str, readings: ReadingArrays, robot: Robot
+) -> _LocatedLoadPoint:
+    """Locate the load point by the readings of a target at the hook.
+
+    An observation that has only positions without load belongs to the reading of the hook: it is no
+    observation under load.
+
+    Args:
+        header: header of a set in R0.
+        name: name of the target at the hook.
+        readings: readings of the set in R0.
+        robot: robot that was measured.
+
+    Raises:
+        MeasurementError: the target was not read without load, its readings disagree, or observations state
+            different load points.
+    """
+    length = LENGTH[header.units.length]
+    is_hook = readings.targets == name
+    stated = _find_single_load_point(header, readings)
+    was_placed = readings.present & ~readings.as_deflection
+    _refuse_unread_hook(name, readings, was_placed & is_hook)
+    is_shot = (was_placed & is_hook).any(axis=1)
+    hook = length * readings.unloaded[:, int(np.argmax(is_hook))]
+    targets = length * readings.unloaded[:, ~is_hook]
+    others = was_placed[:, ~is_hook]
+    postures = Postures(
+        robot, robot.joint_map.model_angles(joint_factors(robot, header.units) * readings.joints)
+    )
+    places = locate_hook(postures, targets, others, hook, is_shot)
+    place = places.mean(axis=0)
+    _refuse_disagreeing_shots(name, readings, is_shot, places)
+    first = int(np.argmax(is_shot))
+    origin = targets[first, others[first]].mean(axis=0) if others[first].any() else np.zeros(3)
+    is_loaded = (readings.present & ~readings.unloaded_only & ~is_hook).any(axis=1)
+    if readings.encoders is not None:
+        is_loaded |= readings.encoders.present.any(axis=1)
+    is_kept = (readings.present & ~is_hook).any(axis=1)
+    if is_loaded.any():
+        is_kept &= is_loaded | ~is_shot
+    kept = readings.select(np.flatnonzero(is_kept), np.flatnonzero(~is_hook))
+    x, y, z = (place / length).tolist()
+    without_points = replace(kept, load_point_given=np.zeros_like(kept.load_point_given))
+    return _LocatedLoadPoint(
+        target=name,
+        place=place,
+        lever=float(np.linalg.norm(hook[first] - origin)),
+        stated=None if stated is None else length * stated,
+        stated_uncertainty=_find_stated_uncertainty(header.noise, length),
+        header=header.model_copy(update={"load_point": (x, y, z)}),
+        other_readings=without_points,
+    )
+
+
+def _find_stated_uncertainty(noise: Noise | None, length: float) -> float:
+    """Return the uncertainty of a coordinate of the load point [m] as stated, else by its ground."""
+    if noise is not None and noise.load_point is not None:
+        return length * noise.load_point
+    ground = None if noise is None or noise.grounds is None else noise.grounds.load_point
+    return ASSUMED_LOAD_POINT if ground is None else LEAST_OF_GROUND[ground]
+
+
+def _find_single_load_point(header: MeasurementSetHeader, readings: ReadingArrays) -> FloatArray | None:
+    """Return the load point (3,) that the set and all observations state; None if nothing states it.
+
+    Raises:
+        MeasurementError: observations state different load points, although a reading shows one.
+    """
+    points: list[FloatArray] = [readings.load_point[i] for i in np.flatnonzero(readings.load_point_given)]
+    is_default_used = not readings.load_point_given.all()
+    if header.load_point is not None and is_default_used:
+        points.insert(0, np.array(header.load_point, dtype=np.float64))
+    if not points:
+        return None
+    if any(not np.array_equal(point, points[0]) for point in points):
+        raise MeasurementError(
+            f"the observations state different load points, but the reading of target "
+            f"'{header.load_point_target}' shows one",
+            where="load_point_target",
+            remedy="omit `load_point_target`, or omit `load_point` in every observation",
+        )
+    first: FloatArray = points[0]
+    return first
+
+
+def _refuse_unread_hook(name: str, readings: ReadingArrays, was_placed: BoolArray) -> None:
+    """Refuse a set whose target at the hook has no position without load.
+
+    Args:
+        name: name of the target at the hook.
+        readings: readings of N observations of T targets.
+        was_placed: (N, T) mask of the positions of this target without load.
+    """
+    if was_placed.any():
+        return
+    is_read = name in readings.targets
+    reason = f"no observation has a reading of target '{name}'"
+    if is_read:
+        reason = f"target '{name}' was read only as a deflection, which shows no position"
+    raise MeasurementError(
+        f"{reason}, so the load point is unknown",
+        where="load_point_target",
+        remedy=f"read target '{name}' on the hook once without load (`unloaded`), in any observation; or "
+        "omit `load_point_target`, and give `load_point`",
+    )
+
+
+def _refuse_disagreeing_shots(
+    name: str, readings: ReadingArrays, is_shot: BoolArray, places: FloatArray
+) -> None:
+    """Refuse readings of a target at the hook that show different load points.
+
+    Args:
+        name: name of the target at the hook.
+        readings: readings of N observations.
+        is_shot: (N,) mask of the S observations with a reading of this target.
+        places: (S, 3) load points that these readings show, flange frame [m].
+    """
+    distances = np.linalg.norm(places - np.median(places, axis=0), axis=1)
+    farthest = int(np.argmax(distances))
+    if distances[farthest] <= LARGEST_HOOK_SCATTER:
+        return
+    row = int(np.flatnonzero(is_shot)[farthest])
+    raise MeasurementError(
+        f"the {len(places)} readings of target '{name}' disagree on the load point: observation "
+        f"'{readings.labels[row]}' shows it {length_text(float(distances[farthest]))} from the others "
+        f"({length_text(LARGEST_HOOK_SCATTER)} is plausible)",
+        where=f"observations[{row}].readings",
+        remedy="omit the wrong reading, or check the joint angles of its observation; the hook must not move "
+        "on the flange",
+    )
 
 
 def _choose_positions(header: MeasurementSetHeader, readings: ReadingArrays) -> FloatArray:

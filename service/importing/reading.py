@@ -27,7 +27,7 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
-from jointstiff.service.importing.arrays import read_arrays
+from jointstiff.service.importing.arrays import build_grids_of_matrices, read_arrays
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
 from jointstiff.service.importing.grammar import (
@@ -38,9 +38,10 @@ from jointstiff.service.importing.grammar import (
     name_unit,
     split_along_target,
 )
-from jointstiff.service.importing.grid import Grid, file_type, read_text
+from jointstiff.service.importing.grid import Grid, decode, file_type, read_text
 from jointstiff.service.importing.layout import Layout, understand_table
 from jointstiff.service.importing.masses import is_mass_table, read_mass_table
+from jointstiff.service.importing.matrices import find_matrices
 from jointstiff.service.importing.rows import (
     NameReader,
     ObservationRecord,
@@ -266,7 +267,7 @@ class _Reader:
         has_readings = states not in _SINGLE_STATES
         if targets and has_readings:
             observations, notes_on_gaps = _drop_and_report_incomplete_readings(
-                observations, targets, faults, self._options.allow_missing
+                observations, targets, faults, self._options
             )
             notes += notes_on_gaps
         else:
@@ -391,8 +392,11 @@ def _has_positions(layout: Layout) -> bool:
     return any(quantity.kind == "position" for quantity in layout.columns.quantities)
 
 
-def read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
+def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool = False) -> list[Grid]:
     """Read a workbook, a file of arrays or a text file as rows of cells: a table for each sheet.
+
+    With `every_length`, the arrays of each number of rows in a file of arrays make a table; so do matrices
+    in a text.
 
     Raises:
         ImportFileError: the file is empty, of another type, or cannot be read.
@@ -404,7 +408,11 @@ def read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
         sheets = split_sheets(options.sheet)
         return [read_workbook(file.name, file.content, sheet) for sheet in sheets]
     if kind is not None and kind in grid.ARRAYS:
-        return read_arrays(file.name, file.content, grid.ARRAYS[kind], split_sheets(options.sheet))
+        sheets = split_sheets(options.sheet)
+        return read_arrays(file.name, file.content, grid.ARRAYS[kind], sheets, every_length=every_length)
+    is_text = kind in (None, grid.JSON)  # a matrix without a name begins as a list of JSON does
+    if every_length and is_text and (matrices := find_matrices(decode(file.name, file.content)[0])):
+        return build_grids_of_matrices(file.name, matrices)
     if kind is not None:
         remedy = "export the readings as CSV, text or .xlsx"
         if kind == grid.JSON:
@@ -687,11 +695,12 @@ def _list_labels(observations: list[ObservationRecord]) -> str:
 
 
 def _drop_and_report_incomplete_readings(
-    observations: list[ObservationRecord], targets: list[str], faults: Faults, allow_missing: bool
+    observations: list[ObservationRecord], targets: list[str], faults: Faults, options: ImportOptions
 ) -> tuple[list[ObservationRecord], list[str]]:
     """Return the observations without their incomplete readings, and a note on each omitted reading.
 
-    Unless `allow_missing` is set, each omitted reading is also reported as a fault.
+    Unless `allow_missing` is set, each omitted reading is also reported as a fault. The target at the hook
+    needs a position in one observation only, and no load.
     """
     kept_observations, notes = [], []
     # A gauge need not be read in each posture; any other target must have a reading of each observation.
@@ -701,8 +710,11 @@ def _drop_and_report_incomplete_readings(
     gaps: list[tuple[bool, Place, str]] = []  # (True if nothing was read, place, sentence)
     for observation in observations:
         points = observation.points
-        incomplete = []
-        for target in [target for target in targets if target in points or target not in gauges]:
+        omitted_hook = _list_unread_hook(points, options.load_point_target)
+        incomplete = list(omitted_hook)
+        without_gap = [*omitted_hook, *_list_targets_without_load(points, options.load_point_target)]
+        read_targets = [target for target in targets if target in points or target not in gauges]
+        for target in [target for target in read_targets if target not in without_gap]:
             with faults.collect():
                 states = points.get(target, {})
                 gap = _describe_gap(observation, target, states)
@@ -715,7 +727,7 @@ def _drop_and_report_incomplete_readings(
             kept_observations.append(replace(observation, values=values))
         else:
             notes.append(f"{observation.label}: no reading is complete; the observation was skipped")
-    if not allow_missing:
+    if not options.allow_missing:
         remedy = "add the reading, check the spelling of names, or use `allow_missing`"
         # Readings with some of their values come first, because they show better what is wrong.
         for _, place, reason in sorted(gaps, key=lambda entry: entry[0]):
@@ -725,6 +737,38 @@ def _drop_and_report_incomplete_readings(
             observations[0].place, "no observation has a reading", "correct the names of points and files"
         )
     return kept_observations, [*(f"{reason}; skipped" for _, _, reason in gaps), *notes]
+
+
+def _list_states(states: dict[State, Value]) -> set[State]:
+    """Return the states of a target that have numbers."""
+    return {state for state, point in states.items() if point.vector is not None}
+
+
+def _list_unread_hook(points: dict[str, dict[State, Value]], hook: str | None) -> list[str]:
+    """Return the target at the hook if an observation has no reading of this target; else no target."""
+    if hook is None:
+        return []
+    states = points.get(hook, {})
+    is_partly_read = any(point.lacks_coordinate for point in states.values())
+    return [] if is_partly_read or _list_states(states) else [hook]
+
+
+def _list_targets_without_load(points: dict[str, dict[State, Value]], hook: str | None) -> list[str]:
+    """Return the targets of an observation whose positions without load are complete readings.
+
+    These are the target at the hook and, in an observation without any load, the targets read with it.
+
+    Args:
+        points: target → state → value of an observation.
+        hook: target at the hook; None if no target gives the load point.
+    """
+    if hook is None or "unloaded" not in _list_states(points.get(hook, {})):
+        return []
+    states_of_others = [_list_states(states) for target, states in points.items() if target != hook]
+    has_load = any(states & {"loaded", "deflection"} for states in states_of_others)
+    if has_load:
+        return [hook]
+    return [target for target, states in points.items() if "unloaded" in _list_states(states)]
 
 
 def _describe_gap(observation: ObservationRecord, target: str, states: dict[State, Value]) -> str | None:
@@ -738,7 +782,7 @@ def _describe_gap(observation: ObservationRecord, target: str, states: dict[Stat
     partly_read = [state for state, point in states.items() if point.lacks_coordinate]
     if partly_read:
         return f"a coordinate of target {target} {_describe_states(partly_read)} is empty"
-    present = {state for state, point in states.items() if point.vector is not None}
+    present = _list_states(states)
     if "deflection" in present and len(present) > 1:
         reason = f"{quote(observation.label)}: target {target} has both positions and a deflection"
         remedy = "omit the positions or the deflection, for instance with `ignore`"

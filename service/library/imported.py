@@ -61,6 +61,7 @@ class ImportFields(TypedDict, total=False):
     noise: Noise | Mapping[str, Any] | None
     flange_targets: Mapping[str, Vector]
     load_point: Vector | None
+    load_point_target: str | None
     length_unit: Literal["m", "mm"] | None
     accept_unusual: bool
     force: Vector | None

@@ -31,6 +31,7 @@ from jointstiff.schemas.plan import (
 )
 from jointstiff.schemas.run import Residual, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet, check_set
+from jointstiff.service.conversion.readings import refuse_informed_controller
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.plan.work import to_design_request
 from jointstiff.service.problems import LabelTakenError
@@ -89,6 +90,8 @@ class Declaration:
                 or cannot be used; or no reading is feasible.
         """
         options, header = self.options, self.header
+        if not isinstance(options.load, OwnWeight):
+            refuse_informed_controller(header.noise)
         if isinstance(options.goal, DeflectionGoal | DecisionGoal) and options.work_area is None:
             raise RequestError(
                 "the goal is about deflections, but the request has no work area",
@@ -117,6 +120,13 @@ class Declaration:
             unexplained=None,
             campaign_readings=None,
         )
+        if header.load_point_target is not None:
+            raise RequestError(
+                "a live campaign needs the load point before the first reading",
+                where="load_point_target",
+                remedy="omit `load_point_target`, and give `load_point`; after the campaign, post its "
+                "readings with that of the hook as a set",
+            )
         if options.load_point is None and not isinstance(options.load, OwnWeight):
             raise RequestError(
                 "the load point is missing",

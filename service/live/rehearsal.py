@@ -429,6 +429,8 @@ class _Simulation:
         zero = (0.0, 0.0, 0.0)
         force = self._force_unit * (axes @ np.array(observation.force or zero))
         moment = self._moment_unit * (axes @ np.array(observation.moment or zero))
+        if self._set.load_point_target is not None:  # the reading of the hook shows the load point
+            return force, moment, self._places.get(self._set.load_point_target, np.zeros(3))
         point = observation.load_point or self._set.load_point or zero
         return force, moment, self._length_unit * np.array(point)
 
@@ -457,4 +459,6 @@ class _Simulation:
             )
             for each in (before + noise[0], after + noise[1])
         )
+        if reading.loaded is None and self._set.load_point_target is not None:  # the hook needs no load
+            return reading.model_copy(update={"unloaded": unloaded})
         return reading.model_copy(update={"unloaded": unloaded, "loaded": loaded})

@@ -530,6 +530,8 @@ def _build_traceability_section(readings: MeasurementSetDocument, laboratory: La
     point = "stated with each observation"
     if readings.load_point and all(each.load_point is None for each in readings.observations):
         point = f"({', '.join(figure(millimetres * value) for value in readings.load_point)}) mm"
+    if readings.load_point_target is not None:
+        point = f"read: target {readings.load_point_target} on the hook"
     targets = list(
         dict.fromkeys(reading.target for each in readings.observations for reading in each.readings)
     )

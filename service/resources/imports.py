@@ -183,7 +183,11 @@ def _list_missing_fields(
     loaded = "the positions under load"
     if first_observation.vector("joint") is not None:
         loaded += ", or the robot's masses (`bodies`, or a table of masses), for its own weight"
-    has_point = first_observation.vector("load point") is not None or request.load_point is not None
+    has_point = (
+        first_observation.vector("load point") is not None
+        or request.load_point is not None
+        or request.load_point_target is not None
+    )
     has_force = first_observation.vector("force") is not None or force_is_stated
     encoders = "the encoders that close the position loop (`encoders`): motor or secondary"
     lacks_force_unit = force_is_stated and "force" not in understood.units and force_unit is None
@@ -198,7 +202,8 @@ def _list_missing_fields(
         (
             not has_point and not own_weight,
             "load_point",
-            "the load point (`load_point`), in the flange frame",
+            "the load point (`load_point`), in the flange frame, or the target at the hook "
+            "(`load_point_target`)",
         ),
         (bool(unusual), "accept_unusual", confirmation),
         (lacks_force_unit, "units.force", "the unit of `force` (`units`): N, kN, kgf or lbf"),
@@ -345,6 +350,7 @@ def _build_measurement_set(
                     for target, place in place_of_target.items()
                 },
                 "load_point": lengths.get("load_point"),
+                "load_point_target": request.load_point_target,
                 "measured_at": understood.times_and_roundings.measured_at,
                 "observations": [_build_observation(record, force) for record in understood.observations],
             }

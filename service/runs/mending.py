@@ -190,6 +190,12 @@ def _exchange_load_point_and_target(measurement_set: _Set, action: AdvisedAction
             where="measurement_set.flange_targets",
             remedy="check and correct the load point in the set",
         )
+    if measurement_set.load_point_target is not None:
+        raise RequestError(
+            f"the reading of target '{measurement_set.load_point_target}' gives the load point",
+            where="measurement_set.load_point_target",
+            remedy="check which target was on the hook, and correct its name in the set",
+        )
     # Observations without a load point of their own use the load point of the set.
     set_load_point = measurement_set.load_point or (0.0, 0.0, 0.0)
     load_point, *other_points = dict.fromkeys(
@@ -209,6 +215,12 @@ def _exchange_load_point_and_target(measurement_set: _Set, action: AdvisedAction
             "observations": _change_observations(measurement_set, lambda _: {"load_point": None}),
         }
     )
+
+
+def _omit_load_point(measured: _Set, _action: AdvisedAction) -> _Set:
+    """Return the set without stated load points, so that the reading of the hook gives the load point."""
+    observations = _change_observations(measured, lambda _: {"load_point": None})
+    return measured.model_copy(update={"load_point": None, "observations": observations})
 
 
 def _exchange_unloaded_and_loaded(measurement_set: _Set, action: AdvisedAction) -> _Set:
@@ -340,6 +352,7 @@ _SET_CHANGES: Final[Mapping[str, Callable[[_Set, AdvisedAction], _Set]]] = {
     ),
     "omit_noise": _mark_noise_as_refuted,
     "exchange_load_and_target": _exchange_load_point_and_target,
+    "omit_load_point": _omit_load_point,
     "exchange_readings": _exchange_unloaded_and_loaded,
     "convert_units": _declare_unit,
 }

@@ -213,6 +213,7 @@ def inspect_values(view: View) -> Iterator[Finding]:
         inspect_stated_noise,
         inspect_loads,
         inspect_flange_lengths,
+        inspect_load_point,
         inspect_deflections,
         inspect_duplicates,
     ):
@@ -349,6 +350,31 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
         names = " and ".join(f"`{name}`" for name in view.flange_fields)
         finding = finding.model_copy(update={"remedy": f"check the unit of {names}"})
     yield finding
+
+
+def inspect_load_point(view: View) -> Iterator[Finding]:
+    """Report a stated load point that the reading of a target at the hook refutes."""
+    hook = view.measurements.hook
+    if hook is None or hook.stated is None:
+        return
+    largest = hook.find_largest_distance(float(special.chdtri(3, FALSE_ALARM)))
+    if hook.distance <= largest:
+        return
+    yield view.build_finding(
+        "load_point_refuted",
+        f"the stated load point {_describe_place(hook.stated)} is {length_text(hook.distance)} away from "
+        f"{_describe_place(hook.place)}, where the reading of target '{hook.target}' shows the hook; their "
+        f"uncertainties allow {length_text(largest)}",
+        "check that the target was on the hook; then omit the stated `load_point`, so that the reading alone "
+        f"counts; {PAST_DO_NOT_USE}",
+        "do_not_use",
+        AdvisedAction.of("omit_load_point"),
+    )
+
+
+def _describe_place(place: FloatArray) -> str:
+    """Return the text of a place (3,) in the flange frame [m], in mm."""
+    return f"({', '.join(figure(1e3 * value, '.1f') for value in place.tolist())}) mm"
 
 
 def inspect_deflections(view: View) -> Iterator[Finding]:

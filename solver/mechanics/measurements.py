@@ -20,6 +20,7 @@ import numpy.typing as npt
 from jointstiff.schemas.measurement import ConfusedForceUnit, ForceUnit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, RequestError
+from jointstiff.solver.mechanics.hook import HookReading
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -449,6 +450,7 @@ class Measurements:
     #: readings of secondary encoders; None without encoders. They require `sigma`, which weights them
     #: relative to the targets.
     encoders: EncoderReadings | None = None
+    hook: HookReading | None = None  #: load point that a target at the hook showed; None without a reading
     closed_on_links: bool = False  #: whether encoders behind the gearboxes close the position loop
     returned: ReturnReadings | None = None  #: readings after the load was removed; None without any
     #: repeatability as stated: standard deviation of each joint's angle from one posture to the next, which

@@ -370,6 +370,7 @@ export const en = {
       omit_noise: () => "Estimate the noise from the residuals",
       exchange_columns: ({ joints }) => `Exchange the columns of ${joints.join(" and ")}`,
       apply_joint_map: () => "Use the suggested joint map",
+      omit_load_point: () => "Use the load point that was read",
       exchange_load_and_target: ({ target }) => `Exchange load point and ${target ?? "target"}`,
       fit_causes: ({ causes, observations }) => {
         const omitted = observations.length ? `Omit ${some(observations)}, and fit` : "Fit";

@@ -161,7 +161,7 @@ def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
     bare = TABLE.decode().replace(" [rad]", "").replace(" [m]", "")
     lines = (line.replace(";", ";night;" if i else ";shift;", 1) for i, line in enumerate(bare.splitlines()))
     Path("cell.csv").write_text("\n".join(lines) + "\n")
-    answers = ["", "rad", "mm in", "m", "", "0,0", "0,0,120", "", "robot.json", "drawing"]
+    answers = ["", "rad", "mm in", "m", "", "0,0", "0,0,120", "", "robot.json", "drawing", "still"]
     said = typed("import cell.csv --output asked.json", input="\n".join(answers) + "\n")
     assert_said(
         said,
@@ -173,8 +173,8 @@ def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
         "Unit of angles (rad, deg) [deg]:",
         "Unit of lengths (m, mm, in) [mm]:",
         "Error: answer one of m, mm, in Unit of lengths (m, mm, in) [mm]:",
-        "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0):",
-        "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0):",
+        "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0), or the target at the hook:",
+        "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0), or the target at the hook:",
         "Error: '0,0' must be three numbers, such as 0,0,120.5",
         "Encoders that close the position loop (motor, secondary) [motor]:",
         "Measured robot, for the integrity checks: file or arm [none]:",
@@ -185,14 +185,15 @@ def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
     assert stored["units"] == {"length": "m", "angle": "rad", "force": "N"}
     assert stored["load_point"] == pytest.approx([0.0, 0.0, 0.12])
     assert stored["encoders"] == "motor"
-    assert stored["noise"]["grounds"] == {"load_point": "drawing"}
+    assert stored["noise"]["grounds"] == {"load_point": "drawing", "between": "still"}
 
 
 @pytest.mark.usefixtures("asking")
 def test_words_of_states_and_a_far_load_point_are_asked_for():
     Path("pre.csv").write_text(CAMPAIGN.replace("unloaded", "pre").replace("loaded", "post"))
     said = typed(
-        "import pre.csv --output asked.json", input="\n".join(["", "0,0,6000", "", "y", "none", ""]) + "\n"
+        "import pre.csv --output asked.json",
+        input="\n".join(["", "0,0,6000", "", "y", "none", "", ""]) + "\n",
     )
     assert_said(
         said,
@@ -212,10 +213,29 @@ def test_words_of_states_and_a_far_load_point_are_asked_for():
 def test_a_ground_that_an_option_states_is_not_asked_for():
     Path("pre.csv").write_text(CAMPAIGN)
     options = "--load-point 0,0,120 --encoders motor --sigma 0.02 --ground load_point=tracker"
-    said = typed(f"import pre.csv {options} --output stated.json", input="none\n")
+    said = typed(f"import pre.csv {options} --output stated.json", input="none\n\n")
     assert "How the load point is known" not in said
     noise = json.loads(Path("stated.json").read_text())["noise"]
     assert (noise["sigma"], noise["grounds"]) == (0.02, {"load_point": "tracker"})
+
+
+@pytest.mark.usefixtures("asking")
+def test_the_target_at_the_hook_answers_the_question_about_the_load_point():
+    """Its ground is then no question: the reading shows the load point."""
+    Path("pre.csv").write_text(CAMPAIGN)
+    said = typed("import pre.csv --encoders motor --output hook.json", input="P10\nnone\n\n")
+    assert "How the load point is known" not in said
+    stored = json.loads(Path("hook.json").read_text())
+    assert (stored["load_point_target"], stored.get("load_point")) == ("P10", None)
+
+
+@pytest.mark.parametrize("between", ["payload_declared", "gravity_compensated"])
+def test_readings_of_a_load_that_the_controller_knew_of_are_not_written(between):
+    Path("pre.csv").write_text(CAMPAIGN)
+    options = f"--load-point 0,0,120 --encoders motor --ground between={between} --output known.json"
+    said = typed(f"import pre.csv {options}", status=2)
+    assert_said(said, "the readings without and under load", "measure again with", "`still`")
+    assert not Path("known.json").exists()
 
 
 def test_an_unknown_ground_is_refused_with_the_known_ones():

@@ -11,6 +11,7 @@ from support.campaigns import estimate, prepare
 from support.examples import examples
 from support.importing_samples import CAMPAIGN, MM, sources_of
 from support.readings import by_gauges, triads
+from support.refusals import refused
 
 from jointstiff import identify, plan
 from jointstiff.schemas.finding import AdvisedAction
@@ -19,7 +20,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observ
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
-from jointstiff.service.conversion.readings import ReadingArrays, to_common_uncertainty
+from jointstiff.service.conversion.readings import ReadingArrays, compute_content_hash, to_common_uncertainty
 from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in, readings_sheet
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.resources.inputs import InMemoryInputs
@@ -29,6 +30,8 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import MeasurementError
 
 ARM = default_arm()
+HASH_BEFORE = "5973c1d49acca54a0670cb27f8c7f7f5675208331793afe20a8afe026cba8604"
+"""Hash of eight simulated postures with the ground `tracker`, before grounds had other fields."""
 
 
 def gauges(count=20, **options):
@@ -518,6 +521,34 @@ def test_a_load_point_counts_with_at_least_the_uncertainty_of_its_ground(noise, 
     assert common.load_point == pytest.approx(in_fit)
     assert ("load_point" in common.assumed) == is_assumed
     assert common.doubtful_load_point == (None if doubtful is None else pytest.approx(doubtful))
+
+
+@pytest.mark.parametrize("between", ["payload_declared", "gravity_compensated"])
+def test_readings_of_a_load_that_the_controller_knew_of_are_refused(between):
+    document = simulate_campaign(default_arm(), configurations=8, seed=1)
+    document["measurement_set"]["noise"]["grounds"] = {"between": between}
+    said = refused(identify, document)
+    assert said.startswith("noise.grounds.between | ") or "measurement_set.noise.grounds.between | " in said
+    assert "wrong by a quarter" in said
+    assert said.endswith("and state `between` as `still`")
+
+
+def test_a_ground_that_is_not_stated_changes_no_hash():
+    """Sets were hashed before these fields existed."""
+    campaign = Campaign.model_validate(simulate_campaign(default_arm(), configurations=8, seed=1))
+    header, readings = (
+        campaign.measurement_set,
+        ReadingArrays.from_observations(campaign.measurement_set.observations),
+    )
+
+    def content(**grounds):
+        noise = Noise.model_validate({"sigma": 2e-5, "grounds": {"load_point": "tracker"} | grounds})
+        return compute_content_hash(header.model_copy(update={"noise": noise}), readings)
+
+    assert content() == HASH_BEFORE
+    assert content(between="still") != content()
+    named = header.model_copy(update={"load_point_target": "hook"})
+    assert compute_content_hash(named, readings) != compute_content_hash(header, readings)
 
 
 def test_lengths_of_an_import_are_converted_and_its_grounds_are_kept():

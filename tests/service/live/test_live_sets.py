@@ -129,6 +129,20 @@ def test_the_residuals_of_the_last_reading_are_told(client):
         assert np.linalg.norm(each["residual"]) < 6 * np.sqrt(2) * SIGMA
 
 
+@pytest.mark.parametrize(
+    ("fields", "where"),
+    [
+        ({"load_point_target": "hook"}, "load_point_target"),
+        ({"noise": {"sigma": 2e-5, "grounds": {"between": "payload_declared"}}}, "noise.grounds.between"),
+    ],
+)
+def test_a_live_set_that_can_have_no_useful_reading_is_refused_when_it_is_declared(client, fields, where):
+    robot = post(client, "/v1/robots", robot_document(ARM))["id"]
+    body = described(robot, OPEN, load_point=list(LOAD_POINT)) | fields
+    answer = client.post("/v1/measurement-sets", json=body)
+    assert (answer.status_code, answer.json()["where"]) == (422, where)
+
+
 def test_who_follows_a_closed_set_is_told_so_once(client):
     address = declared(client)
     measured(client, address, 1)

@@ -48,7 +48,7 @@ const termsOf = (options: ImportOptions): Terms => ({
   },
 });
 
-const ASKED = ["force", "load_point", "flange_targets", "accept_unusual"] as const;
+const ASKED = ["force", "load_point", "load_point_target", "flange_targets", "accept_unusual"] as const;
 
 /** The options with what is stated, and its units. */
 export function withStated(before: ImportOptions, next: Fields): ImportOptions {
@@ -75,6 +75,9 @@ function ImportForm({ answer, options, change }: ImportProps) {
   const [mass, setMass] = useState("");
   const misread = OF_NUMBER.read(mass) === undefined;
   const missing = new Set<string>(answer.missing_fields);
+  if (missing.has("load_point")) {
+    missing.add("load_point_target"); // either of the two states the load point
+  }
   const form = {
     of: "ImportRequest",
     value: options as Fields,
