@@ -8,11 +8,12 @@ from importlib.util import find_spec
 from types import MappingProxyType
 from typing import Any, Final
 
-from jointstiff.schemas.imports import FilePreview
+from jointstiff.schemas.imports import FilePreview, TableFormat
 from jointstiff.service.importing import grammar, grid, limits
 from jointstiff.service.importing.child import ask_child
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grid import ArrayFormat, CellKind, Grid, Row
+from jointstiff.service.importing.matrices import Matrix
 
 _WORDS: Final = MappingProxyType(
     {"mat": "a MATLAB file", "hdf5": "an HDF5 file", "parquet": "a Parquet file"}
@@ -37,7 +38,14 @@ _TOO_LONG: Final = (
 _Answer = dict[str, Any]
 
 
-def read_arrays(file: str, content: bytes, kind: ArrayFormat, names: Sequence[str | None]) -> list[Grid]:
+def read_arrays(
+    file: str,
+    content: bytes,
+    kind: ArrayFormat,
+    names: Sequence[str | None],
+    *,
+    every_length: bool = False,
+) -> list[Grid]:
     """Return the arrays of a file as tables: each vector or matrix as columns.
 
     The header of a column is the name of its array; columns of a matrix get the number of the column, or
@@ -50,6 +58,8 @@ def read_arrays(file: str, content: bytes, kind: ArrayFormat, names: Sequence[st
         kind: format of the file.
         names: names of the tables, which are groups or arrays of records of an HDF5 file; None for the only
             one.
+        every_length: whether arrays of each number of rows make a table, named by its arrays; otherwise only
+            the arrays with the number of rows that most columns have.
 
     Raises:
         ImportFileError: the library is missing; the file is damaged or too large, has no arrays with the same
@@ -61,18 +71,46 @@ def read_arrays(file: str, content: bytes, kind: ArrayFormat, names: Sequence[st
         remedy = 'pip install "jointstiff[tables]", or write the readings as CSV'
         raise ImportFileError(Place(file), reason, remedy)
     wanted = [name for name in names if name is not None] if kind == "hdf5" else []
-    answer = _ask_library(file, content, kind, wanted)
-    return [_build_grid(file, kind, name, arrays) for name, arrays in answer["arrays"].items()]
+    answer = _ask_library(file, content, kind, wanted, every_length=every_length)
+    tables = answer["arrays"]
+    if every_length:
+        tables = {name: each for arrays in tables.values() for name, each in _split_by_length(arrays)}
+    return [_build_grid(file, kind, name, arrays) for name, arrays in tables.items()]
 
 
-def _ask_library(file: str, content: bytes, kind: ArrayFormat, wanted: list[str]) -> _Answer:
+def build_grids_of_matrices(file: str, matrices: Sequence[Matrix]) -> list[Grid]:
+    """Return the matrices of a text as tables, one for each number of rows."""
+    import numpy as np
+
+    from jointstiff.service.importing.columns import NamedArray, tabulate
+
+    named = [NamedArray(each.name, np.array(each.rows)) for each in matrices]
+    try:
+        arrays = tabulate(named, every_length=True)
+    except MemoryError:
+        raise ImportFileError(Place(file), _TOO_LARGE, "save fewer arrays, or split the file") from None
+    return [_build_grid(file, "text", name, table) for name, table in _split_by_length(arrays)]
+
+
+def _split_by_length(arrays: Sequence[Any]) -> list[tuple[str, list[Any]]]:
+    """Return tables of arrays with one number of rows, each with the names of its arrays."""
+    of_length: dict[int, list[Any]] = {}
+    for array in arrays:
+        if array["columns"] is not None:
+            of_length.setdefault(len(array["columns"][0]), []).append(array)
+    return [(", ".join(each["name"] for each in table), table) for table in of_length.values()]
+
+
+def _ask_library(
+    file: str, content: bytes, kind: ArrayFormat, wanted: list[str], *, every_length: bool
+) -> _Answer:
     """Return the answer of the process that reads a file by its library.
 
     Raises:
         ImportFileError: the process refuses the file, or has exceeded its limits.
     """
     place, words = Place(file), _WORDS[kind]
-    arguments = kind, json.dumps(wanted or None)
+    arguments = kind, json.dumps({"tables": wanted or None, "every_length": every_length})
     child = ask_child("jointstiff.service.importing.libraries", *arguments, content=content)
     if child.error:
         reason = f"the file is {words} that is damaged ({quote(child.error)})"
@@ -107,7 +145,7 @@ def _refuse_choice(place: Place, tables: list[str], missing: list[str]) -> None:
     raise ImportFileError(place, reason, remedy, "sheet", tuple(tables))
 
 
-def _build_grid(file: str, kind: ArrayFormat, table: str, arrays: Sequence[Any]) -> Grid:
+def _build_grid(file: str, kind: TableFormat, table: str, arrays: Sequence[Any]) -> Grid:
     """Return arrays with the same number of rows as a table with a header.
 
     Raises:

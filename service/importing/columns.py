@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Final, NamedTuple, TypedDict
 
 import numpy as np
@@ -16,6 +16,13 @@ _LEAST_BYTES: Final = 4
 """Least size of a floating-point number: one of 2 bytes has three digits."""
 _WHOLE: Final = 2.0**53
 """Numbers below are written without a point if they are whole, as labels are."""
+
+
+_STACKED: Final = 3
+"""Dimensions of a stack of points."""
+_COORDINATES: Final = 3
+_MOST_JOINTS: Final = 7
+"""Rows of a wide matrix, at most: joints, or the coordinates of one or two targets."""
 
 
 class Array(TypedDict):
@@ -43,10 +50,12 @@ class NamedArray(NamedTuple):
     unit: str | None = None
 
 
-def tabulate(arrays: Iterable[NamedArray]) -> list[Array]:
+def tabulate(arrays: Iterable[NamedArray], *, every_length: bool = False) -> list[Array]:
     """Return arrays as columns of one table, with the number of rows that most columns have.
 
-    A vector may stand as a row or as a column. Arrays with another number of rows have no columns.
+    A vector may stand as a row or as a column. Arrays with another number of rows have no columns, unless
+    `every_length` is set: then all arrays have columns, stacks of points (n, T, 3) have those of T points,
+    and matrices that are wide and low are turned.
 
     Raises:
         MemoryError: the table has too many rows; or more arrays have the same number of rows than a table may
@@ -59,21 +68,24 @@ def tabulate(arrays: Iterable[NamedArray]) -> list[Array]:
         values = each.values
         if values is not None and np.iscomplexobj(values) and not np.imag(values).any():
             values = np.real(values)
+        if every_length and values is not None:
+            values = _lay_out_matrix(values)
         name, unit = check_name(each.name), check_name(each.unit or "") or None
         found.append(NamedArray(name, values, unit))
-        if each.values is not None and (shape := _find_shape(each.values)) and shape[0] > 1:
+        if values is not None and (shape := _find_shape(values)) and shape[0] > 1:
             votes[shape[0]] += shape[1]
             if votes[shape[0]] > limits.MAX_COLUMNS:  # all votes are for arrays that can be columns
                 raise MemoryError
-    count = max(votes, key=lambda rows: (votes[rows], rows), default=0)
-    if count > limits.MAX_ROWS:
+    most_voted = max(votes, key=lambda rows: (votes[rows], rows), default=0)
+    counts = list(votes) if every_length else [most_voted]
+    if max(counts, default=0) > limits.MAX_ROWS:
         raise MemoryError
     return [
         Array(
             name=each.name,
             unit=each.unit,
             kind="text" if each.values is None else find_cell_kind(each.values.dtype),
-            columns=None if each.values is None else _list_columns(each.values, count),
+            columns=None if each.values is None else _list_columns(each.values, counts),
         )
         for each in found
     ]
@@ -98,13 +110,27 @@ def _find_shape(array: np.ndarray) -> tuple[int, int] | None:
     return (rows, columns) if is_text or is_of_numbers else None
 
 
-def _list_columns(array: np.ndarray, count: int) -> list[list[str | None]] | None:
-    """Return the cells of each column of a vector or matrix with `count` rows; None for other arrays.
+def _lay_out_matrix(array: np.ndarray) -> np.ndarray:
+    """Return a stack of points (n, T, 3) or (n, 3, T) as (n, 3T), and a wide matrix of few rows turned.
+
+    Other arrays are returned unchanged.
+    """
+    if array.ndim == _STACKED and _COORDINATES in array.shape[1:]:
+        points = array if array.shape[2] == _COORDINATES else array.swapaxes(1, 2)
+        return points.reshape(len(points), -1)
+    is_wide = array.ndim == 2 and 1 < array.shape[0] <= _MOST_JOINTS < array.shape[1] / 2
+    return array.T if is_wide else array
+
+
+def _list_columns(array: np.ndarray, counts: Collection[int]) -> list[list[str | None]] | None:
+    """Return the cells of each column of a vector or matrix; None for other arrays.
+
+    Arrays whose number of rows is not in `counts` have no columns.
 
     NaN, the mark of a missing number in arrays, is an empty cell.
     """
     shape = _find_shape(array)
-    if shape is None or shape[0] != count:
+    if shape is None or shape[0] not in counts:
         return None
     array = array.reshape(shape)
     if array.dtype.kind in _NUMBERS:

@@ -240,7 +240,7 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     Raises:
         ImportFileError: the file is not plain text, has no row, or its delimiter is ambiguous.
     """
-    text, encoding = _decode(file, content)
+    text, encoding = decode(file, content)
     if positions := read_joint_positions(text):
         return _build_grid_of_positions(file, encoding, positions)
     return _read_table(file, text, encoding, delimiter)
@@ -289,7 +289,7 @@ def _build_grid_of_positions(file: str, encoding: str, positions: Sequence[Joint
     return Grid(preview, (header, *(Row(each.line, each.angles) for each in positions)))
 
 
-def _decode(file: str, content: bytes) -> tuple[str, str]:
+def decode(file: str, content: bytes) -> tuple[str, str]:
     """Return the text of a file, and the name of its encoding.
 
     A byte order mark decides for UTF-8 or UTF-16. Without a mark, a zero among the first bytes means UTF-16,

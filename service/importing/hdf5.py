@@ -35,7 +35,7 @@ _FILTERS: Final = frozenset((1, 2, 3))
 """Filters of chunks that are read: deflate (gzip), shuffle, fletcher32."""
 
 
-def read_hdf5(content: bytes) -> Tables:
+def read_hdf5(content: bytes, *, every_length: bool = False) -> Tables:
     """Return a function for each table of an HDF5 file, by the table's name; the function reads the table.
 
     A group is a table if it has an array of one or two dimensions with more than one value. Each array of
@@ -53,7 +53,8 @@ def read_hdf5(content: bytes) -> Tables:
     count = ByteCount()
 
     def read_group(datasets: list[h5py.Dataset]) -> list[Array]:
-        return tabulate(_read_dataset(each, count) for each in datasets)
+        arrays = (_read_dataset(each, count) for each in datasets)
+        return tabulate(arrays, every_length=every_length)
 
     def read_records(dataset: h5py.Dataset) -> list[Array]:
         _check_storage(dataset, count)

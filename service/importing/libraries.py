@@ -1,7 +1,7 @@
 """Read files of arrays by their libraries, in a process of its own with limits: scipy, h5py, pyarrow.
 
 These libraries trust a file: few bytes unpack to gigabytes, and a damaged file can end the process.
-`python -P -m jointstiff.service.importing.libraries FORMAT TABLES` reads a file from its standard input and
+`python -P -m jointstiff.service.importing.libraries FORMAT OPTIONS` reads a file from its standard input and
 writes one JSON document. Nothing is unpickled, and no other file is opened.
 """
 
@@ -33,17 +33,18 @@ _MAX_DEPTH: Final = 3
 """Structs in structs of MATLAB."""
 
 
-def main(kind: str, wanted: list[str] | None) -> dict[str, Any]:
+def main(kind: str, wanted: list[str] | None, *, every_length: bool) -> dict[str, Any]:
     """Return tables of the file in the standard input by name; `tables` has the names if one must be chosen.
 
     Args:
         kind: `mat`, `hdf5` or `parquet`.
         wanted: names of the tables to return; None for the only one.
+        every_length: whether arrays with another number of rows than most columns are returned, too.
     """
     content = sys.stdin.buffer.read()
     try:
         limit_this_process()
-        tables = _read_tables(kind, content)
+        tables = _read_tables(kind, content, every_length=every_length)
         names = list(tables) if wanted is None else wanted
         missing = [name for name in names if name not in tables]
         if missing or (wanted is None and len(names) != 1):
@@ -58,21 +59,21 @@ def main(kind: str, wanted: list[str] | None) -> dict[str, Any]:
     return {"arrays": found}
 
 
-def _read_tables(kind: str, content: bytes) -> Tables:
+def _read_tables(kind: str, content: bytes, *, every_length: bool) -> Tables:
     """Return the tables of a file by the library of its format."""
     if kind == "hdf5":
         from jointstiff.service.importing.hdf5 import read_hdf5
 
-        return read_hdf5(content)
+        return read_hdf5(content, every_length=every_length)
     if kind == "parquet":
         os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # which reserves no memory in advance
         from jointstiff.service.importing.parquet import read_parquet
 
         return read_parquet(content)
-    return _read_matlab(content)
+    return _read_matlab(content, every_length=every_length)
 
 
-def _read_matlab(content: bytes) -> Tables:
+def _read_matlab(content: bytes, *, every_length: bool) -> Tables:
     """Return the one table of a .mat file, of its variables."""
     from scipy.io import loadmat, whosmat
 
@@ -88,7 +89,7 @@ def _read_matlab(content: bytes) -> Tables:
             whole if whole.values is not None and np.iscomplexobj(whole.values) else typed
             for typed, whole in zip(fields, stored, strict=True)
         ]
-    return {"": lambda: tabulate(fields)}
+    return {"": lambda: tabulate(fields, every_length=every_length)}
 
 
 def _list_fields(variables: Mapping[str, Any]) -> list[NamedArray]:
@@ -138,5 +139,6 @@ def _join_cell_array(array: np.ndarray) -> np.ndarray | None:
 
 
 if __name__ == "__main__":
-    answer = main(sys.argv[1], json.loads(sys.argv[2]))
+    arguments = json.loads(sys.argv[2])
+    answer = main(sys.argv[1], arguments["tables"], every_length=arguments["every_length"])
     sys.stdout.write(json.dumps(answer))

@@ -71,7 +71,7 @@ def read_number_tables(
     """
     tables = []
     for file in files:
-        grids = read_grids(file, options)
+        grids = read_grids(file, options, every_length=True)
         for grid in grids:
             if not is_mass_table(grid) and any(_is_data(row) for row in grid.rows):
                 sheet = grid.preview.sheet if len(grids) > 1 else None

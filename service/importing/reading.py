@@ -27,7 +27,7 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
-from jointstiff.service.importing.arrays import read_arrays
+from jointstiff.service.importing.arrays import build_grids_of_matrices, read_arrays
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
 from jointstiff.service.importing.grammar import (
@@ -38,9 +38,10 @@ from jointstiff.service.importing.grammar import (
     name_unit,
     split_along_target,
 )
-from jointstiff.service.importing.grid import Grid, file_type, read_text
+from jointstiff.service.importing.grid import Grid, decode, file_type, read_text
 from jointstiff.service.importing.layout import Layout, understand_table
 from jointstiff.service.importing.masses import is_mass_table, read_mass_table
+from jointstiff.service.importing.matrices import find_matrices
 from jointstiff.service.importing.rows import (
     NameReader,
     ObservationRecord,
@@ -391,8 +392,11 @@ def _has_positions(layout: Layout) -> bool:
     return any(quantity.kind == "position" for quantity in layout.columns.quantities)
 
 
-def read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
+def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool = False) -> list[Grid]:
     """Read a workbook, a file of arrays or a text file as rows of cells: a table for each sheet.
+
+    With `every_length`, the arrays of each number of rows in a file of arrays make a table; so do matrices
+    in a text.
 
     Raises:
         ImportFileError: the file is empty, of another type, or cannot be read.
@@ -404,7 +408,11 @@ def read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
         sheets = split_sheets(options.sheet)
         return [read_workbook(file.name, file.content, sheet) for sheet in sheets]
     if kind is not None and kind in grid.ARRAYS:
-        return read_arrays(file.name, file.content, grid.ARRAYS[kind], split_sheets(options.sheet))
+        sheets = split_sheets(options.sheet)
+        return read_arrays(file.name, file.content, grid.ARRAYS[kind], sheets, every_length=every_length)
+    is_text = kind in (None, grid.JSON)  # a matrix without a name begins as a list of JSON does
+    if every_length and is_text and (matrices := find_matrices(decode(file.name, file.content)[0])):
+        return build_grids_of_matrices(file.name, matrices)
     if kind is not None:
         remedy = "export the readings as CSV, text or .xlsx"
         if kind == grid.JSON:

@@ -246,6 +246,8 @@ _OTHER_DOCUMENTS: Final = (
 """Kinds of documents: keys by which a document of the kind is recognised, its name, and the remedy."""
 
 
+CALIBRATION_ENDINGS: Final = frozenset((".conf", ".yaml", ".yml"))
+"""Endings of files with the calibration of a Universal Robots arm."""
 URDF_ENDINGS: Final = frozenset((".urdf", ".xacro", ".xml"))
 """Endings of files with a URDF."""
 
@@ -276,8 +278,23 @@ def read_urdf_file(path: Path, base: str | None = None, flange: str | None = Non
         return {"name": path.stem.removesuffix(".urdf"), "model": convert_urdf(urdf, base, flange)}
 
 
+def _read_calibration_file(path: Path) -> RobotDocument:
+    """Return the robot in a file with the calibration of a Universal Robots arm.
+
+    Raises:
+        CampaignError: the file is no calibration, or its name does not name the arm.
+    """
+    from jointstiff.service.conversion.ur_calibration import convert_calibration
+
+    with as_campaign_error("robot"):
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+        return parse_document(convert_calibration(path.stem, text), RobotDocument)
+
+
 def read_robot(text: str) -> RobotDocument:
-    """Return the robot in a file of a robot, a campaign or a URDF, or else the catalogue's arm `text`.
+    """Return the robot in a file, or else the catalogue's arm `text`.
+
+    The file has a robot, a campaign, a URDF, or the calibration of a Universal Robots arm.
 
     Raises:
         CampaignError: the file contains no robot, or neither a file nor an arm has this name.
@@ -286,6 +303,8 @@ def read_robot(text: str) -> RobotDocument:
 
     if Path(text).is_file() and Path(text).suffix.lower() in URDF_ENDINGS:
         return parse_document(read_urdf_file(Path(text)), RobotDocument)
+    if Path(text).is_file() and Path(text).suffix.lower() in CALIBRATION_ENDINGS:
+        return _read_calibration_file(Path(text))
     if Path(text).is_file():
         return read_document(Path(text), RobotDocument, section="robot")
     try:
@@ -310,7 +329,7 @@ def read_plan_source(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or r
     if not isinstance(source, str | PathLike):
         return source
     path = Path(source)
-    if not path.is_file() or path.suffix.lower() in URDF_ENDINGS:
+    if not path.is_file() or path.suffix.lower() in URDF_ENDINGS | CALIBRATION_ENDINGS:
         return read_robot(str(source))
     try:
         is_campaign = bool({"measurement_set", "campaign"} & json.loads(path.read_bytes()).keys())

@@ -66,6 +66,8 @@ STATED_FACTOR: Final = 2.0
 LARGEST_REPEATABILITY: Final = 2e-4
 """Motion of a target by shared errors [m] beyond that of any industrial robot in order: larger residuals are
 a mistake, or something besides the joints bends."""
+_BELIEVABLE: Final = 0.05
+"""Least probability that shared errors are those of a robot in order."""
 _LARGEST_ENCODER_NOISE: Final = 1e-4
 """Noise of an encoder's angle [rad] beyond that of gears and encoders in order: larger residuals are a
 mistake, and the noise is as stated."""
@@ -314,16 +316,12 @@ class RestrictedLikelihood:
         without_assumed = self.without_further_errors
         if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
             return FoundScatter.as_stated(without_assumed)
-        is_shown = p_value < SCATTER_LEVEL
-        sigma = self._measurements.sigma or self.sigma(most_likely)
-        if is_shown and compute_target_motion(block, most_likely, sigma) > LARGEST_REPEATABILITY:
-            return FoundScatter.as_stated(without_assumed)
-        # The search may miss the greatest likelihood, so that the posterior is also compared with the limit.
         posterior = self.compute_posterior(most_likely)
         motion_by_turn = compute_target_motion(block, Scatter(joints=1.0), 1.0)
-        if posterior.probability_of_motion(LARGEST_REPEATABILITY, motion_by_turn) < SCATTER_LEVEL:
+        if posterior.probability_of_motion(LARGEST_REPEATABILITY, motion_by_turn) < _BELIEVABLE:
             return FoundScatter.as_stated(without_assumed)
         scatter = replace(posterior.scatter, encoders=most_likely.encoders)
+        is_shown = p_value < SCATTER_LEVEL
         is_assumed = not is_shown and not self._measurements.repeatability
         scatter = replace(scatter, is_assumed=is_assumed)
         return FoundScatter(scatter, without_assumed, is_shown, posterior)

@@ -525,9 +525,10 @@ def compute_unconstrained_range(squares: LeastSquares, functions: FloatArray, ra
     U, singular_values, Vt = np.linalg.svd(squares.R, full_matrices=False)
     is_determined = singular_values > _NULL_SINGULAR_VALUE * singular_values[0]
     U, singular_values, Vt = U[:, is_determined], singular_values[is_determined], Vt[is_determined]
-    functions_of_y = functions @ (Vt.T / singular_values)
-    centre = functions_of_y @ (U.T @ squares.z)
+    functions_of_y = functions @ (Vt.T / singular_values)  # (K, r) rows aᵀV S⁻¹
+    centre = functions_of_y @ (U.T @ squares.z)  # values at the least squares, y = Uᵀz
     half_width = radius * np.linalg.norm(functions_of_y, axis=1)
+    # A function has a range only if its coefficients are in the span of the determined directions V.
     outside_span = np.linalg.norm(functions - functions @ Vt.T @ Vt, axis=1)
     is_undetermined = outside_span > _OUTSIDE_SPAN * np.linalg.norm(functions, axis=1)
     half_width[is_undetermined] = np.nan
@@ -842,21 +843,12 @@ class MassCones:
     def minimise_linear_function(self, s: FloatArray) -> float:
         """Return the least value of the linear function sᵀx over the set: zero or negative, in closed form.
 
-        A block of x is (c, ζ, ν) with 0 ≤ c ≤ cap, |ζ_k| ≤ c, and ‖ν_g‖ ≤ c + ratio ζ_k for each ball g. At
-        c = 1 the least s_νᵀν_g is ``−(1 + ratio ζ_k) ‖s_ν‖``, which leaves a linear function of ζ. The least
-        value is in proportion to c, so c is zero or the cap.
+        The least value over a joint's block (c, ζ, ν) is in proportion to its compliance c, so c is zero or
+        the cap.
         """
         total = 0.0
         for block, cap, coefficients in self._split(s):
-            ball_norms = np.linalg.norm(coefficients.nu, axis=1)
-            zeta_coefficients = coefficients.zeta.copy()
-            for (k, ratio), norm in zip(block.balls, ball_norms.tolist(), strict=True):
-                radius_depends_on_zeta = k >= 0
-                if radius_depends_on_zeta:
-                    zeta_coefficients[k] -= ratio * norm
-            least_of_zeta, least_of_nu = -np.abs(zeta_coefficients).sum(), -ball_norms.sum()
-            least_at_unit_c = float(coefficients.c[0] + least_of_zeta + least_of_nu)
-            total += cap * min(0.0, least_at_unit_c)
+            total += cap * min(0.0, _minimise_over_block(block, coefficients))
         return total
 
     def move_into_set(self, x: FloatArray) -> FloatArray:
@@ -874,6 +866,27 @@ class MassCones:
                 length = max(float(np.linalg.norm(nu)), 1e-300)
                 nu *= min(1.0, radius / length)
         return moved
+
+
+def _minimise_over_block(block: Block, coefficients: BlockEntries) -> float:
+    """Return the least value of ``s_c c + s_ζᵀζ + s_νᵀν`` over the block (c, ζ, ν) of a joint with c = 1.
+
+    Then |ζ_k| ≤ 1, and ‖ν_g‖ ≤ 1 + ratio_g ζ_k for each ball g. The least s_νᵀν_g is
+    ``−(1 + ratio_g ζ_k) ‖s_ν‖``, which leaves a linear function of ζ; the least of it is minus the sum of its
+    coefficients' magnitudes.
+
+    Args:
+        block: number of ζ, and for each ball the index k and the ratio.
+        coefficients: s_c, s_ζ and s_ν.
+    """
+    ball_norms = np.linalg.norm(coefficients.nu, axis=1)
+    zeta_coefficients = coefficients.zeta.copy()
+    for (k, ratio), norm in zip(block.balls, ball_norms.tolist(), strict=True):
+        radius_depends_on_zeta = k >= 0
+        if radius_depends_on_zeta:
+            zeta_coefficients[k] -= ratio * norm
+    least_of_zeta, least_of_nu = -np.abs(zeta_coefficients).sum(), -ball_norms.sum()
+    return float(coefficients.c[0] + least_of_zeta + least_of_nu)
 
 
 @dataclass(frozen=True, eq=False)
@@ -904,9 +917,10 @@ def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassCone
 def _propose_mass_solutions(A: FloatArray, b: FloatArray, cones: MassCones) -> Iterator[MassConeSolution]:
     """Yield a solution of ``minimise ‖A x − b‖²`` for each tolerance that Clarabel reaches.
 
-    For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the loss at x
-    exceeds the least loss by ``2 (gᵀx − min gᵀy)`` at most, with the minimum over all y of the set. This
-    bound, for ‖b‖ = 1, is the gap of the solution's certificate.
+    Args:
+        A: (rows, p) regressor.
+        b: (rows,) readings.
+        cones: set of x.
     """
     from jointstiff.solver.fit import programs  # takes a second to import
 
@@ -915,15 +929,31 @@ def _propose_mass_solutions(A: FloatArray, b: FloatArray, cones: MassCones) -> I
     data = {"A": A, "b": b / b_norm, "cap": cones.cap / b_norm}
     for tolerance in _MASS_TOLERANCES:
         point = program.solve(data, tolerance)
-        if point is None:
-            continue
-        x = cones.move_into_set(b_norm * point)
-        residual = A @ x - b
-        g = A.T @ residual
-        dual_violation = -2.0 * cones.minimise_linear_function(g) / b_norm**2  # zero for g in the dual cone
-        gap = dual_violation + 2.0 * float(g @ x) / b_norm**2
-        certificate = Certificate(0.0, dual_violation, gap, residual / b_norm, "clarabel")
-        yield MassConeSolution(x, certificate, loss=float(residual @ residual))
+        if point is not None:
+            x = cones.move_into_set(b_norm * point)
+            yield _certify_mass_solution(A, b, cones, x)
+
+
+def _certify_mass_solution(A: FloatArray, b: FloatArray, cones: MassCones, x: FloatArray) -> MassConeSolution:
+    """Return a point x (p,) of the set as a solution, with its certificate.
+
+    For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the loss at x
+    exceeds the least loss by ``2 (gᵀx − min gᵀy)`` at most, with the minimum over all y of the set. This
+    bound, for ‖b‖ = 1, is the gap of the solution's certificate.
+
+    Args:
+        A: (rows, p) regressor.
+        b: (rows,) readings.
+        cones: set of x.
+        x: (p,) point of the set.
+    """
+    b_norm = float(np.linalg.norm(b)) or 1.0
+    residual = A @ x - b
+    g = A.T @ residual
+    dual_violation = -2.0 * cones.minimise_linear_function(g) / b_norm**2  # zero for g in the dual cone
+    gap = dual_violation + 2.0 * float(g @ x) / b_norm**2
+    certificate = Certificate(0.0, dual_violation, gap, residual / b_norm, "clarabel")
+    return MassConeSolution(x, certificate, loss=float(residual @ residual))
 
 
 def bound_compliances(
@@ -931,10 +961,9 @@ def bound_compliances(
 ) -> FloatArray:
     """Return bounds of each joint's compliance over all x of the set with ``‖A x − b‖² ≤ loss + rise``.
 
-    For any vector u, all y of the set with ‖A y − b‖ ≤ r satisfy ``aᵀy ≥ uᵀb − r ‖u‖ + min (a − Aᵀu)ᵀy``,
-    with the minimum over the set. For a lower bound aᵀy is the compliance of a joint, for an upper bound its
-    negative. A good u are Clarabel's multipliers where aᵀy is least. A second round uses the upper bounds of
-    the first round as caps of the compliances, which makes the set smaller and the bounds sharper.
+    Clarabel finds where a compliance is least or greatest, and a bound that holds for any answer of Clarabel
+    is computed from its multipliers (`_ComplianceEnd.bound_from_below`). A second round uses the upper bounds
+    of the first round as caps of the compliances, which makes the set smaller and the bounds sharper.
 
     Args:
         A: (rows, p) regressor.
@@ -952,11 +981,9 @@ def bound_compliances(
     for _ in range(2):
         capped = MassCones(cones.blocks, cap=np.fmin(cones.cap, upper))
         for end in ends:
-            a, u = end.function, end.multipliers
-            least = u @ b - r * float(np.linalg.norm(u))
-            least += capped.minimise_linear_function(a - A.T @ u)
+            least = end.bound_from_below(A, b, r, capped)
             if end.is_greatest:
-                upper[end.joint] = -least
+                upper[end.joint] = -least  # the function is the negative of the compliance
             else:
                 lower[end.joint] = least
     return np.column_stack([np.fmax(lower, 0.0), upper])
@@ -969,6 +996,16 @@ class _ComplianceEnd(NamedTuple):
     is_greatest: bool
     function: FloatArray  # (p,) function aᵀy that is minimised: the compliance, or its negative
     multipliers: FloatArray  # (rows,) multipliers u of the ball's rows
+
+    def bound_from_below(self, A: FloatArray, b: FloatArray, radius: float, cones: MassCones) -> float:
+        """Return a lower bound of aᵀy over all y of the set in the ball ``‖A y − b‖ ≤ radius``.
+
+        For any vector u, ``aᵀy = uᵀA y + (a − Aᵀu)ᵀy`` is at least ``uᵀb − radius ‖u‖ + min (a − Aᵀu)ᵀy``,
+        with the minimum over the set. A good u are Clarabel's multipliers where aᵀy is least.
+        """
+        a, u = self.function, self.multipliers
+        least_in_ball = u @ b - radius * float(np.linalg.norm(u))
+        return float(least_in_ball + cones.minimise_linear_function(a - A.T @ u))
 
 
 def _minimise_and_maximise_compliances(

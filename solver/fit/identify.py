@@ -941,15 +941,31 @@ def _find_largest_standardised_shift(shift: FloatArray | None, estimate: Estimat
     """
     if shift is None or estimate.covariance is None:
         return None
-    variance = np.diagonal(estimate.covariance)
-    if estimate.common is not None:
-        for source in ("assumed_load_point", "assumed_force_scale"):
-            responses = estimate.common.responses_to(source)  # (n, k)
-            variance = variance - np.square(responses).sum(axis=1)
-        if "assumed_load_point" in estimate.common.by_source:
-            variance = variance - np.diagonal(estimate.square_second_order())
+    variance = _compute_variance_without_assumed_errors(estimate, estimate.covariance)
     has_uncertainty = estimate.estimated & (variance > 0.0)
     if not has_uncertainty.any():
         return None
     standardised_shift = np.abs(shift[has_uncertainty]) / np.sqrt(variance[has_uncertainty])
     return float(standardised_shift.max())
+
+
+def _compute_variance_without_assumed_errors(estimate: Estimate, covariance: FloatArray) -> FloatArray:
+    """Return the variances (n,) of the compliances without errors whose uncertainty was only assumed.
+
+    These are the errors of the load point and of the size of the forces; errors of an assumed load point
+    count beyond first order, too.
+
+    Args:
+        estimate: estimate of n compliances.
+        covariance: (n, n) covariance of the compliances by all errors.
+    """
+    variance = np.diagonal(covariance)
+    common = estimate.common
+    if common is None:
+        return variance
+    for source in ("assumed_load_point", "assumed_force_scale"):
+        responses = common.responses_to(source)  # (n, k)
+        variance = variance - np.square(responses).sum(axis=1)
+    if "assumed_load_point" in common.by_source:
+        variance = variance - np.diagonal(estimate.square_second_order())
+    return variance

@@ -120,3 +120,21 @@ def test_an_angle_that_is_missing_or_no_number_is_marked(visit, plan):
 def test_a_plan_of_targets_has_no_weight_step_to_read(visit, stored):
     page = visit("tablet", view=f"#/gearboxes?plan={stored.plan}").page
     expect(page.get_by_text("This plan has no postures of a weight step.")).to_be_visible()
+
+
+def test_readings_on_this_device_are_found_again_until_they_are_discarded(visit, plan):
+    visited = visit("phone", view="#/gearboxes")
+    page = visited.page
+    go_on = page.get_by_role("link", name="Go on reading the encoders of arm with two encoders")
+    expect(go_on).to_have_count(0)
+    visited.go(f"#/gearboxes?plan={plan['id']}")
+    page.get_by_label("joint_2 +, Motor [°]", exact=True).fill("12.3456")
+    visited.go("#/gearboxes")
+    go_on.click()
+    expect(page.get_by_label("joint_2 +, Motor [°]", exact=True)).to_have_value("12.3456")
+    page.get_by_role("button", name="Discard the readings").click()
+    page.get_by_role("dialog").get_by_role("button", name="Continue").click()
+    expect(page.get_by_label("joint_2 +, Motor [°]", exact=True)).to_have_value("")
+    visited.go("#/gearboxes")
+    page.get_by_role("heading", name="Gearboxes").wait_for()
+    expect(go_on).to_have_count(0)

@@ -324,7 +324,7 @@ def _find_target_frames(
     for index in used_frames.tolist():
         frame = frames[index]
         if frame.pose is not None:
-            _refuse_second_numbers(frame, stated_poses, field)
+            _refuse_second_numbers(frame, stated_frames, field)
             poses[index] = reference @ frame.pose
         else:  # the program gives no numbers
             stated_name = _find_stated_frame(frame, stated_poses, field)
@@ -334,24 +334,21 @@ def _find_target_frames(
     return _Frames(poses, frame_of_target)
 
 
-def _refuse_second_numbers(
-    frame: FrameName, stated_poses: Mapping[str | None, FloatArray], field: str
-) -> None:
+def _refuse_second_numbers(frame: FrameName, stated_frames: Sequence[ProgramFrame], field: str) -> None:
     """Refuse a request that states the numbers of a frame which the program itself defines.
 
     Args:
-        frame: frame whose numbers the program gives.
-        stated_poses: poses of the request by their names in capitals, in the order of the request.
+        frame: frame with numbers in the program.
+        stated_frames: frames with numbers in the request; most controllers ignore the case of their names.
         field: field of the request, `tools` or `bases`, for errors.
 
     Raises:
-        RequestError: the request states a pose of this name.
+        RequestError: the request has a frame of this name; the error has its index.
     """
-    name = _fold_name(frame.name)
-    if name in stated_poses:
-        reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
-        place = f"{field}[{list(stated_poses).index(name)}].name"
-        raise RequestError(reason, where=place, remedy="omit this frame")
+    for i, stated in enumerate(stated_frames):
+        if _fold_name(stated.name) == _fold_name(frame.name):
+            reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
+            raise RequestError(reason, where=f"{field}[{i}].name", remedy="omit this frame")
 
 
 def _read_stated_poses(

@@ -304,7 +304,7 @@ HARM = [
         packed_otherwise,
         "is packed by a filter other than gzip; save the array with gzip, or without a filter",
     ),
-    (of_pandas, "a frame of pandas, whose names and texts are pickled .* `to_parquet`"),
+    (of_pandas, "a frame of pandas, whose names and texts are pickled .* as Parquet or CSV"),
     (long_log, LARGE),
     (
         long_unit,

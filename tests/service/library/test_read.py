@@ -1,7 +1,9 @@
 """`jointstiff.read`: what the robot proposes for files without names, and what its acceptance gives."""
 
+import h5py
 import numpy as np
 import pytest
+from scipy.io import savemat
 from support.measured_arms import PLACES, TRACKER, measure, wide, write_bare
 
 import jointstiff
@@ -107,3 +109,75 @@ def test_a_list_of_three_targets_in_turn_becomes_three_targets(known, tmp_path):
     answer = jointstiff.read(*files, robot=ARM).accept()
     assert answer.targets == ["T1", "T2", "T3"]
     assert len(PLACES) == len(answer.geometry.poses[0].targets)
+
+
+def write_mat(path, arrays):
+    savemat(path, arrays)
+    return path
+
+
+def write_mat_7_3(path, arrays):
+    """Write a file as MATLAB writes it since version 7.3: HDF5 behind a header, arrays transposed."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in arrays.items():
+            dataset = file.create_dataset(name, data=np.transpose(values))
+            dataset.attrs["MATLAB_class"] = np.bytes_("double")
+    content = bytearray(path.read_bytes())
+    content[:19], content[124:128] = b"MATLAB 7.3 MAT-file", b"\x00\x02IM"
+    path.write_bytes(content)
+    return path
+
+
+def write_pasted(path, arrays):
+    """Write matrices as MATLAB shows them in a program."""
+    texts = []
+    for name, values in arrays.items():
+        rows = (" ".join(f"{number:.4f}" for number in row) for row in values)
+        texts.append(f"{name} = [" + ";\n ".join(rows) + "]; % pasted\n")
+    path.write_text("".join(texts))
+    return path
+
+
+STACKED = {
+    "in turn": lambda points: points.reshape(-1, 3),
+    "in blocks": lambda points: points.swapaxes(0, 1).reshape(-1, 3),
+    "transposed": lambda points: points.reshape(-1, 3).T,
+    "side by side": lambda points: points.reshape(len(points), -1),
+    "(n, T, 3)": lambda points: points,
+    "(n, 3, T)": lambda points: points.swapaxes(1, 2),
+}
+
+
+@pytest.mark.parametrize(
+    ("write", "name", "form"),
+    [pytest.param(write_mat, "day1.mat", form, marks=pytest.mark.process) for form in STACKED]
+    + [
+        pytest.param(write_mat_7_3, "day1.mat", form, marks=pytest.mark.process)
+        for form in ("in turn", "in blocks", "transposed", "side by side")
+    ]
+    + [(write_pasted, "day1.m", form) for form in ("in turn", "in blocks", "side by side")],
+)
+def test_matrices_of_matlab_with_stacked_targets_become_targets(write, name, form, known, tmp_path):
+    joints, points = measure(known)
+    points = points[:, :2]  # so that only one axis of a stack has three elements
+    arrays = {"Q": joints, "first": STACKED[form](points), "second": STACKED[form](points + LOADED)}
+    proposal = jointstiff.read(
+        write(tmp_path / name, arrays), robot=ARM, force=(0, 0, -900), units={"force": "N"}, **STATED
+    )
+    observations = proposal.campaign.measurement_set.observations
+    assert len(observations) == len(joints)
+    for observation, own, own_points in zip(observations, joints, points, strict=True):
+        assert observation.joints == pytest.approx(own, abs=1e-4)
+        assert [each.unloaded for each in observation.readings] == [
+            pytest.approx(each, abs=1e-3) for each in own_points
+        ]
+        for reading in observation.readings:
+            assert np.subtract(reading.loaded, reading.unloaded) == pytest.approx(LOADED, abs=1e-3)
+
+
+def test_one_pasted_matrix_needs_no_name(known, tmp_path):
+    joints, points = measure(known)
+    rows = (", ".join(f"{number:.4f}" for number in row) for row in wide(joints, points.reshape(16, -1)))
+    (tmp_path / "day1.txt").write_text("[" + "\n".join(rows) + "]")
+    text = str(jointstiff.read(tmp_path / "day1.txt", robot=ARM))
+    assert text.startswith("columns 1–6 as J1…J6 [deg], 7–9 as T1 unloaded [mm], 10–12 as T2")

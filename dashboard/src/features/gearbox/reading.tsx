@@ -54,13 +54,15 @@ function ArmOf(planned: Omit<ReadingProps, "robot">) {
 
 /** What is kept on this device until it is discarded. */
 interface Draft {
+  /** Name of the robot. */
+  robot: string;
   typed: step.Typed;
   state: step.StepState;
   posture: string;
   load: Fields;
 }
 
-function useKeptDraft(name: string, start: Draft): [Draft, (part: Partial<Draft>) => void] {
+function useKeptDraft(name: string, start: Draft): [Draft, (part: Partial<Draft>) => void, () => void] {
   const [draft, set] = useState<Draft>(() => ({ ...start, ...(recalled(name) as Partial<Draft> | null) }));
   const put = (part: Partial<Draft>) =>
     set((before) => {
@@ -68,7 +70,11 @@ function useKeptDraft(name: string, start: Draft): [Draft, (part: Partial<Draft>
       remember(name, next);
       return next;
     });
-  return [draft, put];
+  const discard = () => {
+    set(start);
+    remember(name, null);
+  };
+  return [draft, put, discard];
 }
 
 function loadOfPlan({ request, result }: Plan): Fields {
@@ -84,9 +90,10 @@ interface ReadingProps {
 
 function Reading({ plan, result, robot }: ReadingProps) {
   const planned = result.readings;
-  const kept = `step.${plan.id}`;
-  const start: Draft = { typed: {}, state: "unloaded", posture: planned[0]?.label ?? "", load: loadOfPlan(plan) };
-  const [draft, put] = useKeptDraft(kept, start);
+  const kept = `${step.KEPT}${plan.id}`;
+  const first = planned[0]?.label ?? "";
+  const start: Draft = { robot: robot.name, typed: {}, state: "unloaded", posture: first, load: loadOfPlan(plan) };
+  const [draft, put, forget] = useKeptDraft(kept, start);
   const { typed, state, load } = draft;
   const joints = plan.request.joints?.length ? plan.request.joints : result.joints.map(({ name }) => name);
   const kinds = robot.joints.map(({ kind }) => kind);
@@ -96,7 +103,7 @@ function Reading({ plan, result, robot }: ReadingProps) {
   );
   const observations = step.observationsOf(typed, planned, joints, kinds);
   const discard = async () => {
-    if (await sure(words.sureToDiscard)) put(start);
+    if (await sure(words.sureToDiscard)) forget();
   };
   const next = nextOf(
     planned.map(({ label }) => label),

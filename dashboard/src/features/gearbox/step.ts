@@ -21,6 +21,9 @@ export type Encoder = (typeof ENCODERS)[number];
 /** Postures with a reading of one joint in both states, from which on a result can be determined. */
 export const LEAST_POSTURES = 4;
 
+/** What the names begin with under which a device keeps the readings of plans, by the id of the plan. */
+export const KEPT = "step.";
+
 /** Units of the request: angles as a controller shows them, lengths as a plan states them. */
 export const UNITS = { length: "m", angle: "deg" } as const;
 

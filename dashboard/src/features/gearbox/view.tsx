@@ -12,11 +12,13 @@ import { contentKey, type Fields, isFields, listOf, parsed } from "../../lib/jso
 import { shownWithInterval, unitOf } from "../../lib/stiffness";
 import { link, useAction } from "../../state/action";
 import { FROM_FILE, sourceOf } from "../../state/choices";
+import { recalled, remembered } from "../../state/kept";
 import { useSettings } from "../../state/session";
 import { text } from "../../words";
 import { Refused } from "../readings/flow";
 import { RobotTabs } from "../robots/view";
 import { JobList } from "../runs/view";
+import { KEPT } from "./step";
 import { gearboxWords as words } from "./words";
 
 const StepReading = lazy(async () => (await import("./reading")).StepReading);
@@ -141,6 +143,15 @@ export function GearboxesView({ query }: { query: URLSearchParams }) {
   return plan === null ? <FromFile /> : <StepReading key={plan} plan={plan} />;
 }
 
+/** Weight steps of which this device keeps readings: the plan's id, and the robot's name. */
+function begunSteps(): { plan: string; robot: string }[] {
+  return remembered(KEPT).map((name) => {
+    const draft = recalled(name);
+    const robot = isFields(draft) ? String(draft["robot"] ?? "") : "";
+    return { plan: name.slice(KEPT.length), robot };
+  });
+}
+
 function FromFile() {
   const [opened, setOpened] = useState<Opened | null>(null);
   const take = useAction(async (file: File) => {
@@ -155,6 +166,13 @@ function FromFile() {
       />
       <RobotTabs current="gearboxes" />
       <p>{words.intro}</p>
+      {begunSteps().map(({ plan, robot }) => (
+        <p>
+          <a href={link(["gearboxes"], { plan })}>
+            {words.goOn} <Name>{robot}</Name>
+          </a>
+        </p>
+      ))}
       <div class="flow">
         <section class="card" aria-labelledby="step-file">
           <h2 id="step-file">{words.readings}</h2>

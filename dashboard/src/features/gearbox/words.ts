@@ -27,6 +27,7 @@ export const gearboxWords = {
   pickRobot: "Choose one",
   identify: "Identify the gearboxes",
   result: "Gearboxes, motor to link encoder",
+  goOn: "Go on reading the encoders of",
   planStep: "Plan a weight step",
   reading: {
     kind: "Weight step",

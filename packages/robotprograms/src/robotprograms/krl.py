@@ -694,7 +694,11 @@ def _translate_spline(line: Line) -> list[Op]:
 
 
 def _translate_sensor(line: Line) -> list[Op]:
-    """Translate a function of KUKA RSI, by which a sensor begins or ends to guide the arm."""
+    """Translate a function of KUKA RSI, by which a sensor begins or ends to guide the arm.
+
+    In `RET=RSI_ON(#RELATIVE)`, the groups of the line are `name` (RET, the variable that gets the result),
+    `function` (RSI_ON), `action` (ON) and `arguments`. Until RSI_OFF, the sensor moves the targets.
+    """
     ops = line.read_expression(line["arguments"]) if line["arguments"] else []
     variable_of_result = line["name"]
     if variable_of_result:
@@ -721,7 +725,12 @@ def _translate_routine(line: Line) -> list[Op]:
 
 
 def _translate_attachment(line: Line) -> list[Op]:
-    """Translate the declaration of an interrupt or a trigger, whose routine may run at any time."""
+    """Translate the declaration of an interrupt or a trigger, whose routine may run at any time.
+
+    In `INTERRUPT DECL 3 WHEN $IN[1] DO STOPIT()`, the groups of the line are `number` (3), `when` ($IN[1])
+    and `action` (STOPIT()). A `TRIGGER WHEN DISTANCE=0 DELAY=20 DO GRIP() PRIO=-1` has no number and no
+    `when`.
+    """
     is_trigger = line.text.startswith("TRIGGER")
     event: ir.Name = "TRIGGER" if is_trigger else ""
     if line["number"]:  # by this number, another statement switches the interrupt on
@@ -747,6 +756,7 @@ def _translate_unknown_attachment(line: Line) -> list[Op]:
 def _translate_triggered_assignment(line: Line) -> list[Op]:
     """Translate a trigger that assigns a value: the value of the name may change at any time.
 
+    In `TRIGGER WHEN DISTANCE=0 DELAY=20 DO $OUT[1]=TRUE`, the group `action` of the line is `$OUT[1]=TRUE`.
     KSS: what is triggered is an assignment, a pulse of an output, or a call of a routine.
     """
     assignment = line.part("action")
@@ -798,7 +808,11 @@ def _translate_frame_of_bas(role: str, number: Line) -> list[Op]:
 
 
 def _translate_reading(line: Line) -> list[Op]:
-    """Translate a function that reads values from outside into its arguments, such as CREAD."""
+    """Translate a function that reads values from outside, such as `STATE=EKI_GETREAL("name","x",VALUE)`.
+
+    The variables in its `arguments`, here VALUE, and the one that gets its `status` have unknown values
+    behind the line. A routine of the program with the name of the `function` takes its place.
+    """
     uses = [op for op in line.read_expression(line["arguments"]) if isinstance(op, ir.Use)]
     arguments = _find_names([*uses])
     variable_of_result = line["status"] or "_"
@@ -817,9 +831,10 @@ def _find_names(ops: list[Op]) -> frozenset[str]:
 
 
 def _translate_kinematics(line: Line) -> list[Op]:
-    """Translate INVERSE or FORWARD, which calculate joint angles or a pose and give a status.
+    """Translate `A=INVERSE(P,START,STATUS)` or FORWARD, which calculate joint angles or a pose.
 
-    Source: KSS, INVERSE and FORWARD: they read the active base and tool, and change neither.
+    The result (group `name`, here A) and the status get unknown values; the result is calculated of the other
+    arguments. Source: KSS, INVERSE and FORWARD: they read the active base and tool, and change neither.
     """
     result, status = line["name"], line["status"]
     uses = ir.pass_uses(line.read_expression(line["arguments"]), result)
@@ -994,7 +1009,11 @@ def _list_programs(sources: tuple[Source, ...]) -> list[str]:
 
 
 def _forget_imported_names(statements: Statements, sources: tuple[Source, ...]) -> None:
-    """Make the values of names unknown that a program imports from another one, which may change them."""
+    """Make the values of names unknown that a program imports from another one, which may change them.
+
+    `IMPORT POS OWN IS /R1/OTHER..P1` gives the name OWN to the variable P1 of the program OTHER: both names
+    have unknown values at any time.
+    """
     imported = set[str]()
     for source in sources[1:]:  # a program alone imports nothing that changes here
         for own_name, foreign_name in _IMPORT.findall(source.text):
@@ -1010,7 +1029,8 @@ def _forget_imported_names(statements: Statements, sources: tuple[Source, ...]) 
 def _find_routines_by_value(sources: tuple[Source, ...]) -> frozenset[str]:
     """Return the routines that get copies of their arguments, and so cannot change them.
 
-    All declarations of such a routine by EXT or EXTFCT state `:IN` for each parameter.
+    All declarations of such a routine by EXT or EXTFCT, such as `EXT GRIP(INT:IN,POS:IN)`, state `:IN` for
+    each parameter.
     """
     by_value, by_reference = set[str](), set[str]()
     for source in sources:

@@ -440,7 +440,7 @@ class Language:
 
         A pattern in `rules`, such as `GOTO @{name}`, has placeholders that become groups of a regular
         expression: `@{name}` matches a name, which must not be a word such as IF that begins statements;
-        `#{number}` matches a number, in place of which the normal form has NUL.
+        `#{number}` matches NUL, the sign of a number in the normal form.
         """
         variable = rf"(?!(?:{self.reserved})(?![\w$])){self.word}"
         pattern_of_sign = {"@": variable, "#": r"\0"}
@@ -818,15 +818,16 @@ def calls_routine(ops: list[Op]) -> bool:
 
 
 def call_if_defined(name: Name, passed: frozenset[str] = frozenset()) -> Call:
-    """Return the call of a routine, with the names of its arguments, that counts if the program defines it.
+    """Return the call of a routine that counts only if the program itself defines a routine of this name.
 
-    Functions and instructions of the controller give way to routines of a program with the same name.
+    Such a routine takes the place of the controller's function or instruction with the same name, which
+    changes nothing. `passed` are the names in its arguments.
     """
     return Call(name, passed, harmless=True)
 
 
 def make_skippable(ops: Iterable[Op]) -> list[Op]:
-    """Return the operations as a branch, which the program may run or skip."""
+    """Return the operations as a branch, which the program may run or skip, as between IF and ENDIF."""
     return [Flow("if"), *ops, Flow("close")]
 
 
@@ -839,14 +840,18 @@ def pass_uses(ops: list[Op], into: Name) -> list[Op]:
 
 
 def omit_uses(ops: list[Op]) -> list[Op]:
-    """Return the operations of an expression that is shown or sent, and gives its value to no name."""
+    """Return the operations without uses: the expression is shown or sent, as in `TPWrite text1;`.
+
+    Such a use does not matter for the program, so that the numbers may be corrected.
+    """
     return [op for op in ops if not isinstance(op, Use)]
 
 
 def mark_anytime(ops: list[Op], event: Name = "") -> list[Op]:
     """Return the operations with each call marked: its routine may run at any time, or more than once.
 
-    With the name of an event, an unknown routine counts as called at the statement.
+    The routine of an interrupt is such a one, and so is a function in the condition of a loop. With the name
+    of an event, an unknown routine counts as called at the statement.
     """
     return [op._replace(anytime=True, event=event) if isinstance(op, Call) else op for op in ops]
 

@@ -362,7 +362,7 @@ class MoveRecorder:
         """Note that a move which is not corrected needs the numbers of its named targets as they are.
 
         So the declaration of a target such as p1 has to stay. A target that was calculated has no
-        declaration: the move then shifts with the correction of those of which it was calculated.
+        declaration: the correction of the targets behind its calculation then shifts the move.
         """
         for target in self._list_named_targets(place, op):
             is_calculated = target in self._uses.origins

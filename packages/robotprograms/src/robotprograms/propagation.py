@@ -191,9 +191,10 @@ class Propagation:
         self.exits[routine] = state
 
     def _keep_read_names(self, read_names: Collection[str], state: State) -> State:
-        """Return a state without the names that nothing reads any more.
+        """Return a state without the variables that nothing reads any more, which makes states small.
 
-        `read_names` may still be read, and so may each name for which this was not found out.
+        Of the variables whose uses were followed, those in `read_names` may still be read. All others, whose
+        uses were not followed, may be read, too.
         """
         unread = []
         for name in state:
@@ -325,7 +326,8 @@ class Propagation:
     def _return_from(self, routine: str, i: int, state: State, at_exit: State) -> State:
         """Return the state behind the call of a routine: the caller's, with what the routine may change.
 
-        A state has the content of each variable.
+        A state has the content of each variable. Behind `GRIP()`, a base that GRIP never sets is that before
+        the call; a tool that GRIP sets is that at the end of GRIP.
 
         Args:
             routine: the called routine.

@@ -1,0 +1,169 @@
+"""Robots from the calibration of a Universal Robots arm: `calibration.conf`, or the YAML file of ROS.
+
+The file of the controller has deviations from the nominal Denavit-Hartenberg parameters. Axes 2 to 4 are
+almost parallel, so that these parameters place frames hundreds of metres away; the URDF made here has its
+frames on the same axes, next to the nominal ones.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final
+
+from jointstiff.service.conversion.catalogue import find_arm
+from jointstiff.solver.errors import RequestError, RobotError
+
+if TYPE_CHECKING:
+    from jointstiff.solver.arrays import FloatArray
+
+_LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+_JOINTS: Final = (
+    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint",
+    "wrist_3_joint",
+)  # fmt: skip
+_PARTS: Final = ("x", "y", "z", "roll", "pitch", "yaw")
+_DELTAS: Final = ("theta", "a", "d", "alpha")
+_NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NO_CALIBRATION: Final = (
+    "give `calibration.conf` of the controller, or the YAML file that `ur_calibration` of ROS writes"
+)
+
+
+def convert_calibration(stem: str, text: str) -> dict[str, Any]:
+    """Return the fields of the robot in a calibration.
+
+    Args:
+        stem: name of the file without its ending, which begins with the arm, such as `ur10e calibration`;
+            needed for the file of a controller, which does not name the arm.
+        text: text of the file.
+
+    Raises:
+        RobotError: the text is no calibration, or the name of the file names no arm of the catalogue.
+    """
+    if re.search(r"^\s*kinematics:", text, re.MULTILINE):
+        origins = [_read_origin(text, link) for link in _LINKS]
+        return {"name": stem, "model": _make_model(origins, None)}
+    if "delta_theta" not in text:
+        raise RobotError("the file has no calibration", where="robot", remedy=_NO_CALIBRATION)
+    try:
+        arm = find_arm(re.split(r"[\s_-]*calibration", stem)[0], "robot")
+    except RequestError as error:
+        raise RobotError(
+            f"a controller's calibration does not name its arm, and the name of the file does not either: "
+            f"{error.reason}",
+            where="robot",
+            remedy="rename the file, such as `ur10e_calibration.conf`",
+        ) from None
+    deltas = {name: _read_deltas(text, name) for name in _DELTAS}
+    origins, end = _place_frames_on_axes(arm.model.rows, deltas)
+    fields = {"name": f"{arm.name} (calibrated)", "model": _make_model(origins, end)}
+    return fields if arm.payload is None else fields | {"payload": arm.payload}
+
+
+def _read_origin(text: str, link: str) -> list[float]:
+    """Return x, y, z [m], roll, pitch and yaw [rad] of a link in the YAML file of ROS.
+
+    Raises:
+        RobotError: a number is missing.
+    """
+    others = "|".join(_LINKS)
+    found = re.search(rf"^\s*{link}:(.*?)(?=^\s*(?:{others}|hash):|\Z)", text, re.MULTILINE | re.DOTALL)
+    stated = dict(re.findall(rf"\b(x|y|z|roll|pitch|yaw):\s*({_NUMBER})", found[1] if found else ""))
+    missing = [part for part in _PARTS if part not in stated]
+    if missing:
+        reason = f"the calibration has no {missing[0]} of {link}"
+        raise RobotError(reason, where="robot", remedy=_NO_CALIBRATION)
+    return [float(stated[part]) for part in _PARTS]
+
+
+def _read_deltas(text: str, name: str) -> list[float]:
+    """Return the deviations of six Denavit-Hartenberg parameters [m or rad] in the file of a controller.
+
+    Raises:
+        RobotError: the list does not have six numbers.
+    """
+    found = re.search(rf"^\s*delta_{name}\s*=\s*\[([^\]]*)\]", text, re.MULTILINE)
+    cells = re.split(r"[,\s]+", found[1].strip()) if found else []
+    if len(cells) != len(_LINKS) or not all(re.fullmatch(_NUMBER, cell) for cell in cells):
+        reason = f"`delta_{name}` of the calibration does not have six numbers"
+        raise RobotError(reason, where="robot", remedy=_NO_CALIBRATION)
+    return [float(cell) for cell in cells]
+
+
+def _place_frames_on_axes(
+    rows: Sequence[Any], deltas: Mapping[str, Sequence[float]]
+) -> tuple[list[list[float]], list[float]]:
+    """Return origins of the six joints, and of the flange behind them, each in the frame before.
+
+    The frame of a joint has its axis as z axis, and its origin where the nominal one is nearest to the axis.
+    """
+    import numpy as np
+
+    nominal = true = np.eye(4)
+    frames = [np.eye(4)]
+    for i, row in enumerate(rows):
+        frame = true.copy()
+        axis = frame[:3, 2]
+        frame[:3, 3] += axis * (axis @ (nominal[:3, 3] - frame[:3, 3]))
+        frames.append(frame)
+        nominal = nominal @ _make_step(row.theta, row.a, row.d, row.alpha)
+        parameters = [getattr(row, name) + deltas[name][i] for name in _DELTAS]
+        true = true @ _make_step(*parameters)
+    frames.append(true)
+    steps: list[FloatArray] = [
+        np.asarray(np.linalg.solve(first, second), dtype=np.float64) for first, second in pairwise(frames)
+    ]
+    origins = [_list_parts(step) for step in steps]
+    return origins[:-1], origins[-1]
+
+
+def _make_step(theta: float, a: float, d: float, alpha: float) -> FloatArray:
+    """Return the transform (4, 4) of a row of the standard convention [m, rad]."""
+    import numpy as np
+
+    ct, st, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
+    return np.array(
+        [
+            [ct, -st * ca, st * sa, a * ct],
+            [st, ct * ca, -ct * sa, a * st],
+            [0.0, sa, ca, d],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def _list_parts(step: FloatArray) -> list[float]:
+    """Return x, y, z [m], roll, pitch and yaw [rad] of a transform (4, 4)."""
+    rotation = step[:3, :3]
+    pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
+    if math.hypot(rotation[0, 0], rotation[1, 0]) > 1e-9:
+        roll = math.atan2(rotation[2, 1], rotation[2, 2])
+        yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+    else:  # roll and yaw turn about one axis
+        roll, yaw = 0.0, math.atan2(-rotation[0, 1], rotation[1, 1])
+    return [*step[:3, 3].tolist(), roll, pitch, yaw]
+
+
+def _make_model(origins: Sequence[Sequence[float]], end: Sequence[float] | None) -> dict[str, Any]:
+    """Return the model of a robot: a URDF whose joints have these origins; `end` is that of the flange."""
+    links = ["base", *(f"{link}_link" for link in _LINKS)]
+    parts = [f'<link name="{link}"/>' for link in links]
+    limit = f'<limit lower="{-2 * math.pi!r}" upper="{2 * math.pi!r}" effort="0" velocity="0"/>'
+    for i, (joint, origin) in enumerate(zip(_JOINTS, origins, strict=True)):
+        ends = f'<parent link="{links[i]}"/><child link="{links[i + 1]}"/>'
+        place = _write_origin(origin)
+        parts.append(f'<joint name="{joint}" type="revolute">{ends}{place}<axis xyz="0 0 1"/>{limit}</joint>')
+    ends = f'<parent link="{links[-1]}"/><child link="flange"/>'
+    place = _write_origin(end or [0.0] * len(_PARTS))
+    parts.append(f'<link name="flange"/><joint name="flange" type="fixed">{ends}{place}</joint>')
+    urdf = f'<robot name="ur">{"".join(parts)}</robot>'
+    return {"format": "urdf", "urdf": urdf, "base": "base", "flange": "flange"}
+
+
+def _write_origin(parts: Sequence[float]) -> str:
+    """Return the origin of a joint in a URDF."""
+    xyz, rpy = (" ".join(map(repr, each)) for each in (parts[:3], parts[3:]))
+    return f'<origin xyz="{xyz}" rpy="{rpy}"/>'
