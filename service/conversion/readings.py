@@ -869,7 +869,9 @@ _KNOWLEDGE_OF_CONTROLLER = {
 
 
 def refuse_informed_controller(noise: Noise | None) -> None:
-    """Refuse readings under a load of which the controller knew: it moved the joints against the deflection.
+    """Refuse readings under a load that was declared to the controller.
+
+    The controller then moved the joints against the deflection.
 
     Raises:
         MeasurementError: a ground of the noise says so.
@@ -1036,7 +1038,7 @@ class _LocatedLoadPoint:
 
     target: str  # name of the target at the hook
     place: FloatArray  # (3,) load point that the readings show, flange frame [m]
-    lever: float  # distance of the hook from the targets beside which it was placed, or from R0 [m]
+    lever: float  # distance of the hook from the targets that give its place, or from R0 [m]
     stated: FloatArray | None  # (3,) load point that was stated, flange frame [m]; None if not stated
     stated_uncertainty: float  # standard uncertainty of each coordinate of `stated` [m]
     header: MeasurementSetHeader  # header of the set, with this load point

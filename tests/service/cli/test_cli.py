@@ -31,7 +31,7 @@ def test_negative_stiffness_is_shown_as_what_it_is(tmp_path):
     del document["robot"]["joint_map"]
     path = tmp_path / "fanuc.json"
     path.write_text(json.dumps(document))
-    assert "-1.87" in run("identify", path, "--no-positive").stdout
+    assert "-1.86" in run("identify", path, "--no-positive").stdout
     constrained = run("identify", path).stdout
     assert "rigid" in constrained
     assert "cannot distinguish the joint from a rigid" in constrained

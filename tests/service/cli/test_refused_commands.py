@@ -37,7 +37,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def compensate(name, *others, off=True):
-    option = ["--accuracy-option", "off"] if off else []
+    option = ["--accuracy-option", "off"] if off and "--accuracy-option" not in others else []
     return run("compensate", "pull.json", "path.src", "-o", "out.src", *option, "--options", name, *others)
 
 

@@ -64,8 +64,8 @@ def test_a_report_is_written_of_a_campaign_and_its_run_and_not_over_another_file
 
 def test_a_run_without_its_campaign_is_refused_with_the_way_to_keep_it():
     assert refused("report run.json -o again.html") == (
-        "run.json is a result without a campaign remedy: give the campaign; `run.save(…)` or "
-        "`identify --save` writes a run with its campaign"
+        "run.json is a result without a campaign remedy: give the campaign; "
+        "`jointstiff identify FILE --save RUN` writes a run with its campaign"
     )
 
 
