@@ -88,8 +88,13 @@ def build_grids_of_matrices(file: str, matrices: Sequence[Matrix]) -> list[Grid]
     try:
         arrays = tabulate(named, every_length=True)
     except MemoryError:
-        raise ImportFileError(Place(file), _TOO_LARGE, "save fewer arrays, or split the file") from None
+        raise _refuse_size(file) from None
     return [_build_grid(file, "text", name, table) for name, table in _split_by_length(arrays)]
+
+
+def _refuse_size(file: str) -> ImportFileError:
+    """Return the error of a file whose arrays are too large for a table."""
+    return ImportFileError(Place(file), _TOO_LARGE, "save fewer arrays, or split the file")
 
 
 def _split_by_length(arrays: Sequence[Any]) -> list[tuple[str, list[Any]]]:
@@ -120,7 +125,7 @@ def _ask_library(
         reason = f"reading {words} ended without a result: {_TOO_LONG}"
         raise ImportFileError(place, reason, "save the file again with fewer arrays, or write a CSV file")
     if "large" in answer:
-        raise ImportFileError(place, _TOO_LARGE, "save fewer arrays, or split the file")
+        raise _refuse_size(file)
     if "reason" in answer:
         raise ImportFileError(place, answer["reason"], answer["remedy"])
     if "tables" in answer:

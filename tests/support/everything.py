@@ -43,6 +43,10 @@ def campaign(name: str) -> dict[str, Any]:
     return document
 
 
+STORED_AT_ONCE = {"robots", "measurement-sets"}
+"""Collections whose items need no work, so that there is nothing to wait for."""
+
+
 class Filling:
     """What a service is asked for, one thing after the other."""
 
@@ -51,7 +55,8 @@ class Filling:
 
     def add(self, collection: str, body: Any) -> str:
         """Post a body, and wait for what is made of it; return its id."""
-        return made(self.client, partial(self.client.post, f"/v1/{collection}?wait=60", json=body))
+        address = f"/v1/{collection}" if collection in STORED_AT_ONCE else f"/v1/{collection}?wait=60"
+        return made(self.client, partial(self.client.post, address, json=body))
 
     def measure(self, document: Mapping[str, Any], robot: str | None = None, **changes: object) -> str:
         """Store the set of a campaign, of its own robot or of another; return its id."""
