@@ -75,7 +75,6 @@ export class Stage {
     view.append(this.#element);
     const { canvas } = this;
     canvas.tabIndex = 0;
-    canvas.setAttribute("role", "img");
     canvas.dataset["ready"] = "false";
     this.#renderer = new WebGLRenderer({
       canvas,
@@ -121,6 +120,7 @@ export class Stage {
 
   /** Say what the hand does to `hears`; `label` is for those who do not see the picture. */
   listen(label: string, hears: Hears): void {
+    this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);
     this.#hears = hears;
   }
