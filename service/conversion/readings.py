@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
@@ -32,8 +33,13 @@ from jointstiff.solver.mechanics.hook import HookReading, locate_hook
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
+    CATALOGUE_SCALE,
+    FORCE_BEYOND_PULLEY,
     ISOTROPIC_DIFFERENCE,
     LEAST_OF_GROUND,
+    PULLEY_SCALE,
+    ROPE_ZERO_IF_TARED,
+    ROPE_ZERO_OF_CELL,
     CommonUncertainty,
     DifferenceNoise,
     EncoderReadings,
@@ -454,18 +460,47 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
     )
     if noise is None:
         return common
-    force, axes = noise.force, noise.axes
-    if force is not None:
-        common = replace(common, direction=force.direction)
-    if force is not None and force.scale is not None:
-        common = replace(common, scale=force.scale, assumed=common.assumed - {"force_scale"})
+    axes = noise.axes
     return replace(
-        _state_load_point(common, noise, length),
+        _state_load_point(_state_force(common, noise), noise, length),
         target_places=length * (noise.target_places or 0.0),
         drift=length * (noise.drift or 0.0),
         axis_position=0.0 if axes is None else length * axes.position,
         axis_direction=0.0 if axes is None else axes.direction,
     )
+
+
+def _state_force(common: CommonUncertainty, noise: Noise) -> CommonUncertainty:
+    """Return uncertainties with those of the force, which are at least those of its ground.
+
+    Args:
+        common: uncertainties, in which the scale of the force is assumed.
+        noise: noise that is stated for the set.
+    """
+    if noise.force is not None:
+        common = replace(common, direction=noise.force.direction)
+    stated = None if noise.force is None else noise.force.scale
+    if stated is not None:
+        common = replace(common, scale=stated, assumed=common.assumed - {"force_scale"})
+    grounds = noise.grounds
+    if grounds is None or grounds.force is None:
+        return common
+    if grounds.force == "cell":
+        zero = ROPE_ZERO_IF_TARED if grounds.tared else ROPE_ZERO_OF_CELL
+        return replace(common, rope_zero=zero)
+    if grounds.force == "pulley":
+        scale = math.hypot(stated or 0.0, PULLEY_SCALE)
+    elif grounds.force == "catalogue":
+        scale = max(stated or 0.0, CATALOGUE_SCALE)
+    else:
+        return common
+    return replace(common, scale=scale, assumed=common.assumed - {"force_scale"})
+
+
+def _find_force_at_hook(noise: Noise | None) -> float:
+    """Return the force at the hook, relative to the stated force."""
+    ground = None if noise is None or noise.grounds is None else noise.grounds.force
+    return FORCE_BEYOND_PULLEY if ground == "pulley" else 1.0
 
 
 def _state_load_point(common: CommonUncertainty, noise: Noise, length: float) -> CommonUncertainty:
@@ -672,8 +707,9 @@ def compute_content_hash(
     unstated_fields = {name for name in newer_fields if not getattr(header.noise, name, None)}
     excluded: dict[str, Any] = dict.fromkeys(unstated_fields, True)
     grounds = None if header.noise is None else header.noise.grounds
-    if grounds is not None and grounds.between is None:
-        excluded["grounds"] = {"between"}
+    if grounds is not None:
+        newer_grounds = ("between", "force", "tared")
+        excluded["grounds"] = {name for name in newer_grounds if getattr(grounds, name) is None}
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
         exclude={"noise": excluded},
@@ -801,14 +837,15 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     deflection = np.where(readings.as_deflection[..., None], readings.loaded, readings.loaded - unloaded)
     deflection = np.where(unloaded_only[..., None], 0.0, deflection)
     joints = joint_factors(robot, header.units) * readings.joints
+    at_hook = _find_force_at_hook(header.noise)
     direction = None
     if readings.directions is not None:
         direction = readings.directions.compute_unit_vectors(robot, joints)
         deflection = deflection + readings.directions.displacement[..., None] * direction
     measurements = Measurements(
         joints=joints,
-        force=FORCE[header.units.force] * readings.force,
-        moment=_get_moment_factor(header.units, readings) * readings.moment,
+        force=at_hook * FORCE[header.units.force] * readings.force,
+        moment=at_hook * _get_moment_factor(header.units, readings) * readings.moment,
         load_point=length * _choose_load_points(header, readings),
         position=length * _choose_positions(header, readings),
         in_flange=readings.as_deflection,
