@@ -503,8 +503,8 @@ LARGEST_HOOK_SCATTER = 3.0 * LEAST_OF_GROUND["tracker"]
 """Largest distance [m] between two readings of the hook, and of a target from its mean place on the flange:
 three standard uncertainties."""
 LARGEST_HOOK_SHIFT = 0.02
-"""Largest distance [m] by which the kinematics place the targets wrong where the hook is read: a greater one is
-a wrong reading, or wrong joint angles."""
+"""Largest distance [m] by which the kinematics place targets wrong where the hook is read: a greater one is a
+wrong reading, or wrong joint angles."""
 _UNREAD = (np.nan, np.nan, np.nan)
 
 

@@ -107,8 +107,7 @@ def _read_part(value: object, link: str, part: str) -> float:
         RobotError: the value is no number, or too great.
     """
     greatest = _LONGEST_LINK if part in ("x", "y", "z") else 2.0 * math.pi
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and abs(value) <= greatest:  # false for NaN
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= greatest:  # no NaN
         return float(value)
     reason = f"{part} of {link} is {str(value)[:40]!r}, which is no number of m or rad of an arm"
     raise RobotError(reason, where="robot", remedy=_NO_CALIBRATION)
@@ -154,8 +153,8 @@ def _refuse_other_arm(arm: str, rows: Sequence[Any], deltas: Mapping[str, Sequen
         distance = float(np.linalg.norm(places[1] - places[0]))
         if distance > _FARTHEST_FLANGE:
             raise RobotError(
-                f"the calibration moves the flange of a {arm} by {1e3 * distance:.3g} mm, so it is of another "
-                "arm, or its numbers are wrong",
+                f"the calibration moves the flange of a {arm} by {1e3 * distance:.3g} mm, so it is of "
+                "another arm, or its numbers are wrong",
                 where="robot",
                 remedy="rename the file by its own arm, such as `ur10e_calibration.conf`, or export it again",
             )
