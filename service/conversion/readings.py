@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Collection, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
@@ -795,11 +797,41 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     _refuse_other_joints(header, readings, robot)
     if not readings.unloaded_only.all():
         refuse_informed_controller(header.noise)
+    if header.load_point_target is None:
+        return _convert(header, readings, robot, None)
+    shots = _locate_load_point(header, header.load_point_target, readings, robot)
+    with _counting_rows_as_posted(shots.rows):
+        return _convert(shots.header, shots.other_readings, robot, shots)
+
+
+@contextmanager
+def _counting_rows_as_posted(rows: IndexArray) -> Iterator[None]:
+    """Number the observation that an error names as it is numbered in the set that was posted.
+
+    Args:
+        rows: (K,) indices in the posted set of the observations that were kept.
+    """
+
+    def count_as_posted(match: re.Match[str]) -> str:
+        return f"observations[{rows[int(match[1])]}]"
+
+    try:
+        yield
+    except MeasurementError as error:
+        if error.where is not None:
+            error.where = re.sub(r"^observations\[(\d+)\]", count_as_posted, error.where)
+        raise
+
+
+def _convert(
+    header: MeasurementSetHeader, readings: ReadingArrays, robot: Robot, shots: _LocatedLoadPoint | None
+) -> Measurements:
+    """Return the measurements of a set, without the readings of a target at the hook; `shots` are these.
+
+    Raises:
+        MeasurementError: the set lacks a quantity or a unit, or its noise is unclear.
+    """
     length = LENGTH[header.units.length]
-    shots = None
-    if header.load_point_target is not None:
-        shots = _locate_load_point(header, header.load_point_target, readings, robot)
-        header, readings = shots.header, shots.other_readings
     unloaded_only = readings.unloaded_only
     unloaded, returned = _average_unloaded_readings(readings, length)
     deflection = np.where(readings.as_deflection[..., None], readings.loaded, readings.loaded - unloaded)
@@ -1049,6 +1081,7 @@ class _LocatedLoadPoint:
     stated_uncertainty: float  # standard uncertainty of each coordinate of `stated` [m]
     header: MeasurementSetHeader  # header of the set, with this load point
     other_readings: ReadingArrays  # readings of the other targets
+    rows: IndexArray  # (K,) indices of the observations in the set with such readings
 
     def to_hook_reading(self, sigma: float, repeatability: float) -> HookReading:
         """Return the reading with its uncertainty: what its errors add up to, and at least `least`.
@@ -1104,6 +1137,8 @@ def _locate_load_point(
     if readings.encoders is not None:
         is_loaded |= readings.encoders.present.any(axis=1)
     is_kept = (readings.present & ~is_hook).any(axis=1)
+    if readings.encoders is not None:
+        is_kept |= readings.encoders.present.any(axis=1)
     if is_loaded.any():
         is_kept &= is_loaded | ~is_shot
     if not is_kept.any():
@@ -1126,6 +1161,7 @@ def _locate_load_point(
         stated_uncertainty=_find_stated_uncertainty(header.noise, length),
         header=header.model_copy(update={"load_point": (x, y, z)}),
         other_readings=without_points,
+        rows=np.flatnonzero(is_kept),
     )
 
 

@@ -86,7 +86,7 @@ def _generate_lines_without_blocks(text: str) -> Iterator[str]:
 
 
 def _is_changed_later(name: str, text: str) -> bool:
-    """Return whether a text assigns to a matrix, or to a part of it, something else than numbers in brackets."""
+    """Return whether a text assigns to a matrix, or to a part of it, something else than brackets."""
     part = r"(?:\([^()\n]{0,40}\))?"
     assigned = rf"(?<![\w.]){re.escape(name)}{part}[ \t]*=[ \t]*(?![=\[ \t])"
     return re.search(assigned, text, re.ASCII) is not None

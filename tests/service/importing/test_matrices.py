@@ -1,4 +1,4 @@
-"""Matrices in a text, as MATLAB writes them: their numbers are those that MATLAB would have, or it is refused."""
+"""Matrices in a text, as MATLAB writes them: the numbers are those of MATLAB, or the text is refused."""
 
 import numpy as np
 import pytest

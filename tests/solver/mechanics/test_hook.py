@@ -188,3 +188,22 @@ def test_a_set_without_another_target_than_the_hook_is_refused(stated):
     document[SET]["load_point_target"] = document[SET]["observations"][0]["readings"][0]["target"]
     reason = "gives the load point, and no other target has a reading"
     assert reason in refused(measurements, document)
+
+
+def test_a_fault_behind_the_shot_is_named_in_the_observation_that_was_posted(stated):
+    """The shot is the first observation, and no observation of the measurements."""
+    document = without_point(shot(stated, [3], alone=True))
+    document[SET]["observations"][6]["readings"][1] = {"target": "PX", "deflection": [0.0, 0.0, 1e-3]}
+    assert refused(measurements, document).startswith("observations[6].")
+
+
+def test_encoders_read_under_load_stay_where_only_the_hook_was_read_as_a_target(stated):
+    document = without_point(shot(stated, [3], alone=True))
+    document[SET]["noise"]["encoder_sigma"] = 1e-6
+    encoders = [{"joint": "joint_2", "unloaded": 0.0, "loaded": 1e-4}]
+    for observation in document[SET]["observations"]:
+        observation["encoder_readings"] = encoders
+    alone = document[SET]["observations"][0]
+    alone["force"] = document[SET]["observations"][1]["force"]
+    alone["readings"] = [each for each in alone["readings"] if each["target"] == "hook"]
+    assert measurements(document).encoders.present.any(axis=1).sum() == 15
