@@ -49,7 +49,7 @@ from jointstiff.solver.fit.stages import (
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
 from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS, complementary_stiffness
+from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS
 
 MAX_ITERATIONS: Final = 60
@@ -208,7 +208,7 @@ def _find_characteristic_length(rows: Rows, settings: Settings, observability: O
 
 def _find_largest_stiffness(rows: Rows) -> FloatArray:
     """Return the greatest |K_c,ij| (n, n) over the observations, in the unloaded postures [N·m/rad]."""
-    largest = [np.abs(complementary_stiffness(block)).max(axis=0) for block in rows.generate_blocks()]
+    largest = [np.abs(block.complementary_stiffness).max(axis=0) for block in rows.generate_blocks()]
     return np.asarray(np.max(largest, axis=0))
 
 

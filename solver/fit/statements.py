@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -77,10 +78,18 @@ class Statements:
             before: terms of the columns A, whose unknowns keep their own units.
             whitened: whether the rows are scaled, so that the noise of each row has variance sigma².
         """
+        if not self.terms:  # all unknowns keep their own units
+            yield from rows.generate(before, self.compliance, whitened=whitened)
+            return
         terms = [*before, *self.terms]
         for block_rows in rows.generate(terms, self.compliance, whitened=whitened):
             units = self._list_units(block_rows.widths)
             yield block_rows.scale(units)
+
+    @cached_property
+    def _uncertainties(self) -> dict[str, tuple[float, ...]]:
+        """Standard uncertainties of the unknowns of each term, by the term's name."""
+        return {term.name: term.prior(self.common) for term in self.terms}
 
     def _list_units(self, widths: Mapping[str, int]) -> FloatArray:
         """Return the unit of each unknown: its standard uncertainty if its term is among these, else 1.
@@ -88,10 +97,9 @@ class Statements:
         `widths` has the number of unknowns of each term by the term's name, K together. The result (K + 1,)
         ends with 1 for the column of readings.
         """
-        uncertainties = {term.name: term.prior(self.common) for term in self.terms}
         units = list[FloatArray]()
         for name, width in widths.items():
-            uncertainty_of_term = uncertainties.get(name, (1.0,))
+            uncertainty_of_term = self._uncertainties.get(name, (1.0,))
             units.append(np.resize(uncertainty_of_term, width))  # repeated over the term's unknowns
         return np.concatenate([*units, np.ones(1)])
 
