@@ -21,7 +21,10 @@ _REMEDY = "results are still proved, or refused; install `clarabel` again, and r
 
 def ask_solver() -> SolverHealth:
     """Let another process check the solver, and return what it found."""
-    answer = ask_child(__name__)
+    try:
+        answer = ask_child(__name__)
+    except OSError as error:  # the system starts no further process
+        return describe_check(None, 0.0, type(error).__name__)
     if answer.document is None:
         return describe_check(None, 0.0, answer.error)
     return describe_check(answer.document["distance"], answer.document["limit"])

@@ -23,6 +23,7 @@ from support.jobs import run_request, runs_of, stored_set
 from support.processes import Service, until
 
 from jointstiff.schemas.access import Health
+from jointstiff.service import solver_check
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.health import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
@@ -127,6 +128,16 @@ def test_a_solver_that_fails_a_known_program_degrades_the_health(distance, error
         assert health.solver.why == (
             f"{why}results are still proved, or refused; install `clarabel` again, and restart the service"
         )
+
+
+def test_a_check_that_the_system_does_not_start_is_a_failed_check(monkeypatch):
+    def refuse(_module):
+        raise BlockingIOError
+
+    monkeypatch.setattr(solver_check, "ask_child", refuse)
+    found = solver_check.ask_solver()
+    assert (found.agrees, found.distance) == (False, None)
+    assert "did not solve a known program (BlockingIOError)" in found.why
 
 
 @pytest.mark.process
