@@ -41,12 +41,7 @@ class Rows:
     independent: Measurements | None = None  #: the same readings before they got other sizes of shared errors
 
     def __len__(self) -> int:
-        return self._count
-
-    @cached_property
-    def _count(self) -> int:
-        """Number N of observations."""
-        return len(self.measurements)
+        return len(self.measurements.joints)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: the fields alone, as another process computes the kinematics again."""

@@ -17,9 +17,8 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.mechanics.block import BlockRows, Term, fitted_errors
-from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
-from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS
+from jointstiff.solver.mechanics.block import BlockRows, Term
+from jointstiff.solver.mechanics.measurements import CommonUncertainty
 
 LEAST_STATED_SIGMA: Final = 1e-8
 """Least sigma [m] by which statements are weighted: exact readings would make their rows vanish."""
@@ -152,19 +151,3 @@ class FittedStatements:
         before_errors = rows[..., : -1 - len(self.unknowns)]
         remaining_readings = rows[..., -1] - self._move(rows)
         return np.concatenate([before_errors, remaining_readings[..., None]], axis=-1)
-
-
-def list_stated_terms(measurements: Measurements) -> tuple[Term, ...]:
-    """List the systematic errors that are fitted together with the compliances.
-
-    These are the errors whose standard uncertainty is stated. Left out are errors that an earlier fit has
-    already estimated, and the common scale of all loads: readings cannot distinguish it from the compliances.
-    """
-    left_out = {FORCE_SCALE.name}
-    left_out.update(term.name for term in fitted_errors(measurements).terms)
-    stated_terms = list[Term]()
-    for term in TERMS.values():
-        uncertainties = term.prior(measurements.common_uncertainty)  # of its unknowns; 0 where not stated
-        if any(uncertainties) and term.name not in left_out:
-            stated_terms.append(term)
-    return tuple(stated_terms)
