@@ -687,15 +687,15 @@ def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str
     unknown_name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
     is_parameter = error["loc"][:1] == ("query",)
     known_names = parameters if is_parameter else error.get("fields", ())
-    if _NAMES_ELSEWHERE.get(unknown_name) in known_names:
-        return _NAMES_ELSEWHERE[unknown_name]
+    if NAMES_ELSEWHERE.get(unknown_name) in known_names:
+        return NAMES_ELSEWHERE[unknown_name]
     if not unknown_name or len(unknown_name) > _LONGEST_NAME or unknown_name in known_names:
         return None
     similar_names = get_close_matches(unknown_name, known_names, n=1, cutoff=0.75)
     return similar_names[0] if similar_names else None
 
 
-_NAMES_ELSEWHERE: Final = MappingProxyType(
+NAMES_ELSEWHERE: Final = MappingProxyType(
     {
         "alpha": "confidence",
         "bootstrap": "resampling",
@@ -706,6 +706,7 @@ _NAMES_ELSEWHERE: Final = MappingProxyType(
         "nonnegative": "positive",
         "prior": "priors",
         "robust": "loss",
+        "level": "confidence",
         "weights": "weighting",
     }
 )

@@ -391,9 +391,10 @@ def to_vectors(
     return np.broadcast_to(array, (count, 3))
 
 
-_NUMBERS_OF_TARGETS: Final = (
-    "give an array, lists of equal lengths, or columns of a data frame; write NaN where a target was not read"
-)
+_READINGS: Final = frozenset({"unloaded", "loaded", "unloaded_after", "deflections"})
+"""Arrays in which a number may be missing, because a target was not read."""
+_NAN_WHERE_NOT_READ: Final = "write NaN where a target was not read"
+_NUMBERS: Final = "give an array, lists of equal lengths, or columns of a data frame"
 
 
 def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
@@ -402,12 +403,20 @@ def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anyt
     Raises:
         MeasurementError: the value has elements that are not numbers, or infinite.
     """
-    numbers = read_numbers(value, name, _NUMBERS_OF_TARGETS)
+    remedy = f"{_NUMBERS}; {_NAN_WHERE_NOT_READ}" if _may_lack_numbers(name) else _NUMBERS
+    numbers = read_numbers(value, name, remedy)
     if np.isinf(numbers).any():
         raise MeasurementError(
-            f"`{name}` has infinite values", where=name, remedy="write NaN where a target was not read"
+            f"`{name}` has infinite values",
+            where=name,
+            remedy=_NAN_WHERE_NOT_READ if _may_lack_numbers(name) else "give finite numbers",
         )
     return numbers
+
+
+def _may_lack_numbers(name: str) -> bool:
+    """Return whether an argument, such as `loaded` or its part `loaded['P1']`, may have missing numbers."""
+    return name.partition("[")[0] in _READINGS
 
 
 def read_numbers(value: Any, name: str, remedy: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
@@ -752,22 +753,31 @@ def _refuse_too_many_targets(names: Collection[str]) -> None:
 
 def _refuse_unlike_observations(observations: list[Observation]) -> None:
     """Refuse observations with different numbers of joint angles, or with the same label."""
-    joint_count = len(observations[0].joints)
+    _refuse_other_joint_counts(observations)
     index_of_label = dict[str, int]()  # index of the first observation with the label
     for i, observation in enumerate(observations):
-        if len(observation.joints) != joint_count:
-            raise MeasurementError(
-                f"observation '{observation.label}' has {len(observation.joints)} joint angles, but the "
-                f"first observation has {joint_count}",
-                where=f"observations[{i}].joints",
-                remedy="give one angle for each joint of the robot in every observation",
-            )
         first = index_of_label.setdefault(observation.label, i)
         if first != i:
             raise MeasurementError(
                 f"label '{observation.label}' is already used by observations[{first}]",
                 where=f"observations[{i}].label",
                 remedy="give every observation a unique label",
+            )
+
+
+def _refuse_other_joint_counts(observations: Sequence[Observation]) -> None:
+    """Refuse an observation that has another number of joint angles than most observations."""
+    counts = Counter(len(observation.joints) for observation in observations)
+    usual_count = counts.most_common(1)[0][0]
+    first_count = len(observations[0].joints)
+    others = "the first observation has" if usual_count == first_count else "most observations have"
+    for i, observation in enumerate(observations):
+        count = len(observation.joints)
+        if count != usual_count:
+            raise MeasurementError(
+                f"observation '{observation.label}' has {count} joint angles, but {others} {usual_count}",
+                where=f"observations[{i}].joints",
+                remedy="give one angle for each joint of the robot in every observation",
             )
 
 

@@ -18,7 +18,7 @@ from jointstiff.schemas.job import Progress
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress
-from jointstiff.service.kinds.width import CancelledWorkError, map_in_order
+from jointstiff.service.kinds.width import CancelledWorkError, map_in_order, refuse_no_executor
 from jointstiff.service.kinds.work import make_failed_job
 from jointstiff.service.library.campaigns import extract_run_options
 from jointstiff.service.library.here import Here
@@ -72,7 +72,8 @@ def identify_many(
         `error` begins with the campaign's place, such as `campaigns[3]`, or the name of its file.
 
     Raises:
-        TypeError: an option does not exist, or one campaign is given in place of several.
+        TypeError: an option does not exist, `executor` is no executor, or one campaign is given in place of
+            several.
         ExecutorError: the executor failed.
     """
     if isinstance(campaigns, str | bytes | PathLike | Mapping | Campaign | TabledRun):
@@ -81,6 +82,7 @@ def identify_many(
         raise TypeError(
             f"identify_many() has no option '{unknown[0]}'; `help(jointstiff.identify)` lists the options"
         )
+    refuse_no_executor(executor)
     make_monitor = partial(JobMonitor, on_progress, cancel)
     shared = _SharedOptions(options, cast("dict[str, Any]", fields))
     return _identify_all(campaigns, shared, make_monitor, executor)
