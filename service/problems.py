@@ -9,6 +9,7 @@ ServiceError                   an error whose cause is not in the request: see t
 ├── MissingExtraError          a library of an extra is not installed: install the extra
 ├── ExecutorError              the caller's executor failed: see the executor's error
 └── StoreError                 base of the errors of the store
+    ├── MissingDatabaseError   there is no database file: give the URL of a database that exists
     ├── StoreUnavailableError  the database does not answer: try again, or look at the server
     │   └── LockedError        another program has the rows locked: try again, or end the other program
     ├── DamagedError           a document that cannot be read: delete it, or restore a copy
@@ -231,6 +232,10 @@ class ExecutorError(ServiceError):
 
 class StoreError(ServiceError):
     """Base of the store's errors."""
+
+
+class MissingDatabaseError(StoreError):
+    """There is no database file at the URL."""
 
 
 class StoreUnavailableError(StoreError):

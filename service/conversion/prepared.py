@@ -27,6 +27,7 @@ from jointstiff.schemas.robot import CatalogueModel, DhModel, GeometryModel, Rob
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.service.conversion.readings import (
+    NamedObservationError,
     PointNoise,
     PositionsAfter,
     ReadingArrays,
@@ -388,10 +389,12 @@ def _add_label_to_errors(observations: Sequence[Observation]) -> Iterator[None]:
     """Add the observation's label to a `MeasurementError` of the block that gives only its number."""
     try:
         yield
+    except NamedObservationError:
+        raise
     except MeasurementError as error:
         match = re.match(r"observations\[(\d+)\]", error.where or "")
         label = "" if match is None else observations[int(match[1])].label
-        if not label or f"'{label}'" in error.reason:  # no observation, or a reason that names its label
+        if not label:
             raise
         reason = f"observation '{label}': {error.reason}"
         raise MeasurementError(reason, where=error.where, remedy=error.remedy) from error
