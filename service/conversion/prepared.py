@@ -105,17 +105,21 @@ def transform_to_base(
     length = LENGTH[header.units.length]
     R = np.array(resolved.rotation)
     t = np.array(resolved.translation) / length
-    turned = readings.loaded @ R.T
     as_deflection, present = readings.as_deflection[..., None], readings.present[..., None]
+    moved_unloaded = readings.unloaded @ R.T + t
+    turned = readings.loaded @ R.T
+    moved_loaded = np.where(as_deflection, turned, turned + t)
     force_rotation = R if header.frame.forces == "tracker" else np.eye(3)
+    noise = None if readings.noise is None else _turn_covariances(readings.noise, R)
+    directions = None if readings.directions is None else readings.directions.rotate(R)
     transformed = replace(
         readings,
-        unloaded=np.where(present & ~as_deflection, readings.unloaded @ R.T + t, readings.unloaded),
-        loaded=np.where(present, np.where(as_deflection, turned, turned + t), readings.loaded),
+        unloaded=np.where(present & ~as_deflection, moved_unloaded, readings.unloaded),
+        loaded=np.where(present, moved_loaded, readings.loaded),
         force=readings.force @ force_rotation.T,
         moment=readings.moment @ force_rotation.T,
-        noise=_turn_covariances(readings.noise, R) if readings.noise is not None else None,
-        directions=None if readings.directions is None else readings.directions.rotate(R),
+        noise=noise,
+        directions=directions,
         after=_transform_positions(readings.after, R, t),
     )
     # Targets that the header states replace those of the identified geometry.
