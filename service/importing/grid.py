@@ -19,6 +19,7 @@ from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ColumnMeaning, DecimalM
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 from jointstiff.service.importing.joint_positions import JointPosition, read_joint_positions
+from jointstiff.service.importing.point_reports import PointReport, read_point_report
 
 # ---- limits: files are hostile until parsed
 
@@ -235,7 +236,7 @@ _Line = tuple[int, str]
 def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     """Decode a text file and split it into cells; find the delimiter from the lines if `delimiter` is None.
 
-    A robot program with joint positions is read as a table of these.
+    A robot program with joint positions, or a report of measured points, is read as a table of these.
 
     Raises:
         ImportFileError: the file is not plain text, has no row, or its delimiter is ambiguous.
@@ -243,6 +244,8 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     text, encoding = decode(file, content)
     if positions := read_joint_positions(text):
         return _build_grid_of_positions(file, encoding, positions)
+    if report := read_point_report(file, text):
+        return _build_grid_of_points(file, encoding, text, report)
     return _read_table(file, text, encoding, delimiter)
 
 
@@ -287,6 +290,26 @@ def _build_grid_of_positions(file: str, encoding: str, positions: Sequence[Joint
     preview = FilePreview(file=file, format="text", encoding=encoding, assumptions=[note])
     header = Row(1, tuple(f"J{number + 1} [deg]" for number in range(len(positions[0].angles))))
     return Grid(preview, (header, *(Row(each.line, each.angles) for each in positions)))
+
+
+def _build_grid_of_points(file: str, encoding: str, text: str, report: PointReport) -> Grid:
+    """Return the measured points of a report as a table with a header.
+
+    Raises:
+        ImportFileError: there are too many points, or a name is too long.
+    """
+    if len(report.points) > limits.MAX_ROWS:
+        raise ImportFileError(
+            Place(file), f"the file has more than {limits.MAX_ROWS} points", "split the file"
+        )
+    note = f"{len(report.points)} measured points of a report were read, in their order"
+    preview = FilePreview(file=file, format="text", encoding=encoding, assumptions=[note])
+    unit = f" [{report.unit}]" if report.unit else ""
+    header = Row(1, ("name", *(f"{axis}{unit}" for axis in "xyz")))
+    rows = tuple(
+        Row(each.line, (each.name, *map(write_ascii_minus, each.coordinates))) for each in report.points
+    )
+    return Grid(preview, (header, *rows), has_final_line_break=text.endswith(("\n", "\r")))
 
 
 def decode(file: str, content: bytes) -> tuple[str, str]:
