@@ -149,6 +149,10 @@ _SIGNATURES: Final = (
     (b"<svg", "a picture (SVG)"),
 )
 JSON: Final = "a JSON document"
+CERTIFICATE: Final = "a digital calibration certificate (DCC)"
+_CERTIFICATE_NAMESPACE: Final = b"https://ptb.de/dcc"
+_FIRST_BYTES: Final = 4096
+"""Bytes of a file of XML among which its root names the schema."""
 WORKBOOK: Final = "an Excel workbook (.xlsx)"
 _ZIP: Final = b"PK\x03\x04"
 _TYPES_BY_PART: Final = (
@@ -185,6 +189,8 @@ def file_type(content: bytes, name: str = "") -> str | None:
         return "a picture (HEIC) or a film"
     # White space, or a byte order mark of UTF-8 or UTF-16, may come before the first sign of the content.
     start = content[:256].lstrip(b"\xef\xbb\xbf \t\r\n")
+    if start.startswith(b"<") and _CERTIFICATE_NAMESPACE in content[:_FIRST_BYTES]:
+        return CERTIFICATE
     ends_with_bracket = content.rstrip()[-1:] in (b"}", b"]")
     if start.lstrip(b"\xff\xfe\0")[:1] in (b"{", b"[") and (
         ends_with_bracket or name.lower().endswith(".json")
