@@ -42,6 +42,10 @@ _KEPT: Final = 1.0 + 1e-6
 """Part of a limit that counts as kept: rounding."""
 _DOUBT: Final = 1.01
 """Relative error of the deflection at the knots: fixed turns within it are compared at all points."""
+_FAR: Final = float(np.radians(45.0))
+"""Difference of two turns beyond which they belong to different routes [rad]."""
+_NEAR_BEST: Final = 1.03
+"""Deflection of another route at the knots, relative to the best one's, up to which the route is followed."""
 _ATTEMPTS: Final = 4
 """Smooth turns of one roughness that are tried, each with lower limits where the one before exceeds them."""
 _MOST_FIXED: Final = 8
@@ -246,6 +250,26 @@ class Lattice:
         """Return the candidates (k,) of the sequence with the least deflection; None if there is none."""
         return self._find(self.trellis, self.value)
 
+    def find_other(self, sequence: IndexArray) -> IndexArray | None:
+        """Return the best sequence (k,) whose turn halfway is far from that of another one; None without any.
+
+        Sequences that lead round the spindle on different sides are nearly as good as each other. Which of
+        them is the best at the knots depends on where the knots are.
+        """
+        candidates, lengths = self.trellis.candidates, self.path.lengths
+        halfway = int(np.argmin(np.abs(lengths - 0.5 * lengths[-1])))
+        turns = np.where(candidates.turn < 0, 0.0, self.task.angles[candidates.turn])
+        difference = turns - turns[sequence[halfway]]
+        if self.task.closed:
+            difference = np.remainder(difference + np.pi, 2.0 * np.pi) - np.pi
+        is_halfway = candidates.point == halfway
+        is_far = np.abs(difference) > _FAR
+        if not (is_halfway & is_far).any():
+            return None
+        kept = ~is_halfway | is_far
+        found = self._find(self.trellis.restrict(kept), self.value[kept])
+        return None if found is None else np.asarray(np.flatnonzero(kept)[found])
+
     def find_fixed(self) -> dict[int, IndexArray]:
         """Return the candidates (k,) of the best sequence of each fixed turn, by the turn's index."""
         candidates, found = self.trellis.candidates, dict[int, IndexArray]()
@@ -326,8 +350,9 @@ class _Choice:
         sizes = {k: self.lattice.measure(each) for k, each in fixed_sequences.items()}
         free = self.lattice.find_free() if len(self.task.angles) > 1 else None
         motions = list[TurnedMotion]()
-        if free is not None and self._may_gain(free, sizes):
-            motions += self._smooth(*self._expand(self.lattice.turns(free), free))
+        for route in self._list_routes(free):
+            if self._may_gain(route, sizes):
+                motions += self._smooth(*self._expand(self.lattice.turns(route), route))
         best = min((each.size for each in motions if each.excess <= _KEPT), default=np.inf)
         followed = self._follow_fixed(fixed_sequences, sizes, best)
         legal = {k: each for k, each in followed.items() if each.excess <= _KEPT}
@@ -386,6 +411,17 @@ class _Choice:
         joints = self.model.robot.joint_map.controller_angles(motion.angles)
         given = ~np.isnan(self.path.given[:, 0])
         return np.where(given[:, None], self.path.given, joints)
+
+    def _list_routes(self, free: IndexArray | None) -> list[IndexArray]:
+        """Return the best free sequence (k,), and another one that is nearly as good at the knots, if any.
+
+        Without a free sequence there is no route.
+        """
+        if free is None:
+            return []
+        other = self.lattice.find_other(free)
+        is_near = other is not None and self.lattice.measure(other) <= _NEAR_BEST * self.lattice.measure(free)
+        return [free, other] if other is not None and is_near else [free]
 
     def _may_gain(self, free: IndexArray, sizes: dict[int, float]) -> bool:
         """Return whether the free sequence is better at the knots than each fixed turn."""

@@ -32,7 +32,7 @@ from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
 from jointstiff.solver.process.prior import build_prior_model
 from jointstiff.solver.process.sequence import LineLimits, Trellis
-from jointstiff.solver.process.turning import TurnTask, choose_turns
+from jointstiff.solver.process.turning import Lattice, TurnTask, choose_turns
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)
@@ -225,6 +225,23 @@ def test_the_choice_does_not_depend_on_how_densely_a_path_is_sampled():
         p = path(count=count)
         sizes.append(choose_turns(MODEL, INVERSE, p, task(count)).size)
     assert max(sizes) <= 1.01 * min(sizes)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_another_route_is_far_from_the_best_one_halfway_and_keeps_the_rate(shape):
+    p = path(shape)
+    asked = task(len(p))
+    knots = find_knots(p, find_spacing(p, asked.pace, asked.step), np.arange(len(p)))
+    lattice = Lattice.build(MODEL, INVERSE, p, asked, np.arange(len(p)), knots)
+    best = lattice.find_free()
+    other = lattice.find_other(best)
+    assert lattice.measure(other) >= lattice.measure(best)
+    lengths = p.lengths[knots]
+    halfway = np.argmin(np.abs(lengths - 0.5 * lengths[-1]))
+    difference = lattice.turns(other)[halfway] - lattice.turns(best)[halfway]
+    assert np.cos(difference) < np.cos(np.radians(44.9))
+    turned = np.abs(np.diff(lattice.turns(other)))
+    assert (turned <= asked.pace.rate * np.diff(lengths) * (1.0 + 1e-9)).all()
 
 
 def test_a_faster_feed_turns_less_and_keeps_the_joints_below_half_of_their_speeds():
