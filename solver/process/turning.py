@@ -18,7 +18,7 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.forward import ForwardModel
-from jointstiff.solver.process.blend import find_corners
+from jointstiff.solver.process.blend import UNBLENDED, find_corners
 from jointstiff.solver.process.candidates import CLEARANCE_ROOM, Candidates, keep_room, list_candidates
 from jointstiff.solver.process.inspection import Inspection, Inspector
 from jointstiff.solver.process.knots import find_knots, find_spacing
@@ -40,6 +40,8 @@ _DIGITS: Final = 10
 """Decimal places of squares relative to their mean that are compared."""
 _KEPT: Final = 1.0 + 1e-6
 """Part of a limit that counts as kept: rounding."""
+_NEARLY_KEPT: Final = _KEPT + UNBLENDED
+"""Need, relative to a limit, of a motion that would keep the limit without a correction."""
 _DOUBT: Final = 1.01
 """Relative error of the deflection at the knots: fixed turns within it are compared at all points."""
 _FAR: Final = float(np.radians(45.0))
@@ -110,7 +112,7 @@ class TurnedMotion:
     turn: FloatArray  #: (m,) turn about the spindle axis [rad]
     size: float  #: root mean square, or greatest, of the exact deflections under load [m]
     inspection: Inspection
-    excess: float  #: greatest need of speed or rate, relative to its limit
+    excess: float  #: greatest need of speed or rate, also as corrected, relative to its limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,9 +357,9 @@ class _Choice:
                 motions += self._smooth(*self._expand(self.lattice.turns(route), route))
         best = min((each.size for each in motions if each.excess <= _KEPT), default=np.inf)
         followed = self._follow_fixed(fixed_sequences, sizes, best)
-        legal = {k: each for k, each in followed.items() if each.excess <= _KEPT}
-        if not any(each.excess <= _KEPT for each in motions) and legal and len(self.task.angles) > 1:
-            start = min(legal.values(), key=lambda each: each.size)
+        nearly = [each for each in followed.values() if each.excess <= _NEARLY_KEPT]
+        if not any(each.excess <= _KEPT for each in motions) and nearly and len(self.task.angles) > 1:
+            start = min(nearly, key=lambda each: each.size)
             motions += self._smooth(start.turn, self.inverse.select_arm_joints(start.angles))
         motions += followed.values()
         if free is not None and not any(each.excess <= _KEPT for each in motions):
@@ -493,9 +495,14 @@ class _Choice:
         return []
 
     def _find_needs(self, inspection: Inspection) -> tuple[FloatArray, FloatArray]:
-        """Return what the lines (m,) of a motion need of the joints' speeds, and of the rate of turn."""
+        """Return what the lines (m,) of a motion need of the joints' speeds, and of the rate of turn.
+
+        The joints need room for the correction, too: up to the part of their limits beyond which the
+        correction is blended.
+        """
+        added = np.minimum(inspection.added, UNBLENDED * self._limits)
         with np.errstate(invalid="ignore"):
-            speed = np.nan_to_num(inspection.motion / self._limits).max(axis=1, initial=0.0)
+            speed = np.nan_to_num((inspection.motion + added) / self._limits).max(axis=1, initial=0.0)
         return speed, inspection.turn / self.task.pace.rate
 
     def _follow(self, turn: FloatArray, near: FloatArray) -> Iterator[TurnedMotion]:

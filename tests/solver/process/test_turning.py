@@ -24,6 +24,7 @@ from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures, flange_poses
 from jointstiff.solver.models import Columns, find_model
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
+from jointstiff.solver.process.blend import blend_loads
 from jointstiff.solver.process.candidates import find_branches, list_candidates
 from jointstiff.solver.process.deflection import PathDeflection
 from jointstiff.solver.process.inspection import Inspector
@@ -242,6 +243,33 @@ def test_another_route_is_far_from_the_best_one_halfway_and_keeps_the_rate(shape
     assert np.cos(difference) < np.cos(np.radians(44.9))
     turned = np.abs(np.diff(lattice.turns(other)))
     assert (turned <= asked.pace.rate * np.diff(lengths) * (1.0 + 1e-9)).all()
+
+
+def corrected_shares(model, p, joints, pace):
+    """Parts (m - 1, n) of the joints' speeds that the corrected targets need, by their means on each line."""
+    q, cases = model.robot.joint_map.model_angles(joints), p.cases(np.arange(len(p)), joints)
+    blend = blend_loads(model, cases, p.continuous, pace.limits())
+    loads = cases if blend is None else blend.cases
+    commanded = model.compute_commands(loads, Postures(model.robot, q), np.ones(len(p)))
+    centres = Postures(model.robot, commanded).to_base(p.place[:, None])[:, 0]
+    lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    speed = np.abs(np.diff(commanded, axis=0)) / lengths[:, None] * pace.feed[1:, None]
+    return speed / pace.speeds
+
+
+@pytest.mark.parametrize(("yaw", "low", "high"), [(1.4, -30.0, 0.0), (4.9, 0.0, 30.0)])
+def test_corrected_joints_keep_half_of_their_speeds_where_the_turn_is_at_its_limit(yaw, low, high):
+    """A soft arm, at a feed at which turn zero needs 0.4995 of a joint's speed, and 0.5036 as corrected."""
+    model = JointModel(ROBOT, 4.0 * ARM.compliances, None, POSITIVE)
+    p = path(count=60, yaw=yaw, force=np.array([-150.0, 350.0, -120.0]))
+    slow = Pace(np.full(60, 0.05), SPEEDS)
+    zero = choose_turns(model, INVERSE, p, TurnTask(np.zeros(1), 0.04, slow))
+    pace = Pace(slow.feed * 0.4995 / slow.shares(zero.motion).max(), SPEEDS)
+    assert corrected_shares(model, p, zero.joints, pace).max() > 0.503
+    choice = choose_turns(model, INVERSE, p, TurnTask.within(*np.radians([low, high]), 36, 0.04, pace))
+    assert pace.shares(choice.motion).max() <= 0.5 * (1.0 + 1e-6)
+    assert corrected_shares(model, p, choice.joints, pace).max() <= 0.5 * (1.0 + 1e-3)
+    assert choice.size < zero.size
 
 
 def test_a_faster_feed_turns_less_and_keeps_the_joints_below_half_of_their_speeds():
