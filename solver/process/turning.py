@@ -26,7 +26,7 @@ from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import ProcessPath
 from jointstiff.solver.process.roll import steady_roll, wrap_turns
 from jointstiff.solver.process.sequence import LineLimits, Trellis
-from jointstiff.solver.process.smooth import ROUGHNESS, Parts, TurnSmoother
+from jointstiff.solver.process.smooth import ROUGHNESS, Parts, SmoothTurn, TurnSmoother
 
 NO_GAIN: Final = 0.02
 """Relative difference of the fixed turns' deflections up to which turning gains nothing."""
@@ -47,7 +47,7 @@ _DOUBT: Final = 1.01
 _FAR: Final = float(np.radians(45.0))
 """Difference of two turns beyond which they belong to different routes [rad]."""
 _NEAR_BEST: Final = 1.03
-"""Deflection of another route at the knots, relative to the best one's, up to which the route is followed."""
+"""Deflection of another route at the knots, relative to the best one's, up to which smooth turns decide."""
 _ATTEMPTS: Final = 4
 """Smooth turns of one roughness that are tried, each with lower limits where the one before exceeds them."""
 _MOST_FIXED: Final = 8
@@ -331,6 +331,15 @@ def _compute_values(candidates: Candidates, weights: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
+class _Start:
+    """Start of a smooth turn along a path of m points."""
+
+    turn: FloatArray  # (m,) turns, without jumps along a line [rad]
+    angles: FloatArray  # (m, 6) the arm's joints there [rad]
+    is_smooth: bool = False  # whether it is a smooth turn already
+
+
+@dataclass(frozen=True, eq=False)
 class _Choice:
     """The choice of a motion along a path, from the sequences of a lattice."""
 
@@ -352,15 +361,17 @@ class _Choice:
         sizes = {k: self.lattice.measure(each) for k, each in fixed_sequences.items()}
         free = self.lattice.find_free() if len(self.task.angles) > 1 else None
         motions = list[TurnedMotion]()
-        for route in self._list_routes(free):
-            if self._may_gain(route, sizes):
-                motions += self._smooth(*self._expand(self.lattice.turns(route), route))
+        for start in self._list_starts(free, sizes):
+            motions += self._smooth(start)
+            if motions:
+                break
         best = min((each.size for each in motions if each.excess <= _KEPT), default=np.inf)
         followed = self._follow_fixed(fixed_sequences, sizes, best)
         nearly = [each for each in followed.values() if each.excess <= _NEARLY_KEPT]
         if not any(each.excess <= _KEPT for each in motions) and nearly and len(self.task.angles) > 1:
-            start = min(nearly, key=lambda each: each.size)
-            motions += self._smooth(start.turn, self.inverse.select_arm_joints(start.angles))
+            best_fixed = min(nearly, key=lambda each: each.size)
+            arm = self.inverse.select_arm_joints(best_fixed.angles)
+            motions += self._smooth(_Start(best_fixed.turn, arm))
         motions += followed.values()
         if free is not None and not any(each.excess <= _KEPT for each in motions):
             motions += self._follow(*self._expand(self.lattice.turns(free), free))
@@ -414,16 +425,35 @@ class _Choice:
         given = ~np.isnan(self.path.given[:, 0])
         return np.where(given[:, None], self.path.given, joints)
 
-    def _list_routes(self, free: IndexArray | None) -> list[IndexArray]:
-        """Return the best free sequence (k,), and another one that is nearly as good at the knots, if any.
+    def _list_starts(self, free: IndexArray | None, sizes: dict[int, float]) -> list[_Start]:
+        """List the starts of smooth turns: the best free sequence, or two routes, the better one first.
 
-        Without a free sequence there is no route.
+        Routes that are nearly as good as each other at the knots are compared by a beginning of their smooth
+        turns. Without a free sequence, or with one that gains nothing, there is no start.
         """
-        if free is None:
+        if free is None or not self._may_gain(free, sizes):
             return []
+        routes = [free, *self._find_others(free, sizes)]
+        starts = [_Start(*self._expand(self.lattice.turns(each), each)) for each in routes]
+        if len(starts) == 1:
+            return starts
+        begun, not_begun = list[SmoothTurn](), list[_Start]()
+        for start in starts:
+            found = self._smoother.begin(start.turn, start.angles)
+            if found is None:
+                not_begun.append(start)
+            else:
+                begun.append(found)
+        begun.sort(key=lambda each: each.size)
+        return [*(_Start(each.turn, each.angles, is_smooth=True) for each in begun), *not_begun]
+
+    def _find_others(self, free: IndexArray, sizes: dict[int, float]) -> list[IndexArray]:
+        """Return another route (k,) that is nearly as good at the knots as the free sequence (k,), if any."""
         other = self.lattice.find_other(free)
-        is_near = other is not None and self.lattice.measure(other) <= _NEAR_BEST * self.lattice.measure(free)
-        return [free, other] if other is not None and is_near else [free]
+        if other is None or not self._may_gain(other, sizes):
+            return []
+        is_near = self.lattice.measure(other) <= _NEAR_BEST * self.lattice.measure(free)
+        return [other] if is_near else []
 
     def _may_gain(self, free: IndexArray, sizes: dict[int, float]) -> bool:
         """Return whether the free sequence is better at the knots than each fixed turn."""
@@ -477,21 +507,23 @@ class _Choice:
         columns = [np.interp(at, at[knots], each) for each in (turns, *angles.T)]
         return columns[0], np.stack(columns[1:], axis=1)
 
-    def _smooth(self, turn: FloatArray, angles: FloatArray) -> list[TurnedMotion]:
-        """Return the first smooth turn near another that keeps all limits; [] if there is none."""
+    def _smooth(self, start: _Start) -> list[TurnedMotion]:
+        """Return the first smooth turn near a start that keeps all limits; [] if there is none."""
+        turn, angles, is_smooth = start.turn, start.angles, start.is_smooth
         for roughness in ROUGHNESS:
             parts = Parts.full(len(self.path))
-            for attempt in range(_ATTEMPTS):
-                found = self._smoother.smooth(turn, angles, roughness, parts, again=attempt > 0)
+            for _ in range(_ATTEMPTS):
+                found = self._smoother.smooth(turn, angles, roughness, parts, again=is_smooth)
                 if found is None:
                     break
-                turn, angles = found.turn, found.angles  # what is nearly legal is a good start
+                turn, angles, is_smooth = found.turn, found.angles, True  # nearly legal is a good start
                 motion = next(self._follow(found.turn, found.angles), None)
                 if motion is None:
                     break
                 if motion.excess <= _KEPT:
                     return [motion]
                 parts = parts.lower(*self._find_needs(motion.inspection))
+            is_smooth = False  # a rougher turn may be far from a smoother one
         return []
 
     def _find_needs(self, inspection: Inspection) -> tuple[FloatArray, FloatArray]:

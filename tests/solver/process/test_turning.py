@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support.campaigns import prepare
 from support.catalogue_arms import build_nominal_robots
-from support.process_paths import FORCE, SHAPES, process_path, reach_centre, spindle_at
+from support.process_paths import FORCE, SHAPES, process_path, reach_centre, spindle_at, spiral
 from support.slides import arm_on_rail
 from support.springs import robot_of
 
@@ -243,6 +243,22 @@ def test_another_route_is_far_from_the_best_one_halfway_and_keeps_the_rate(shape
     assert np.cos(difference) < np.cos(np.radians(44.9))
     turned = np.abs(np.diff(lattice.turns(other)))
     assert (turned <= asked.pace.rate * np.diff(lengths) * (1.0 + 1e-9)).all()
+
+
+def test_of_two_routes_that_are_nearly_as_good_at_the_knots_the_better_smooth_one_is_followed(monkeypatch):
+    """The programmed turn decides which route is better at the knots, and must not decide the choice."""
+    monkeypatch.setitem(SHAPES, "spiral", spiral)
+    robot = next(each.robot for each in build_nominal_robots() if each.name == "KUKA KR 210 R2700 extra")
+    factors = np.array([1.26176483, 1.41170377, 0.69027273, 1.8400706, 1.83034005, 1.52330591])
+    model = JointModel(robot, factors * build_prior_model(robot).compliance, None, POSITIVE)
+    centre = np.array([1.48, -0.03, 0.33])
+    p = process_path("spiral", centre, yaw=2.0, count=637, force=np.array([-150.0, 350.0, -120.0]))
+    sizes = []
+    for turn in np.radians([0.0, 5.0]):
+        turned = replace(p, poses=p.turn(np.arange(637), np.full(637, turn)))
+        stated = task(637, feed=0.05, speeds=robot.speeds)
+        sizes.append(choose_turns(model, InverseKinematics(robot), turned, stated).size)
+    assert max(sizes) <= 1.01 * min(sizes)
 
 
 def corrected_shares(model, p, joints, pace):
