@@ -93,7 +93,7 @@ BENCHMARKS = {
         "studies.beams", "elastic links, load point off; draws of noise; 10 minutes", in_parts=True
     ),
     "witness": Benchmark("studies.witness", "an honest solver and lying ones; 10 minutes", in_parts=True),
-    "crossings": Benchmark("studies.crossings", "modules and rooms that a run goes through"),
+    "crossings": Benchmark("studies.crossings", "modules and packages that a run goes through"),
     "links_fanuc": Benchmark("studies.links_fanuc", "elastic links, held out on the real set", in_parts=True),
     "own_weight": Benchmark(
         "studies.own_weight", "stiffness without a load; docs/without-a-load.md", in_parts=True

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Collection, Mapping
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
@@ -28,7 +30,7 @@ from jointstiff.service.conversion.robots import joint_factors, list_joint_names
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.mechanics.hook import HookReading, locate_hook
+from jointstiff.solver.mechanics.hook import HookReading, HookShot, locate_hook
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
@@ -500,7 +502,11 @@ _OPTIONAL_GROUPS: dict[str, type[ArrayGroup]] = {
     "after": PositionsAfter,
 }
 LARGEST_HOOK_SCATTER = 3.0 * LEAST_OF_GROUND["tracker"]
-"""Largest distance [m] of a reading of the hook from the median of all: three standard uncertainties."""
+"""Largest distance [m] between two readings of the hook, and of a target from its mean place on the flange:
+three standard uncertainties."""
+LARGEST_HOOK_SHIFT = 0.02
+"""Largest distance [m] by which the kinematics place targets wrong where the hook is read: a greater one is a
+wrong reading, or wrong joint angles."""
 _UNREAD = (np.nan, np.nan, np.nan)
 
 
@@ -791,11 +797,41 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     _refuse_other_joints(header, readings, robot)
     if not readings.unloaded_only.all():
         refuse_informed_controller(header.noise)
+    if header.load_point_target is None:
+        return _convert(header, readings, robot, None)
+    shots = _locate_load_point(header, header.load_point_target, readings, robot)
+    with _counting_rows_as_posted(shots.rows):
+        return _convert(shots.header, shots.other_readings, robot, shots)
+
+
+@contextmanager
+def _counting_rows_as_posted(rows: IndexArray) -> Iterator[None]:
+    """Number the observation that an error names as it is numbered in the set that was posted.
+
+    Args:
+        rows: (K,) indices in the posted set of the observations that were kept.
+    """
+
+    def count_as_posted(match: re.Match[str]) -> str:
+        return f"observations[{rows[int(match[1])]}]"
+
+    try:
+        yield
+    except MeasurementError as error:
+        if error.where is not None:
+            error.where = re.sub(r"^observations\[(\d+)\]", count_as_posted, error.where)
+        raise
+
+
+def _convert(
+    header: MeasurementSetHeader, readings: ReadingArrays, robot: Robot, shots: _LocatedLoadPoint | None
+) -> Measurements:
+    """Return the measurements of a set, without the readings of a target at the hook; `shots` are these.
+
+    Raises:
+        MeasurementError: the set lacks a quantity or a unit, or its noise is unclear.
+    """
     length = LENGTH[header.units.length]
-    shots = None
-    if header.load_point_target is not None:
-        shots = _locate_load_point(header, header.load_point_target, readings, robot)
-        header, readings = shots.header, shots.other_readings
     unloaded_only = readings.unloaded_only
     unloaded, returned = _average_unloaded_readings(readings, length)
     deflection = np.where(readings.as_deflection[..., None], readings.loaded, readings.loaded - unloaded)
@@ -1039,20 +1075,23 @@ class _LocatedLoadPoint:
     target: str  # name of the target at the hook
     place: FloatArray  # (3,) load point that the readings show, flange frame [m]
     lever: float  # distance of the hook from the targets that give its place, or from R0 [m]
+    error: float  # greatest of the errors [m] that the readings show: scatter of the hook, misfit of targets
+    least: float  # least standard uncertainty of each coordinate [m], by what the place rests on
     stated: FloatArray | None  # (3,) load point that was stated, flange frame [m]; None if not stated
     stated_uncertainty: float  # standard uncertainty of each coordinate of `stated` [m]
     header: MeasurementSetHeader  # header of the set, with this load point
     other_readings: ReadingArrays  # readings of the other targets
+    rows: IndexArray  # (K,) indices of the observations in the set with such readings
 
     def to_hook_reading(self, sigma: float, repeatability: float) -> HookReading:
-        """Return the reading with its uncertainty, which is at least that of a tracker's reading.
+        """Return the reading with its uncertainty: what its errors add up to, and at least `least`.
 
         Args:
             sigma: standard uncertainty of a coordinate of a reading [m].
             repeatability: standard deviation of a joint's angle from posture to posture [rad].
         """
         by_reading = float(np.hypot(sigma, repeatability * self.lever))
-        uncertainty = max(by_reading, LEAST_OF_GROUND["tracker"])
+        uncertainty = max(float(np.hypot(by_reading, self.error)), self.least)
         return HookReading(self.target, self.place, uncertainty, self.stated, self.stated_uncertainty)
 
 
@@ -1071,8 +1110,9 @@ def _locate_load_point(
         robot: robot that was measured.
 
     Raises:
-        MeasurementError: the target was not read without load, its readings disagree, or observations state
-            different load points.
+        MeasurementError: the target was not read without load, its readings disagree, the other targets of
+            its posture are not where they are in the other postures, no other reading remains, or
+            observations state different load points.
     """
     length = LENGTH[header.units.length]
     is_hook = readings.targets == name
@@ -1086,7 +1126,9 @@ def _locate_load_point(
     postures = Postures(
         robot, robot.joint_map.model_angles(joint_factors(robot, header.units) * readings.joints)
     )
-    places = locate_hook(postures, targets, others, hook, is_shot)
+    shots = locate_hook(postures, targets, others, hook, is_shot)
+    _refuse_moved_targets(name, readings, is_shot, shots)
+    places = np.array([shot.place for shot in shots])
     place = places.mean(axis=0)
     _refuse_disagreeing_shots(name, readings, is_shot, places)
     first = int(np.argmax(is_shot))
@@ -1095,19 +1137,31 @@ def _locate_load_point(
     if readings.encoders is not None:
         is_loaded |= readings.encoders.present.any(axis=1)
     is_kept = (readings.present & ~is_hook).any(axis=1)
+    if readings.encoders is not None:
+        is_kept |= readings.encoders.present.any(axis=1)
     if is_loaded.any():
         is_kept &= is_loaded | ~is_shot
+    if not is_kept.any():
+        raise MeasurementError(
+            f"target '{name}' gives the load point, and no other target has a reading",
+            where="load_point_target",
+            remedy="omit `load_point_target` and give `load_point`, or add the readings of the other targets",
+        )
     kept = readings.select(np.flatnonzero(is_kept), np.flatnonzero(~is_hook))
+    rests_on_targets = any(shot.targets for shot in shots)
     x, y, z = (place / length).tolist()
     without_points = replace(kept, load_point_given=np.zeros_like(kept.load_point_given))
     return _LocatedLoadPoint(
         target=name,
         place=place,
         lever=float(np.linalg.norm(hook[first] - origin)),
+        error=max(float(_find_distances(places).max()) / 2.0, max(shot.misfit for shot in shots)),
+        least=LEAST_OF_GROUND["tracker" if rests_on_targets else "drawing"],
         stated=None if stated is None else length * stated,
         stated_uncertainty=_find_stated_uncertainty(header.noise, length),
         header=header.model_copy(update={"load_point": (x, y, z)}),
         other_readings=without_points,
+        rows=np.flatnonzero(is_kept),
     )
 
 
@@ -1164,6 +1218,41 @@ def _refuse_unread_hook(name: str, readings: ReadingArrays, was_placed: BoolArra
     )
 
 
+def _find_distances(places: FloatArray) -> FloatArray:
+    """Return the distances (S, S) [m] between places (S, 3)."""
+    between = places[:, None] - places
+    return np.asarray(np.linalg.norm(between, axis=2))
+
+
+def _refuse_moved_targets(
+    name: str, readings: ReadingArrays, is_shot: BoolArray, shots: Sequence[HookShot]
+) -> None:
+    """Refuse a reading of the hook whose posture has the other targets in other places on the flange.
+
+    The hook's place rests on these targets: a wrong reading of one of them moves the load point.
+
+    Args:
+        name: name of the target at the hook.
+        readings: readings of N observations.
+        is_shot: (N,) mask of the S observations with a reading of this target.
+        shots: S readings of this target.
+    """
+    for row, shot in zip(np.flatnonzero(is_shot).tolist(), shots, strict=True):
+        is_plausible = shot.misfit <= LARGEST_HOOK_SCATTER and shot.shift <= LARGEST_HOOK_SHIFT
+        if is_plausible:
+            continue
+        distance, plausible = shot.misfit, LARGEST_HOOK_SCATTER
+        if shot.misfit <= LARGEST_HOOK_SCATTER:
+            distance, plausible = shot.shift, LARGEST_HOOK_SHIFT
+        raise MeasurementError(
+            f"observation '{readings.labels[row]}' reads target '{name}' on the hook, and another target "
+            f"{length_text(distance)} from its place on the flange in the other observations "
+            f"({length_text(plausible)} is plausible), so the load point is wrong",
+            where=f"observations[{row}].readings",
+            remedy="correct or omit the wrong reading, or check the joint angles of this observation",
+        )
+
+
 def _refuse_disagreeing_shots(
     name: str, readings: ReadingArrays, is_shot: BoolArray, places: FloatArray
 ) -> None:
@@ -1175,14 +1264,14 @@ def _refuse_disagreeing_shots(
         is_shot: (N,) mask of the S observations with a reading of this target.
         places: (S, 3) load points that these readings show, flange frame [m].
     """
-    distances = np.linalg.norm(places - np.median(places, axis=0), axis=1)
-    farthest = int(np.argmax(distances))
-    if distances[farthest] <= LARGEST_HOOK_SCATTER:
+    distances = _find_distances(places)
+    if distances.max() <= LARGEST_HOOK_SCATTER:
         return
+    farthest = int(np.argmax(np.median(distances, axis=1)))
     row = int(np.flatnonzero(is_shot)[farthest])
     raise MeasurementError(
         f"the {len(places)} readings of target '{name}' disagree on the load point: observation "
-        f"'{readings.labels[row]}' shows it {length_text(float(distances[farthest]))} from the others "
+        f"'{readings.labels[row]}' shows it {length_text(float(distances[farthest].max()))} from another one "
         f"({length_text(LARGEST_HOOK_SCATTER)} is plausible)",
         where=f"observations[{row}].readings",
         remedy="omit the wrong reading, or check the joint angles of its observation; the hook must not move "
