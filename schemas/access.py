@@ -132,7 +132,7 @@ class SolverHealth(Message):
     distance: Dimensionless[float | None] = Field(
         description="Distance from the exact answer, relative to the readings; null: no answer."
     )
-    why: str | None = Field(description="Why it does not agree, and what to do.")
+    why: str | None = Field(description="Reason why the solver does not agree, and what to do.")
 
 
 class Health(Message):

@@ -165,7 +165,7 @@ class Grounds(Message):
     )
     tared: StrictBool | None = Field(
         default=None,
-        description="Whether the `cell` was tared before each reading: its zero along the rope is uncertain "
+        description="True if the `cell` was tared before each reading: its zero along the rope is uncertain "
         "by 2 N, else within 60 N. Loads of two sizes show the zero.",
     )
     between: BetweenReadings | None = Field(

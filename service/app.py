@@ -27,8 +27,8 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.security.access import Audit, Gate, find_public_paths, make_operation_id
 from jointstiff.service.security.admission import LARGE_BODIES, PARSERS, AccessPolicy, BodyLimits
 from jointstiff.service.security.keys import Keyring
-from jointstiff.service.solver_check import SolverWatch
 from jointstiff.service.store.store import Store
+from jointstiff.service.workers.solver_check import SolverWatch
 
 CONCURRENT_REQUESTS: Final = 8
 """Greatest number of requests that are answered at the same time; further requests wait."""

@@ -1301,7 +1301,7 @@ def _refuse_moved_targets(
         distance, plausible = shot.misfit, LARGEST_HOOK_SCATTER
         if shot.misfit <= LARGEST_HOOK_SCATTER:
             distance, plausible = shot.shift, LARGEST_HOOK_SHIFT
-        raise MeasurementError(
+        raise NamedObservationError(
             f"observation '{readings.labels[row]}' reads target '{name}' on the hook, and another target "
             f"{length_text(distance)} from its place on the flange in the other observations "
             f"({length_text(plausible)} is plausible), so the load point is wrong",
@@ -1326,7 +1326,7 @@ def _refuse_disagreeing_shots(
         return
     farthest = int(np.argmax(np.median(distances, axis=1)))
     row = int(np.flatnonzero(is_shot)[farthest])
-    raise MeasurementError(
+    raise NamedObservationError(
         f"the {len(places)} readings of target '{name}' disagree on the load point: observation "
         f"'{readings.labels[row]}' shows it {length_text(float(distances[farthest].max()))} from another one "
         f"({length_text(LARGEST_HOOK_SCATTER)} is plausible)",

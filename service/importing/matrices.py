@@ -32,7 +32,7 @@ def find_matrices(file: str, text: str) -> list[Matrix]:
     """Return the matrices of a text, of three rows and three columns at least.
 
     Cells are separated by blanks or commas, rows by semicolons or line ends. Brackets with other contents,
-    such as a unit in a header, are no matrix. A matrix behind whose bracket `'` stands is transposed. Of two
+    such as a unit in a header, are no matrix. A matrix with `'` after its bracket is transposed. Of two
     matrices with one name the last counts, as in MATLAB.
 
     Args:

@@ -598,7 +598,7 @@ def _refuse_weight_without_torque(joints: str) -> RequestError:
         "and without it: a weight twists neither a vertical axis nor an axis through its centre of mass",
         where="joints",
         remedy="name in `joints` only joints with two encoders whose axes can be level; for an axis through "
-        "the centre of mass, hang the weight beside the axis and state `load_point`",
+        "the centre of mass, hang the weight away from the axis and state `load_point`",
     )
 
 

@@ -23,16 +23,16 @@ from support.jobs import run_request, runs_of, stored_set
 from support.processes import Service, until
 
 from jointstiff.schemas.access import Health
-from jointstiff.service import solver_check
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.health import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
 from jointstiff.service.problems import StoreUnavailableError, problem_from_error
 from jointstiff.service.process import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
 from jointstiff.service.server import _gauge_values
-from jointstiff.service.solver_check import SolverWatch, describe_check
 from jointstiff.service.store.store import Store
+from jointstiff.service.workers import solver_check
 from jointstiff.service.workers.engine import Queue
+from jointstiff.service.workers.solver_check import SolverWatch, describe_check
 
 ROBOT = EXAMPLES["robots"]["modified DH"]
 
