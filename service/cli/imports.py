@@ -270,7 +270,7 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     template_fields, meaning = _read_template(values["template"])
     options = _merge_options(template_fields, _convert_to_template_unit(fields, template_fields))
     may_ask = is_terminal_input() and not values["as_json"]
-    robot = None if values["robot"] is None else read_robot(values["robot"])
+    robot = None if values["robot"] is None else read_robot(values["robot"], "--robot")
     readings = _find_meaning(
         _StatedReadings(_read_sources(files), options, robot, meaning), may_ask=may_ask, yes=values["yes"]
     )
@@ -283,7 +283,7 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
         and (robot_name := ask_for_robot())
     ):
         # With the robot the readings are checked again: the preview then has the findings of the inspection.
-        robot = read_robot(robot_name)
+        robot = read_robot(robot_name, "--robot")
         import_answer, _ = _read_and_ask(sources, options, robot, may_ask=False)
     robot = _state_payload(robot, values["payload"])
     if robot is not None and import_answer.bodies:
