@@ -23,6 +23,7 @@ CAMPAIGNS: Final = 50
 ERRORS: Final = {
     "none": Errors(),
     "play of 20 µrad": Errors(play=20e-6),
+    "play of 40 µrad": Errors(play=40e-6),
     "play of 60 µrad": Errors(play=60e-6),
     "encoders off by 20 µrad": Errors(encoder=20e-6),
     "play and encoders off": Errors(play=20e-6, encoder=20e-6),
