@@ -44,6 +44,8 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -742,14 +744,21 @@ def name_functions_in_text(text: str) -> str:
         function = "read" if match[1] == "import" else match[1]
         arguments = list[str]()
         method = ""
-        words = iter(match[2].split())
-        for word in words:
-            if word == "--save":
-                method = f".save({_quote_value(next(words))})"
-            elif word.startswith("--"):
-                arguments.append(f"{word[2:].replace('-', '_')}={_quote_value(next(words))}")
-            else:
+        try:
+            words = deque(shlex.split(match[2]))
+        except ValueError:  # an apostrophe of a name: the words are not those of a command line
+            return match[0]
+        while words:
+            word = words.popleft()
+            if not word.startswith("--"):
                 arguments.append(_quote_value(word))
+                continue
+            has_value = bool(words) and not words[0].startswith("--")
+            value = _quote_value(words.popleft()) if has_value else "True"
+            if word == "--save":
+                method = f".save({value if has_value else ''})"
+            else:
+                arguments.append(f"{word[2:].replace('-', '_')}={value}")
         call = f"({', '.join(arguments)})" if match[2] else ""
         return f"`jointstiff.{function}{call}{method}`"
 

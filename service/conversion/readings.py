@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
+import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Final, Self
 
@@ -29,12 +32,17 @@ from jointstiff.service.conversion.robots import joint_factors, list_joint_names
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.mechanics.hook import HookReading, locate_hook
+from jointstiff.solver.mechanics.hook import HookReading, HookShot, locate_hook
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
+    CATALOGUE_SCALE,
+    FORCE_BEYOND_PULLEY,
     ISOTROPIC_DIFFERENCE,
     LEAST_OF_GROUND,
+    PULLEY_SCALE,
+    ROPE_ZERO_IF_TARED,
+    ROPE_ZERO_OF_CELL,
     CommonUncertainty,
     DifferenceNoise,
     EncoderReadings,
@@ -459,18 +467,47 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
     )
     if noise is None:
         return common
-    force, axes = noise.force, noise.axes
-    if force is not None:
-        common = replace(common, direction=force.direction)
-    if force is not None and force.scale is not None:
-        common = replace(common, scale=force.scale, assumed=common.assumed - {"force_scale"})
+    axes = noise.axes
     return replace(
-        _state_load_point(common, noise, length),
+        _state_load_point(_state_force(common, noise), noise, length),
         target_places=length * (noise.target_places or 0.0),
         drift=length * (noise.drift or 0.0),
         axis_position=0.0 if axes is None else length * axes.position,
         axis_direction=0.0 if axes is None else axes.direction,
     )
+
+
+def _state_force(common: CommonUncertainty, noise: Noise) -> CommonUncertainty:
+    """Return uncertainties with those of the force, which are at least those of its ground.
+
+    Args:
+        common: uncertainties, in which the scale of the force is assumed.
+        noise: noise that is stated for the set.
+    """
+    if noise.force is not None:
+        common = replace(common, direction=noise.force.direction)
+    stated = None if noise.force is None else noise.force.scale
+    if stated is not None:
+        common = replace(common, scale=stated, assumed=common.assumed - {"force_scale"})
+    grounds = noise.grounds
+    if grounds is None or grounds.force is None:
+        return common
+    if grounds.force == "cell":
+        zero = ROPE_ZERO_IF_TARED if grounds.tared else ROPE_ZERO_OF_CELL
+        return replace(common, rope_zero=zero)
+    if grounds.force == "pulley":
+        scale = math.hypot(stated or 0.0, PULLEY_SCALE)
+    elif grounds.force == "catalogue":
+        scale = max(stated or 0.0, CATALOGUE_SCALE)
+    else:
+        return common
+    return replace(common, scale=scale, assumed=common.assumed - {"force_scale"})
+
+
+def _find_force_at_hook(noise: Noise | None) -> float:
+    """Return the force at the hook, relative to the stated force."""
+    ground = None if noise is None or noise.grounds is None else noise.grounds.force
+    return FORCE_BEYOND_PULLEY if ground == "pulley" else 1.0
 
 
 def _state_load_point(common: CommonUncertainty, noise: Noise, length: float) -> CommonUncertainty:
@@ -505,7 +542,11 @@ _OPTIONAL_GROUPS: dict[str, type[ArrayGroup]] = {
     "after": PositionsAfter,
 }
 LARGEST_HOOK_SCATTER = 3.0 * LEAST_OF_GROUND["tracker"]
-"""Largest distance [m] of a reading of the hook from the median of all: three standard uncertainties."""
+"""Largest distance [m] between two readings of the hook, and of a target from its mean place on the flange:
+three standard uncertainties."""
+LARGEST_HOOK_SHIFT = 0.02
+"""Largest distance [m] by which the kinematics place targets wrong where the hook is read: a greater one is a
+wrong reading, or wrong joint angles."""
 _UNREAD = (np.nan, np.nan, np.nan)
 _NOTHING: Final = (0.0, 0.0, 0.0)
 """Vector in place of one that an observation or a reading does not state."""
@@ -680,8 +721,9 @@ def compute_content_hash(
     unstated_fields = {name for name in newer_fields if not getattr(header.noise, name, None)}
     excluded: dict[str, Any] = dict.fromkeys(unstated_fields, True)
     grounds = None if header.noise is None else header.noise.grounds
-    if grounds is not None and grounds.between is None:
-        excluded["grounds"] = {"between"}
+    if grounds is not None:
+        newer_grounds = ("between", "force", "tared")
+        excluded["grounds"] = {name for name in newer_grounds if getattr(grounds, name) is None}
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
         exclude={"noise": excluded},
@@ -816,24 +858,55 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     _refuse_other_joints(header, readings, robot)
     if not readings.unloaded_only.all():
         refuse_informed_controller(header.noise)
+    if header.load_point_target is None:
+        return _convert(header, readings, robot, None)
+    shots = _locate_load_point(header, header.load_point_target, readings, robot)
+    with _counting_rows_as_posted(shots.rows):
+        return _convert(shots.header, shots.other_readings, robot, shots)
+
+
+@contextmanager
+def _counting_rows_as_posted(rows: IndexArray) -> Iterator[None]:
+    """Number the observation that an error names as it is numbered in the set that was posted.
+
+    Args:
+        rows: (K,) indices in the posted set of the observations that were kept.
+    """
+
+    def count_as_posted(match: re.Match[str]) -> str:
+        return f"observations[{rows[int(match[1])]}]"
+
+    try:
+        yield
+    except MeasurementError as error:
+        if error.where is not None:
+            error.where = re.sub(r"^observations\[(\d+)\]", count_as_posted, error.where)
+        raise
+
+
+def _convert(
+    header: MeasurementSetHeader, readings: ReadingArrays, robot: Robot, shots: _LocatedLoadPoint | None
+) -> Measurements:
+    """Return the measurements of a set, without the readings of a target at the hook; `shots` are these.
+
+    Raises:
+        MeasurementError: the set lacks a quantity or a unit, or its noise is unclear.
+    """
     length = LENGTH[header.units.length]
-    shots = None
-    if header.load_point_target is not None:
-        shots = _locate_load_point(header, header.load_point_target, readings, robot)
-        header, readings = shots.header, shots.other_readings
     unloaded_only = readings.unloaded_only
     unloaded, returned = _average_unloaded_readings(readings, length)
     deflection = np.where(readings.as_deflection[..., None], readings.loaded, readings.loaded - unloaded)
     deflection = np.where(unloaded_only[..., None], 0.0, deflection)
     joints = joint_factors(robot, header.units) * readings.joints
+    at_hook = _find_force_at_hook(header.noise)
     direction = None
     if readings.directions is not None:
         direction = readings.directions.compute_unit_vectors(robot, joints)
         deflection = deflection + readings.directions.displacement[..., None] * direction
     measurements = Measurements(
         joints=joints,
-        force=FORCE[header.units.force] * readings.force,
-        moment=_get_moment_factor(header.units, readings) * readings.moment,
+        force=at_hook * FORCE[header.units.force] * readings.force,
+        moment=at_hook * _get_moment_factor(header.units, readings) * readings.moment,
         load_point=length * _choose_load_points(header, readings),
         position=length * _choose_positions(header, readings),
         in_flange=readings.as_deflection,
@@ -1061,20 +1134,23 @@ class _LocatedLoadPoint:
     target: str  # name of the target at the hook
     place: FloatArray  # (3,) load point that the readings show, flange frame [m]
     lever: float  # distance of the hook from the targets that give its place, or from R0 [m]
+    error: float  # greatest of the errors [m] that the readings show: scatter of the hook, misfit of targets
+    least: float  # least standard uncertainty of each coordinate [m], by what the place rests on
     stated: FloatArray | None  # (3,) load point that was stated, flange frame [m]; None if not stated
     stated_uncertainty: float  # standard uncertainty of each coordinate of `stated` [m]
     header: MeasurementSetHeader  # header of the set, with this load point
     other_readings: ReadingArrays  # readings of the other targets
+    rows: IndexArray  # (K,) indices of the observations in the set with such readings
 
     def to_hook_reading(self, sigma: float, repeatability: float) -> HookReading:
-        """Return the reading with its uncertainty, which is at least that of a tracker's reading.
+        """Return the reading with its uncertainty: what its errors add up to, and at least `least`.
 
         Args:
             sigma: standard uncertainty of a coordinate of a reading [m].
             repeatability: standard deviation of a joint's angle from posture to posture [rad].
         """
         by_reading = float(np.hypot(sigma, repeatability * self.lever))
-        uncertainty = max(by_reading, LEAST_OF_GROUND["tracker"])
+        uncertainty = max(float(np.hypot(by_reading, self.error)), self.least)
         return HookReading(self.target, self.place, uncertainty, self.stated, self.stated_uncertainty)
 
 
@@ -1093,8 +1169,9 @@ def _locate_load_point(
         robot: robot that was measured.
 
     Raises:
-        MeasurementError: the target was not read without load, its readings disagree, or observations state
-            different load points.
+        MeasurementError: the target was not read without load, its readings disagree, the other targets of
+            its posture are not where they are in the other postures, no other reading remains, or
+            observations state different load points.
     """
     length = LENGTH[header.units.length]
     is_hook = readings.targets == name
@@ -1108,7 +1185,9 @@ def _locate_load_point(
     postures = Postures(
         robot, robot.joint_map.model_angles(joint_factors(robot, header.units) * readings.joints)
     )
-    places = locate_hook(postures, targets, others, hook, is_shot)
+    shots = locate_hook(postures, targets, others, hook, is_shot)
+    _refuse_moved_targets(name, readings, is_shot, shots)
+    places = np.array([shot.place for shot in shots])
     place = places.mean(axis=0)
     _refuse_disagreeing_shots(name, readings, is_shot, places)
     first = int(np.argmax(is_shot))
@@ -1117,19 +1196,31 @@ def _locate_load_point(
     if readings.encoders is not None:
         is_loaded |= readings.encoders.present.any(axis=1)
     is_kept = (readings.present & ~is_hook).any(axis=1)
+    if readings.encoders is not None:
+        is_kept |= readings.encoders.present.any(axis=1)
     if is_loaded.any():
         is_kept &= is_loaded | ~is_shot
+    if not is_kept.any():
+        raise MeasurementError(
+            f"target '{name}' gives the load point, and no other target has a reading",
+            where="load_point_target",
+            remedy="omit `load_point_target` and give `load_point`, or add the readings of the other targets",
+        )
     kept = readings.select(np.flatnonzero(is_kept), np.flatnonzero(~is_hook))
+    rests_on_targets = any(shot.targets for shot in shots)
     x, y, z = (place / length).tolist()
     without_points = replace(kept, load_point_given=np.zeros_like(kept.load_point_given))
     return _LocatedLoadPoint(
         target=name,
         place=place,
         lever=float(np.linalg.norm(hook[first] - origin)),
+        error=max(float(_find_distances(places).max()) / 2.0, max(shot.misfit for shot in shots)),
+        least=LEAST_OF_GROUND["tracker" if rests_on_targets else "drawing"],
         stated=None if stated is None else length * stated,
         stated_uncertainty=_find_stated_uncertainty(header.noise, length),
         header=header.model_copy(update={"load_point": (x, y, z)}),
         other_readings=without_points,
+        rows=np.flatnonzero(is_kept),
     )
 
 
@@ -1186,6 +1277,41 @@ def _refuse_unread_hook(name: str, readings: ReadingArrays, was_placed: BoolArra
     )
 
 
+def _find_distances(places: FloatArray) -> FloatArray:
+    """Return the distances (S, S) [m] between places (S, 3)."""
+    between = places[:, None] - places
+    return np.asarray(np.linalg.norm(between, axis=2))
+
+
+def _refuse_moved_targets(
+    name: str, readings: ReadingArrays, is_shot: BoolArray, shots: Sequence[HookShot]
+) -> None:
+    """Refuse a reading of the hook whose posture has the other targets in other places on the flange.
+
+    The hook's place rests on these targets: a wrong reading of one of them moves the load point.
+
+    Args:
+        name: name of the target at the hook.
+        readings: readings of N observations.
+        is_shot: (N,) mask of the S observations with a reading of this target.
+        shots: S readings of this target.
+    """
+    for row, shot in zip(np.flatnonzero(is_shot).tolist(), shots, strict=True):
+        is_plausible = shot.misfit <= LARGEST_HOOK_SCATTER and shot.shift <= LARGEST_HOOK_SHIFT
+        if is_plausible:
+            continue
+        distance, plausible = shot.misfit, LARGEST_HOOK_SCATTER
+        if shot.misfit <= LARGEST_HOOK_SCATTER:
+            distance, plausible = shot.shift, LARGEST_HOOK_SHIFT
+        raise MeasurementError(
+            f"observation '{readings.labels[row]}' reads target '{name}' on the hook, and another target "
+            f"{length_text(distance)} from its place on the flange in the other observations "
+            f"({length_text(plausible)} is plausible), so the load point is wrong",
+            where=f"observations[{row}].readings",
+            remedy="correct or omit the wrong reading, or check the joint angles of this observation",
+        )
+
+
 def _refuse_disagreeing_shots(
     name: str, readings: ReadingArrays, is_shot: BoolArray, places: FloatArray
 ) -> None:
@@ -1197,14 +1323,14 @@ def _refuse_disagreeing_shots(
         is_shot: (N,) mask of the S observations with a reading of this target.
         places: (S, 3) load points that these readings show, flange frame [m].
     """
-    distances = np.linalg.norm(places - np.median(places, axis=0), axis=1)
-    farthest = int(np.argmax(distances))
-    if distances[farthest] <= LARGEST_HOOK_SCATTER:
+    distances = _find_distances(places)
+    if distances.max() <= LARGEST_HOOK_SCATTER:
         return
+    farthest = int(np.argmax(np.median(distances, axis=1)))
     row = int(np.flatnonzero(is_shot)[farthest])
     raise MeasurementError(
         f"the {len(places)} readings of target '{name}' disagree on the load point: observation "
-        f"'{readings.labels[row]}' shows it {length_text(float(distances[farthest]))} from the others "
+        f"'{readings.labels[row]}' shows it {length_text(float(distances[farthest].max()))} from another one "
         f"({length_text(LARGEST_HOOK_SCATTER)} is plausible)",
         where=f"observations[{row}].readings",
         remedy="omit the wrong reading, or check the joint angles of its observation; the hook must not move "

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.deflection import CaseResult, DeflectionOptions, LoadCase
-from jointstiff.schemas.measurement import MeasurementSetDocument, Noise
+from jointstiff.schemas.measurement import Grounds, MeasurementSetDocument, Noise
 from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, Goodness, JointResult, RunRequest, RunResult, WeightResult
 from jointstiff.service.conversion.readings import to_common_uncertainty
@@ -49,7 +49,12 @@ from jointstiff.service.tables.report import (
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import NO_NUMBER, Column, Table, build_text_table, format_rounded
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.mechanics.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
+from jointstiff.solver.mechanics.measurements import (
+    ASSUMED_FORCE_SCALE,
+    ASSUMED_LOAD_POINT,
+    FORCE_BEYOND_PULLEY,
+    CommonUncertainty,
+)
 from jointstiff.solver.text import figure, length_text
 
 STATEMENTS: Final = (
@@ -622,12 +627,31 @@ def _describe_assumed_uncertainties(noise: Noise | None, length: float) -> Itera
     common = to_common_uncertainty(noise, length)
     if "force_scale" in common.assumed:
         yield f"Size of the force: no uncertainty is stated; ±{100 * ASSUMED_FORCE_SCALE:g} % is assumed."
+    if noise is not None and noise.grounds is not None and noise.grounds.force is not None:
+        yield from _describe_ground_of_force(noise.grounds, common)
     if "load_point" in common.assumed:
         missing = "no uncertainty" if common.doubtful_load_point is None else "no ground of its uncertainty"
         yield f"Load point: {missing} is stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm is assumed."
-    elif noise is not None and noise.grounds is not None:
+    elif noise is not None and noise.grounds is not None and noise.grounds.load_point is not None:
         millimetres = format_rounded(1e3 * common.load_point)
         yield f"Load point known by {noise.grounds.load_point}: {millimetres} mm a coordinate in the fit."
+
+
+def _describe_ground_of_force(grounds: Grounds, common: CommonUncertainty) -> Iterator[str]:
+    """Yield a sentence on what the force is known by, where the fit has its uncertainty by this ground.
+
+    Args:
+        grounds: grounds of the statements about the load.
+        common: uncertainties in the fit.
+    """
+    percent = format_rounded(100 * common.scale)
+    if grounds.force == "cell":
+        yield f"Zero of the load cell: ±{format_rounded(common.rope_zero)} N along the rope in the fit."
+    elif grounds.force == "pulley":
+        less = format_rounded(100 * (1.0 - FORCE_BEYOND_PULLEY))
+        yield f"Force beyond a pulley: the fit has {less} % less at the hook, ±{percent} %."
+    elif grounds.force == "catalogue":
+        yield f"Force known by catalogue: ±{percent} % in the fit."
 
 
 def _describe_shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:

@@ -6,6 +6,7 @@ If a file is a document of another known kind, the error names the kind.
 from __future__ import annotations
 
 import json
+import shlex
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Mapping
 from os import PathLike
@@ -212,8 +213,9 @@ def _explain_other_document(
 
         if content.lstrip()[:1] not in (b"{", b"["):
             if content.lstrip()[:1] == b"<" and b"<robot" in content:
-                remedy = f"identify needs readings: `jointstiff plan {name}` plans them, and "
-                remedy += f"`jointstiff import FILE --robot {name}` reads them"
+                file = shlex.quote(name)
+                remedy = f"identify needs readings: `jointstiff plan {file}` plans them, and "
+                remedy += f"`jointstiff import FILE --robot {file}` reads them"
                 return http_problem(422, f"{name} is a URDF, not a campaign", remedy)
             type_of_file = file_type(content) or "a text"
             return http_problem(422, f"{name} is {type_of_file}, not a JSON document", import_hint)

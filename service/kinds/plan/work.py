@@ -262,7 +262,7 @@ def _state_plan(
     """
     plan_result = to_plan_result(request, plan_campaign(robot, request), robot, targets, so_far)
     if request.step_rows is not None:  # a weight cannot twist a vertical axis, whatever is planned
-        reasons = _list_uncertain_joints(plan_result)
+        reasons = _list_uncertain_joints(plan_result, _MORE_TWIST)
     else:
         reasons = _list_reasons(plan_result)
     plan_assessment = assess_with_run("plan", reasons, so_far)
@@ -279,20 +279,24 @@ def _list_reasons(result: PlanResult) -> list[Finding]:
             "need in `joints`"
         )
         reasons.append(make_reason("joint_left_out", "use_with_care", message, remedy))
-    return [*reasons, *_list_uncertain_joints(result)]
+    return [*reasons, *_list_uncertain_joints(result, _MORE_DEFLECTION)]
 
 
-def _list_uncertain_joints(result: PlanResult) -> list[Finding]:
+def _list_uncertain_joints(result: PlanResult, remedy: str) -> list[Finding]:
     """Return the reason to use a plan with care that joints stay uncertain, if there are such joints."""
     uncertain = [each.name for each in result.joints if (each.relative or 0.0) > _UNCERTAIN]
     if not uncertain:
         return []
     names = ", ".join(uncertain)
     message = f"after this plan {names} would still be uncertain by over {100 * _UNCERTAIN:.0f} %"
-    remedy = "plan more readings, a larger load, or targets farther from the flange"
     return [make_reason("joint_stays_uncertain", "use_with_care", message, remedy)]
 
 
+_MORE_DEFLECTION: Final = "plan more readings, a larger load, or targets farther from the flange"
+_MORE_TWIST: Final = (
+    "plan more readings or a larger mass, or hang the load farther from the axes of these joints"
+)
+"""What makes joints less uncertain that targets, or that two encoders read."""
 _UNCERTAIN: Final = 0.5
 """Greatest standard uncertainty, relative to the compliance, with which a plan determines a joint."""
 
@@ -373,6 +377,8 @@ _OF_TARGETS: Final = (
     "goal",
 )
 """Fields that a plan of a weight step does not support: they concern targets, or a campaign so far."""
+_OF_WORK_AREA: Final = ("work_area", "worst_place")
+"""Criteria that need a work area."""
 
 
 def _refuse_unsupported_weight_step(request: plans.PlanRequest) -> None:
@@ -388,6 +394,12 @@ def _refuse_unsupported_weight_step(request: plans.PlanRequest) -> None:
             f"a weight step is read by encoders, without targets, but the plan has {names}",
             where=stated[0],
             remedy=f"omit {names}, or omit `weight_step`",
+        )
+    if request.criterion in _OF_WORK_AREA:
+        raise RequestError(
+            f"`{request.criterion}` is about deflections, but a weight step shows gearboxes alone",
+            where="criterion",
+            remedy="omit `criterion`, or give relative_a, d or e",
         )
     if request.readings < LEAST_POSTURES:
         raise RequestError(
