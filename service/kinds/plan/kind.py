@@ -72,7 +72,7 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
 
 
 def _describe_efficiency(result: PlanResult) -> str:
-    """Return how good the list is compared with the best possible list: a proved lower bound of its efficiency."""
+    """Return a proved lower bound of the efficiency of the list, relative to the best possible list."""
     certificate = "certified:" if result.efficiency >= _TIGHT else "this certified bound is probably low:"
     return (
         f"{certificate} the list gives at least {100 * result.efficiency:.1f} % of the information of the "
