@@ -603,13 +603,18 @@ def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequenc
             type=_urn("invalid-request"),
             title="The request does not match the API's schema",
             status=422,
-            detail=f"{len(errors)} fault{'s' if len(errors) != 1 else ''}; first: {items[0].where}: "
-            f"{items[0].reason}",
+            detail=describe_first_fault(len(errors), items[0].where, items[0].reason),
             where=items[0].where,
             remedy=items[0].remedy or _general_remedy(errors[0]),
             errors=items,
         )
     )
+
+
+def describe_first_fault(count: int, place: str, reason: str) -> str:
+    """Return the number of faults of a request, and place and reason of the first fault, in words."""
+    faults = "1 fault" if count == 1 else f"{count} faults"
+    return f"{faults}; first: {place}: {reason}"
 
 
 def _general_remedy(error: Mapping[str, Any]) -> str:

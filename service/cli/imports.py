@@ -564,7 +564,7 @@ def _split_typed_header(options: Options, sources: Sequence[SourceFile]) -> Opti
 @contextmanager
 def _name_options_in_errors() -> Iterator[None]:
     """Change errors raised in the block: their texts name command-line options in place of fields."""
-    from jointstiff.service.problems import CampaignError
+    from jointstiff.service.problems import CampaignError, describe_first_fault
 
     try:
         with naming_options(ImportRequest, _FORMS):
@@ -575,7 +575,10 @@ def _name_options_in_errors() -> Iterator[None]:
         name, _, rest = where.partition(".")
         if name in ImportRequest.model_fields:
             place = f"{option_flag(ImportRequest, name, _FORMS)} {rest}".rstrip()
-            changes = {"where": place, "detail": problem.detail.replace(where, place)}
+            changes = {"where": place}
+            if problem.errors:
+                faults = problem.errors
+                changes["detail"] = describe_first_fault(len(faults), place, faults[0].reason)
             problem = problem.model_copy(update=changes)
         raise CampaignError(problem) from None
 

@@ -322,7 +322,8 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
         # The readings so far are identified, although the source has stopped.
         cli.warn(f"{error.reason}\n  remedy: {error.remedy}")
     state = campaign.state
-    cli.warn(state.message if state.message.startswith(state.state) else f"{state.state}: {state.message}")
+    names_state = state.state in {"reached", "closed"}  # the message of these states begins with their name
+    cli.warn(state.message if names_state else f"{state.state}: {state.message}")
     if not campaign.count:
         raise cli.print_failure("no reading was taken", "measure again")
     run = campaign.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
@@ -21,25 +22,30 @@ def catalogue() -> Catalogue:
     """Read `arms.json`; return its arms, in m and rad, and its presets of joint maps."""
     text = files("jointstiff.service.conversion").joinpath("arms.json").read_text(encoding="utf-8")
     tables = json.loads(text)
-    presets = [
-        JointMapPreset(
-            joint_map=JointMap(matrix=each["matrix"], offset=[0.0] * len(each["matrix"])),
-            **_drop_keys(each, "matrix"),
-        )
-        for each in tables["joint_maps"]
-    ]
+    presets = [_build_preset(each) for each in tables["joint_maps"]]
     maps = {preset.id: preset.joint_map for preset in presets}
-    arms = [
-        Arm(
-            **_drop_keys(each, "rows", "speeds", "convention", "joint_map", "reach"),
-            model=DhModel(format="dh", convention=each["convention"], rows=_build_dh_rows(each)),
-            joint_map=None if each["joint_map"] is None else maps[each["joint_map"]],
-            joint_map_preset=each["joint_map"],
-            reach=each["reach"] / 1e3,
-        )
-        for each in tables["arms"]
-    ]
+    arms = [_build_arm(each, maps) for each in tables["arms"]]
     return Catalogue(arms=arms, joint_maps=presets)
+
+
+def _build_preset(entry: dict[str, Any]) -> JointMapPreset:
+    """Return the preset of a joint map from its entry in `arms.json`."""
+    matrix = entry["matrix"]
+    joint_map = JointMap(matrix=matrix, offset=[0.0] * len(matrix))
+    return JointMapPreset(joint_map=joint_map, **_drop_keys(entry, "matrix"))
+
+
+def _build_arm(entry: dict[str, Any], maps: Mapping[str, JointMap]) -> Arm:
+    """Return an arm, in m and rad, from its entry in `arms.json`; `maps` has the joint maps by their ids."""
+    map_id = entry["joint_map"]
+    model = DhModel(format="dh", convention=entry["convention"], rows=_build_dh_rows(entry))
+    return Arm(
+        **_drop_keys(entry, "rows", "speeds", "convention", "joint_map", "reach"),
+        model=model,
+        joint_map=None if map_id is None else maps[map_id],
+        joint_map_preset=map_id,
+        reach=entry["reach"] / 1e3,
+    )
 
 
 def find_arm(name: str, where: str) -> Arm:

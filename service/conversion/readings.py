@@ -592,21 +592,26 @@ class ReadingArrays:
         rows, columns, readings = _list_readings(observations, target_index)
         shape = (len(observations), len(names))
         indices = rows, columns
+        labels = [observation.label for observation in observations]
+        joints = [observation.joints for observation in observations]
+        forces = [observation.force for observation in observations]
+        has_moment = [observation.moment is not None for observation in observations]
+        has_load_point = [observation.load_point is not None for observation in observations]
         moments = [observation.moment or _NOTHING for observation in observations]
         load_points = [observation.load_point or _NOTHING for observation in observations]
         is_deflection = [reading.unloaded is None for reading in readings]
         unloaded = [reading.unloaded or _NOTHING for reading in readings]
         loaded = [_choose_loaded(reading) for reading in readings]
         return cls(
-            labels=np.array([observation.label for observation in observations]),
+            labels=np.array(labels),
             targets=np.array(list(names)),
-            joints=np.array([observation.joints for observation in observations], dtype=np.float64),
-            force=np.array([observation.force for observation in observations], dtype=np.float64),
+            joints=np.array(joints, dtype=np.float64),
+            force=np.array(forces, dtype=np.float64),
             moment=np.array(moments, dtype=np.float64),
-            moment_given=np.array([observation.moment is not None for observation in observations]),
+            moment_given=np.array(has_moment),
             load_point=np.array(load_points, dtype=np.float64),
-            load_point_given=np.array([observation.load_point is not None for observation in observations]),
-            present=_scatter(shape, indices, [True for _ in readings], np.bool_),
+            load_point_given=np.array(has_load_point),
+            present=_scatter(shape, indices, [True] * len(readings), np.bool_),
             as_deflection=_scatter(shape, indices, is_deflection, np.bool_),
             unloaded=_scatter((*shape, 3), indices, unloaded, np.float64),
             loaded=_scatter((*shape, 3), indices, loaded, np.float64),
@@ -994,16 +999,13 @@ def _refuse_other_joints(header: MeasurementSetHeader, readings: ReadingArrays, 
             remedy=f"give the {robot.n} controller angles of {list_joint_names(robot)}",
         )
     if header.joint_kinds is not None and tuple(header.joint_kinds) != robot.joint_kinds:
-        kinds = zip(robot.joint_names, robot.joint_kinds, header.joint_kinds, strict=False)
-        joint_name, joint_kind = next(
-            ((joint_name, joint_kind) for joint_name, joint_kind, read_as in kinds if joint_kind != read_as),
-            ("", None),
-        )
-        units = JOINT_UNITS[joint_kind or "revolute"]
+        kinds = zip(robot.joint_kinds, header.joint_kinds, strict=False)
+        first_other = next((j for j, (kind, read_as) in enumerate(kinds) if kind != read_as), 0)
+        joint_name, joint_kind = robot.joint_names[first_other], robot.joint_kinds[first_other]
+        units = JOINT_UNITS[joint_kind]
+        read_as_text = "an angle" if units.dimension == "length" else "a length"
         raise MeasurementError(
-            f"joint {joint_name} is read as "
-            f"{'an angle' if units.dimension == 'length' else 'a length'}, but in the robot this joint is "
-            f"{joint_kind}",
+            f"joint {joint_name} is read as {read_as_text}, but in the robot this joint is {joint_kind}",
             where="joint_kinds",
             remedy=f"give {units.dimension}s of this joint, in `units.{units.dimension}`, or check the "
             "robot and the order of the joints",

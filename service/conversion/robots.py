@@ -52,38 +52,50 @@ def build_chain_robot(
     Raises:
         RobotError: the joint map does not fit, or a body belongs to no joint.
     """
-    solver_map = None if joint_map is None else JointMap.from_rows(joint_map.matrix, joint_map.offset)
-    kinds = [joint.kind for joint in chain.joints if joint.is_moving]
-    for number, (kind, offset) in enumerate(zip(kinds, joint_map.offset if joint_map else (), strict=False)):
-        if kind == "revolute" and abs(offset) > _LARGEST_OFFSET:
-            raise RobotError(
-                f"the offset of joint {number + 1} is {offset:g} rad; it seems to be in degrees",
-                where=f"joint_map.offset[{number}]",
-                remedy="give offsets in rad, within two turns: whole turns change nothing",
-            )
-    for number, body in enumerate(bodies):
-        if body.joint not in chain.joint_names:
-            raise RobotError(
-                f"the robot has no joint '{body.joint}'",
-                where=f"bodies[{number}].joint",
-                remedy=f"use one of {', '.join(chain.joint_names)}",
-            )
-    solver_bodies = [
-        Body.within(
-            body.name,
-            chain.joint_names.index(body.joint),
-            body.mass,
-            body.centre,
-            relative=body.mass_uncertainty,
-            radius=body.centre_uncertainty,
-        )
-        for body in bodies
-    ]
+    solver_map = None
+    if joint_map is not None:
+        solver_map = JointMap.from_rows(joint_map.matrix, joint_map.offset)
+        _refuse_large_offsets(joint_map, chain)
+    solver_bodies = [_build_body(body, chain, f"bodies[{i}].joint") for i, body in enumerate(bodies)]
     model = chain.model()
     for each in solver_bodies:
         inertia = pin.Inertia(each.mass, np.array(each.centre), np.zeros((3, 3)))
         model.appendBodyToJoint(each.joint + 1, inertia, pin.SE3.Identity())
     return Robot(model, solver_map, tuple(solver_bodies), payload=payload)
+
+
+def _refuse_large_offsets(joint_map: robots.JointMap, chain: KinematicChain) -> None:
+    """Raise a `RobotError` if the offset of a revolute joint is so large that it must be in degrees."""
+    kinds = [joint.kind for joint in chain.joints if joint.is_moving]
+    for index, (kind, offset) in enumerate(zip(kinds, joint_map.offset, strict=False)):
+        if kind == "revolute" and abs(offset) > _LARGEST_OFFSET:
+            raise RobotError(
+                f"the offset of joint {index + 1} is {offset:g} rad; it seems to be in degrees",
+                where=f"joint_map.offset[{index}]",
+                remedy="give offsets in rad, within two turns: whole turns change nothing",
+            )
+
+
+def _build_body(body: robots.Body, chain: KinematicChain, where: str) -> Body:
+    """Return a body with its joint as an index, and its mass and centre with their uncertainties.
+
+    Raises:
+        RobotError: the chain has no joint of this name; `where` is the field of the name.
+    """
+    if body.joint not in chain.joint_names:
+        raise RobotError(
+            f"the robot has no joint '{body.joint}'",
+            where=where,
+            remedy=f"use one of {', '.join(chain.joint_names)}",
+        )
+    return Body.within(
+        body.name,
+        chain.joint_names.index(body.joint),
+        body.mass,
+        body.centre,
+        relative=body.mass_uncertainty,
+        radius=body.centre_uncertainty,
+    )
 
 
 def to_bodies(bodies: Sequence[Body], chain: KinematicChain) -> list[robots.Body] | None:

@@ -99,23 +99,25 @@ def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture 
         values += [end for end in joint.stiffness_interval or () if end is not None and end > 0.0]
     if not values:
         return None
-    lowest_decade, highest_decade = floor(log10(min(values))), ceil(log10(max(values)))  # exponents of ten
-    highest_decade += lowest_decade == highest_decade  # the axis covers one decade at least
+    # Exponents of ten at the ends of the axis, which covers one decade at least.
+    lowest_decade, highest_decade = floor(log10(min(values))), ceil(log10(max(values)))
+    highest_decade = max(highest_decade, lowest_decade + 1)
     height = _ROW_HEIGHT * (len(joints) + 1) + 22
     drawing = Drawing(_WIDTH, height, "Stiffness of each joint with its interval")
 
     def x_of(value: float) -> float:
         """Return the x coordinate of a stiffness on the logarithmic axis."""
-        fraction = (log10(min(max(value, 10.0**lowest_decade), 10.0**highest_decade)) - lowest_decade) / (
-            highest_decade - lowest_decade
-        )
+        value_on_axis = min(max(value, 10.0**lowest_decade), 10.0**highest_decade)
+        decades_from_left = log10(value_on_axis) - lowest_decade
+        fraction = decades_from_left / (highest_decade - lowest_decade)
         return _NAMES_WIDTH + fraction * (_WIDTH - _NAMES_WIDTH - 20)
 
     bottom = height - 24
     for decade in range(lowest_decade, highest_decade + 1):
-        drawing.line(x_of(10.0**decade), 4, x_of(10.0**decade), bottom)
+        x = x_of(10.0**decade)
         number = 10.0 ** (decade - 6)  # in 10⁶ N·m/rad
-        drawing.text(x_of(10.0**decade), bottom + 10, f"{number:g}", anchor="middle")
+        drawing.line(x, 4, x, bottom)
+        drawing.text(x, bottom + 10, f"{number:g}", anchor="middle")
     drawing.text(_WIDTH - 20, bottom + 21, "stiffness [10⁶ N·m/rad]", anchor="end")
     for row, joint in enumerate(joints):
         y = _ROW_HEIGHT * (row + 0.9)
@@ -124,10 +126,12 @@ def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture 
             drawing.text(_NAMES_WIDTH + 4, y + 3, "no number: see the table")
             continue
         lower_end, upper_end = joint.stiffness_interval or (joint.stiffness, joint.stiffness)
+        left = x_of(lower_end)
         right = _WIDTH - 20 if upper_end is None else x_of(upper_end)
-        drawing.line(x_of(lower_end), y, right, y, MARK, 2.2)
-        for end in (x_of(lower_end), *([] if upper_end is None else [right])):
-            drawing.line(end, y - 5, end, y + 5, MARK, 0.8)
+        ticks = [left] if upper_end is None else [left, right]  # no right tick: no upper limit
+        drawing.line(left, y, right, y, MARK, 2.2)
+        for tick in ticks:
+            drawing.line(tick, y - 5, tick, y + 5, MARK, 0.8)
         drawing.dot(x_of(joint.stiffness), y, 1.5)
     return Picture(
         str(drawing),
@@ -143,20 +147,12 @@ def draw_bars(chart: Chart) -> Picture:
     The heights of the bars are the absolute values of the numbers.
     """
     group_count = min(len(chart.names), _MOST_GROUPS)
-    series = {
-        name: [chart.factor * (number or 0.0) for number in list(values)[:group_count]]
-        for name, values in chart.series.items()
-    }
+    series = dict[str, list[float]]()
+    for name, numbers in chart.series.items():
+        series[name] = [chart.factor * (number or 0.0) for number in list(numbers)[:group_count]]
     drawing = Drawing(_WIDTH, _BARS_HEIGHT, chart.title)
     sizes = [abs(value) for values in series.values() for value in values]
-    greatest = max(sizes, default=0.0) or 1.0
-    # The vertical axis ends at 1, 2 or 5 times a power of ten; 1e-9 allows for rounding.
-    power_of_ten = 10.0 ** floor(log10(greatest))
-    axis_end = next(
-        number * power_of_ten
-        for number in (1.0, 2.0, 5.0, 10.0)
-        if number * power_of_ten >= greatest * (1 - 1e-9)
-    )
+    axis_end = _choose_axis_end(max(sizes, default=0.0) or 1.0)
     scale = (_AXIS_Y - _TOP_MARGIN) / axis_end
     for fraction in (0.0, 0.5, 1.0):
         y = _AXIS_Y - fraction * (_AXIS_Y - _TOP_MARGIN)
@@ -165,18 +161,30 @@ def draw_bars(chart: Chart) -> Picture:
     drawing.text(0, 8, chart.unit)
     axis_label = f"{chart.axis} 1 to {group_count} of {len(chart.names)}"
     drawing.text(_WIDTH - _RIGHT_MARGIN, _AXIS_Y + 12, axis_label, anchor="end")
-    group_width = (_WIDTH - _AXIS_X - _RIGHT_MARGIN) / max(group_count, 1)
+    width = _WIDTH - _AXIS_X - _RIGHT_MARGIN
+    group_width = width / max(group_count, 1)
     bar_width = _BARS_SHARE * group_width / max(len(series), 1)
+    gap = (1 - _BARS_SHARE) / 2  # on either side of a group, in widths of a group
     for index, (name, values) in enumerate(series.items()):
         colour = _SERIES_COLOURS[index % len(_SERIES_COLOURS)]
         for group, value in enumerate(values):
             height = scale * abs(value)
-            x = _AXIS_X + group_width * (group + (1 - _BARS_SHARE) / 2) + bar_width * index
+            x = _AXIS_X + group_width * (group + gap) + bar_width * index
             drawing.bar(x, _AXIS_Y - height, bar_width, height, colour)
-        x = _AXIS_X + (_WIDTH - _AXIS_X - _RIGHT_MARGIN) * index / len(series)
+        x = _AXIS_X + width * index / len(series)
         drawing.bar(x, _LEGEND_Y, 7, 7, colour)
         drawing.text(x + 10, _LEGEND_Y + 7, _shorten(name))
     return Picture(str(drawing), f"{chart.title}.", _BARS_PAGE_WIDTH)
+
+
+def _choose_axis_end(greatest: float) -> float:
+    """Return the number at the end of an axis: 1, 2, 5 or 10 times a power of ten, not below `greatest`."""
+    power_of_ten = 10.0 ** floor(log10(greatest))
+    for factor in (1.0, 2.0, 5.0):
+        end = factor * power_of_ten
+        if end >= greatest * (1 - 1e-9):  # allows for rounding
+            return end
+    return 10.0 * power_of_ten
 
 
 def draw_deflections(result: RunResult) -> Picture | None:

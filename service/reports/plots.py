@@ -264,11 +264,14 @@ def _draw_area(axis: Axes, area: Area) -> None:
     values = area.factor * np.array(area.values, dtype=float)
     known = ~np.isnan(values)
     columns, rows = np.unique(x), np.unique(y)
-    if min(len(columns), len(rows)) >= 2 and len(columns) * len(rows) == len(values) and known.any():
+    has_two_each_way = min(len(columns), len(rows)) >= 2
+    is_grid = has_two_each_way and len(columns) * len(rows) == len(values)
+    if is_grid and known.any():
         grid = np.full((len(rows), len(columns)), nan)
         grid[np.searchsorted(rows, y), np.searchsorted(columns, x)] = values
-        drawn: Any = axis.contourf(columns, rows, np.ma.masked_invalid(grid), _LEVELS, cmap="viridis")
-        axis.contour(columns, rows, np.ma.masked_invalid(grid), _LEVELS, colors="white", linewidths=0.3)
+        shown = np.ma.masked_invalid(grid)
+        drawn: Any = axis.contourf(columns, rows, shown, _LEVELS, cmap="viridis")
+        axis.contour(columns, rows, shown, _LEVELS, colors="white", linewidths=0.3)
     else:
         drawn = axis.scatter(x[known], y[known], c=values[known], marker="s", cmap="viridis")
     if not known.all():

@@ -53,11 +53,11 @@ def csv_text(sheet: Sheet) -> str:
 def csv_parts(sheet: Sheet) -> Iterator[str]:
     """Yield a sheet as CSV in parts, so that a large sheet needs little memory."""
     columns = list(sheet.columns.values())
+    row_count = len(columns[0]) if columns else 0
     yield csv_rows([[escape_formula(header) for header in sheet.columns]])
-    for begin in range(0, len(columns[0]) if columns else 0, _ROWS_PER_BLOCK):
-        cells = [
-            _format_csv_cells(column[begin : begin + _ROWS_PER_BLOCK], sheet.digits) for column in columns
-        ]
+    for begin in range(0, row_count, _ROWS_PER_BLOCK):
+        block = slice(begin, begin + _ROWS_PER_BLOCK)
+        cells = [_format_csv_cells(column[block], sheet.digits) for column in columns]
         yield csv_rows(zip(*cells, strict=True))
 
 
@@ -85,23 +85,27 @@ def iterate_table_rows(text: str) -> tuple[Iterator[list[str]], bool]:
 
     The iterator raises a csv.Error where the text is not a valid CSV table.
     """
-    delimiter = next((sign for sign in ";\t" if sign in text.partition("\n")[0]), ",")
+    first_line = text.partition("\n")[0]
+    delimiter = next((sign for sign in ";\t" if sign in first_line), ",")
     rows = csv.reader(io.StringIO(text.removeprefix("\ufeff")), delimiter=delimiter)
-    return ([cell.strip() for cell in row] for row in rows), delimiter == ","
+    stripped_rows = ([cell.strip() for cell in row] for row in rows)
+    return stripped_rows, delimiter == ","
 
 
 def npz_bytes(sheet: Sheet) -> bytes:
     """Return a sheet as an npz file: `headers`, `table` of numbers (rows, columns), and each text column."""
     import numpy as np
 
-    numeric = {header: column for header, column in sheet.columns.items() if header not in sheet.texts}
+    headers = [header for header in sheet.columns if header not in sheet.texts]
+    columns = [np.asarray(sheet.columns[header], dtype=float) for header in headers]
+    texts = {header: np.array(sheet.columns[header]) for header in sheet.texts}
     content = io.BytesIO()
     np.savez_compressed(
         content,
         allow_pickle=False,
-        headers=np.array(list(numeric)),
-        table=np.stack([np.asarray(column, dtype=float) for column in numeric.values()], axis=1),
-        **{header: np.array(sheet.columns[header]) for header in sheet.texts},
+        headers=np.array(headers),
+        table=np.stack(columns, axis=1),
+        **texts,
     )
     return content.getvalue()
 
@@ -158,11 +162,13 @@ def split_header(header: str) -> tuple[str, str]:
 def _format_csv_cells(column: Any, digits: str) -> Sequence[Value]:  # noqa: ANN401 - a sequence or an array
     """Return the cells of a column, numbers formatted by `digits`; NaN and infinity become empty cells."""
     values = _to_list(column)
-    if not digits or not isinstance(next((value for value in values if value is not None), ""), float):
+    first_value = next((value for value in values if value is not None), None)
+    if not digits or not isinstance(first_value, float):
         return [escape_formula(value) for value in values]
     numbers = [nan if value is None else value for value in values]
     # A single call formats the whole column, which is fast.
-    cells = ("\n".join([f"%{digits}"] * len(numbers)) % tuple(numbers)).split("\n")
+    form_of_column = "\n".join([f"%{digits}"] * len(numbers))
+    cells = (form_of_column % tuple(numbers)).split("\n")
     return [cell if isfinite(number) else None for cell, number in zip(cells, numbers, strict=True)]
 
 
@@ -180,19 +186,17 @@ def _to_list(column: Any) -> list[Any]:  # noqa: ANN401 - a sequence or an array
 
 def json_text(sheet: Sheet) -> str:
     """Return a sheet as JSON: a list `columns`, each with `name`, `unit` and `values`; null for no number."""
-    columns = [
-        {
-            "name": name,
-            "unit": unit,
-            "values": [
-                None if isinstance(value, float) and not isfinite(value) else value
-                for value in _to_list(column)
-            ],
-        }
-        for header, column in sheet.columns.items()
-        for name, unit in [split_header(header)]
-    ]
+    columns = list[dict[str, Any]]()
+    for header, column in sheet.columns.items():
+        name, unit = split_header(header)
+        values = [_null_without_number(value) for value in _to_list(column)]
+        columns.append({"name": name, "unit": unit, "values": values})
     return json.dumps({"columns": columns})
+
+
+def _null_without_number(value: Value) -> Value:
+    """Return a value for JSON, which knows neither NaN nor infinity: None for these."""
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 WRITERS: Final[Mapping[str, Callable[[Sheet], str | bytes]]] = MappingProxyType(

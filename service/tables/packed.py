@@ -14,6 +14,7 @@ from typing import Final
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
+import numpy.typing as npt
 
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
@@ -44,18 +45,15 @@ def is_packed(content: bytes) -> bool:
 
 def pack_sheet(sheet: Sheet) -> bytes:
     """Return a sheet as bytes; columns that are no texts have numbers, or NaN."""
-    numbers = [
-        np.asarray(column, dtype=np.float64)
-        for header, column in sheet.columns.items()
-        if header not in sheet.texts
-    ]
-    head = {
-        "headers": list(sheet.columns),
-        "texts": {header: list(sheet.columns[header]) for header in sorted(sheet.texts)},
-        "digits": sheet.digits,
-    }
+    numbers = list[npt.NDArray[np.float64]]()
+    for header, column in sheet.columns.items():
+        if header not in sheet.texts:
+            numbers.append(np.asarray(column, dtype=np.float64))
+    texts = {header: list(sheet.columns[header]) for header in sorted(sheet.texts)}
+    head = {"headers": list(sheet.columns), "texts": texts, "digits": sheet.digits}
+    head_text = np.array(json.dumps(head))
     content = io.BytesIO()
-    np.savez(content, allow_pickle=False, head=np.array(json.dumps(head)), numbers=np.stack(numbers))
+    np.savez(content, allow_pickle=False, head=head_text, numbers=np.stack(numbers))
     return content.getvalue()
 
 

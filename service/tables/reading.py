@@ -124,19 +124,23 @@ def _read_csv_rows(
     for line, row in _iterate_filled_rows(rows, limits):
         if not block and not blocks:
             refuse_bad_headers(headers)
-        cells = _name_cells(headers, row, line)
-        labels += [_check_label(cell, f"line {line}") for header, cell in cells if is_label(header)]
-        numbers = [(header, cell) for header, cell in cells if not is_label(header)]
-        if not has_comma_separators:
-            numbers = [(header, cell.replace(",", ".")) for header, cell in numbers]
-        block.append([_parse_number(cell, line, header) for header, cell in numbers])
+        numbers = list[float]()
+        for header, cell in _name_cells(headers, row, line):
+            if is_label(header):
+                labels.append(_check_label(cell, f"line {line}"))
+                continue
+            text = cell if has_comma_separators else cell.replace(",", ".")
+            numbers.append(_parse_number(text, line, header))
+        block.append(numbers)
         if len(block) == _ROWS_PER_BLOCK:
             blocks.append(np.array(block, dtype=np.float64))
             block.clear()
     if not block and not blocks:
         raise RequestError("the table has no rows", where="line 1", remedy="give a header, then a row a line")
-    table = np.concatenate([*blocks, np.array(block, dtype=np.float64).reshape(-1, len(names))])
-    return NumberTable(dict(zip(names, np.ascontiguousarray(table.T), strict=True)), labels or None)
+    last_block = np.array(block, dtype=np.float64).reshape(-1, len(names))
+    table = np.concatenate([*blocks, last_block])
+    columns = np.ascontiguousarray(table.T)
+    return NumberTable(dict(zip(names, columns, strict=True)), labels or None)
 
 
 def _iterate_filled_rows(

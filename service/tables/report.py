@@ -143,15 +143,17 @@ def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
 
     If `applies` is set, a remedy that a program can carry out names its option.
     """
-    kinds = [None if reason.action is None else reason.action.kind for reason in assessment.reasons]
     # `--apply KIND` applies the first action of a kind, so only the remedy of that action names the option.
-    suffixes = [
-        f", or repeat the command with `{_name_option(kind)}`"
-        if applies and kind is not None and kind not in ("show_posture", *kinds[:number])
-        else ""
-        for number, kind in enumerate(kinds)
-    ]
-    return list(dict.fromkeys(map(str.__add__, (reason.remedy for reason in assessment.reasons), suffixes)))
+    kinds_without_option = {"show_posture"}
+    found = list[str]()
+    for reason in assessment.reasons:
+        remedy = reason.remedy
+        kind = None if reason.action is None else reason.action.kind
+        if applies and kind is not None and kind not in kinds_without_option:
+            remedy += f", or repeat the command with `{_name_option(kind)}`"
+            kinds_without_option.add(kind)
+        found.append(remedy)
+    return list(dict.fromkeys(found))
 
 
 def _name_option(kind: ActionKind) -> str:
@@ -176,14 +178,12 @@ def _list_other_warnings(assessment: Assessment, warnings: Sequence[Finding]) ->
 def warning_lines(assessment: Assessment, warnings: Sequence[Finding]) -> list[Line]:
     """Return a line for each warning that the reasons do not mention."""
     other_warnings = _list_other_warnings(assessment, warnings)
-    return [
-        Line(
-            f"warning: {f'{warning.where}: ' if warning.where else ''}{warning.message}; {warning.remedy}",
-            "care",
-        )
-        # Warnings about the whole set come first.
-        for warning in sorted(other_warnings, key=lambda warning: warning.where is not None)
-    ]
+    other_warnings.sort(key=lambda warning: warning.where is not None)  # those about the whole set come first
+    lines = list[Line]()
+    for warning in other_warnings:
+        place = f"{warning.where}: " if warning.where else ""
+        lines.append(Line(f"warning: {place}{warning.message}; {warning.remedy}", "care"))
+    return lines
 
 
 def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
@@ -206,18 +206,24 @@ def format_count(count: int, noun: str) -> str:
 
 def problem_line(problem: Problem) -> Line:
     """Return an error as text, with the place, the reason and the remedy of each fault."""
-    if len(problem.errors) > 1 or any(item.reason not in problem.detail for item in problem.errors):
-        lines = [
-            f"{item.where}: {item.reason}" + (f"; {item.remedy}" if item.remedy else "")
-            for item in problem.errors
-        ]
-        if problem.remedy and all(problem.remedy != item.remedy for item in problem.errors):
-            lines.append(f"remedy: {problem.remedy}")
-        return Line("\n".join([problem.title, *(f"  {line}" for line in lines)]), "bad")
+    needs_lines = any(item.reason not in problem.detail for item in problem.errors)
+    if len(problem.errors) > 1 or needs_lines:
+        return Line("\n".join(_list_faults(problem)), "bad")
     place = f"{problem.where}: " if problem.where else ""
     detail = problem.errors[0].reason if problem.errors else problem.detail
     remedy = f"\n  remedy: {problem.remedy}" if problem.remedy else ""
     return Line(f"{place}{detail}{remedy}", "bad")
+
+
+def _list_faults(problem: Problem) -> Iterator[str]:
+    """Yield the title of a problem, then a line for each fault with its place and remedy."""
+    yield problem.title
+    for item in problem.errors:
+        remedy = f"; {item.remedy}" if item.remedy else ""
+        yield f"  {item.where}: {item.reason}{remedy}"
+    remedies_of_faults = {item.remedy for item in problem.errors}
+    if problem.remedy and problem.remedy not in remedies_of_faults:
+        yield f"  remedy: {problem.remedy}"
 
 
 _SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
@@ -295,7 +301,9 @@ def list_request_fields(
     entries = list(_list_fields(request, _RequestUnits(getattr(request, "units", None), kinds), ""))
     labels_without_value = [label for label, text in entries if not text]
     facts = [(label[:1].upper() + label[1:], text) for label, text in entries if text]
-    return [*facts, *([("Not stated", ", ".join(labels_without_value))] if labels_without_value else [])]
+    if labels_without_value:
+        facts.append(("Not stated", ", ".join(labels_without_value)))
+    return facts
 
 
 def _list_fields(message: Message, units: _RequestUnits, label_prefix: str) -> Iterator[tuple[str, str]]:
@@ -338,44 +346,64 @@ def _format_value(value: object, unit: _Unit, units: _RequestUnits, kind: JointK
         kind: kind of the joint to which the value belongs; None if unknown.
     """
     if isinstance(value, Message):
-        return ", ".join(
-            f"{name.replace('_', ' ')} {_format_or_summarise(item, units.unit_of_field(field), units, kind)}"
-            for name, field in type(value).model_fields.items()
-            if (item := getattr(value, name)) is not None
-        )
+        return _format_message(value, units, kind)
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
-        factor, name = _SHOWN_UNITS.get(unit.for_kind(kind), (1.0, unit.for_kind(kind)))
-        return f"{_format_number(factor * value)}{'' if name in ('', '°') else ' '}{name}"
+        factor, name = _find_shown_unit(unit.for_kind(kind))
+        blank = "" if name in ("", "°") else " "
+        return f"{_format_number(factor * value)}{blank}{name}"
     if isinstance(value, Mapping):
-        parts_with_kind = ((key, item, units.kinds.get(key)) for key, item in value.items())
-        return "; ".join(
-            f"{key} {_format_value(item, unit, units, joint_kind)}"
-            for key, item, joint_kind in parts_with_kind
-        )
+        texts = [
+            f"{key} {_format_value(item, unit, units, units.kinds.get(key))}" for key, item in value.items()
+        ]
+        return "; ".join(texts)
     if isinstance(value, Sequence) and not isinstance(value, str):
-        if value and all(isinstance(item, int | float) and not isinstance(item, bool) for item in value):
+        if value and all(map(_is_number, value)):
             return _format_numbers(value, unit, units, kind)
         return "; ".join(_format_value(item, unit, units, kind) for item in value)
     return str(value)
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a value is a number; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _format_message(message: Message, units: _RequestUnits, kind: JointKind | None) -> str:
+    """Return the fields of a message that have a value, each with its name, as text."""
+    texts = list[str]()
+    for name, field in type(message).model_fields.items():
+        value = getattr(message, name)
+        if value is not None:
+            text = _format_or_summarise(value, units.unit_of_field(field), units, kind)
+            texts.append(f"{name.replace('_', ' ')} {text}")
+    return ", ".join(texts)
+
+
+def _find_shown_unit(unit: str) -> tuple[float, str]:
+    """Return the factor to the unit in which people see a number, and the name of that unit."""
+    return _SHOWN_UNITS.get(unit, (1.0, unit))
 
 
 def _format_numbers(
     values: Sequence[float], unit: _Unit, units: _RequestUnits, kind: JointKind | None
 ) -> str:
     """Return a list of numbers in brackets, with their common unit behind, or each with its joint's unit."""
-    if joint_units := units.units_of_joints(values, unit):
-        texts = (
+    joint_units = units.units_of_joints(values, unit)
+    if joint_units:
+        texts = [
             _format_value(value, _Unit(joint_unit, joint_unit), units)
             for value, joint_unit in zip(values, joint_units, strict=True)
-        )
+        ]
         return f"({', '.join(texts)})"
-    factor, name = _SHOWN_UNITS.get(unit.for_kind(kind), (1.0, unit.for_kind(kind)))
-    return f"({', '.join(_format_number(factor * value) for value in values)}) {name}".strip()
+    factor, name = _find_shown_unit(unit.for_kind(kind))
+    numbers = [_format_number(factor * value) for value in values]
+    return f"({', '.join(numbers)}) {name}".strip()
 
 
 def _format_number(value: float) -> str:
+    """Format a number of a request with all its digits."""
     return figure(value, ".10g")
 
 

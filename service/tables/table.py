@@ -121,23 +121,26 @@ class Table:
 
         `numbers` has (row, column, numbers in their parts) for each cell that consists of numbers.
         """
-        rows = self.rows()
-        texts = {"title": self.title, "caption": self.caption, "legend": self.legend}
-        dim = [
-            (row, column)
-            for row, cells in enumerate(rows)
-            for column, cell in enumerate(cells)
-            if cell.style == "dim"
-        ]
-        numbers = [
-            (row, column, [asdict(number) for number in cell.numbers])
-            for row, cells in enumerate(rows)
-            for column, cell in enumerate(cells)
-            if cell.numbers
-        ]
-        cells = [[cell.text for cell in row] for row in rows]
-        places = {"texts": self.text_columns(), "dim": dim, "numbers": numbers}
-        return {**texts, "head": self.head(), "rows": cells, **places}
+        texts = list[list[str]]()
+        dim = list[tuple[int, int]]()
+        numbers = list[tuple[int, int, list[dict[str, Any]]]]()
+        for row, cells in enumerate(self.rows()):
+            texts.append([cell.text for cell in cells])
+            for column, cell in enumerate(cells):
+                if cell.style == "dim":
+                    dim.append((row, column))
+                if cell.numbers:
+                    numbers.append((row, column, [asdict(number) for number in cell.numbers]))
+        return {
+            "title": self.title,
+            "caption": self.caption,
+            "legend": self.legend,
+            "head": self.head(),
+            "rows": texts,
+            "texts": self.text_columns(),
+            "dim": dim,
+            "numbers": numbers,
+        }
 
 
 @dataclass(frozen=True)
@@ -201,9 +204,8 @@ class Sheet:
     def from_rows(cls, rows: Iterable[Mapping[str, Value]]) -> Sheet:
         """Build a sheet from rows that all map the same headers to values."""
         row_list = list(rows)
-        return cls(
-            {header: [row[header] for row in row_list] for header in (row_list[0] if row_list else ())}
-        )
+        headers = row_list[0] if row_list else ()
+        return cls({header: [row[header] for row in row_list] for header in headers})
 
     @classmethod
     def from_messages(
@@ -220,17 +222,23 @@ class Sheet:
                 for each component.
             units: maps the unit of a field to (factor, unit to show); the shown value is factor · value.
         """
+        if not rows:
+            return cls({})
         sheet: dict[str, list[Value]] = {}
-        for header, path in columns.items() if rows else ():
-            values, unit = [_value_at(row, path) for row in rows], _unit_at(type(rows[0]), path)
+        for header, path in columns.items():
+            unit = _unit_at(type(rows[0]), path)
             factor, shown_unit = units.get(unit, (1.0, unit))
-            for full_header, indices in _expand_header(f"{header} [{shown_unit}]" if shown_unit else header):
+            header_with_unit = f"{header} [{shown_unit}]" if shown_unit else header
+            values = [_value_at(row, path) for row in rows]
+            for full_header, indices in _expand_header(header_with_unit):
                 components = [_component_at(value, indices) for value in values]
-                sheet[full_header] = [
-                    factor * component if isinstance(component, float) else component
-                    for component in components
-                ]
+                sheet[full_header] = [_scale(component, factor) for component in components]
         return cls(sheet)
+
+
+def _scale(value: Value, factor: float) -> Value:
+    """Return a number times a factor; a value that is not a number with a unit is unchanged."""
+    return factor * value if isinstance(value, float) else value
 
 
 def _add_prismatic_unit(header: str) -> str:

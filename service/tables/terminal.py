@@ -107,31 +107,29 @@ class _FittedTable:
         """Yield the table in one piece, or in parts with some of the columns each."""
         head, width = self.table.head(), options.max_width
         column_indices = range(len(head))
-        rows = self.table.rows()
-        cell_widths = [
-            max((_text_width(row[index].text) for row in rows), default=0) for index in column_indices
-        ]
-        folded_headers = [_fold_header(header, cell_widths[index]) for index, header in enumerate(head)]
+        cell_widths = self._find_cell_widths(len(head))
         text_columns = self.table.text_columns()
-        max_widths = [
-            _MIN_TEXT_WIDTH if index in text_columns else width - _MIN_TEXT_WIDTH - 1
-            for index in column_indices
-        ]
 
         def least_widths(headers: Sequence[str]) -> list[int]:
             """Return the least width of each column under these headers, in characters."""
-            return [
-                min(max_widths[index], max(cell_widths[index], _text_width(headers[index])))
-                for index in column_indices
-            ]
+            widths = list[int]()
+            for index, header in enumerate(headers):
+                greatest = _MIN_TEXT_WIDTH if index in text_columns else width - _MIN_TEXT_WIDTH - 1
+                needed = max(cell_widths[index], _text_width(header))
+                widths.append(min(greatest, needed))
+            return widths
 
         # With lines a table needs three more characters for each column, and one; without lines, one blank
         # between two columns.
-        if not self.table.plain and sum(least_widths(head)) + 3 * len(head) + 1 <= width:
+        width_of_cells = sum(least_widths(head))
+        fits_with_lines = width_of_cells + 3 * len(head) + 1 <= width
+        fits_without_lines = width_of_cells + len(head) - 1 <= width
+        if fits_with_lines and not self.table.plain:
             yield self._build_table(head, column_indices, plain=False)
-        elif sum(least_widths(head)) + len(head) - 1 <= width:
+        elif fits_without_lines:
             yield self._build_table(head, column_indices, plain=True)
         else:
+            folded_headers = [_fold_header(header, cell_widths[index]) for index, header in enumerate(head)]
             groups = _distribute_columns(least_widths(folded_headers), width)
             for indices in groups:
                 yield self._build_table(
@@ -141,6 +139,14 @@ class _FittedTable:
                     has_title=indices is groups[0],
                     has_caption=indices is groups[-1],
                 )
+
+    def _find_cell_widths(self, column_count: int) -> list[int]:
+        """Return the width of the widest cell of each column, headers not counted, in characters."""
+        widths = [0] * column_count
+        for row in self.table.rows():
+            for index, cell in enumerate(row):
+                widths[index] = max(widths[index], _text_width(cell.text))
+        return widths
 
     def _build_table(
         self,
@@ -153,22 +159,22 @@ class _FittedTable:
     ) -> RichTable:
         """Return a table of the columns with these indices, with title and caption if the flags say so."""
         table, text_columns = self.table, self.table.text_columns()
-        layout_options: dict[str, Any] = (
-            {"box": SIMPLE_HEAD, "padding": 0, "show_edge": False} if plain else {}
-        )
+        layout_options: dict[str, Any] = {}
+        if plain:
+            layout_options = {"box": SIMPLE_HEAD, "padding": 0, "show_edge": False}
+        title = Text(table.title) if table.title and has_title else None
+        caption = Text(table.caption) if table.caption and has_caption else None
         rich_table: RichTable = RichTable(
-            title=Text(table.title) if table.title and has_title else None,
-            caption=Text(table.caption) if table.caption and has_caption else None,
-            caption_justify="left",
-            **layout_options,
+            title=title, caption=caption, caption_justify="left", **layout_options
         )
         for index in indices:
+            is_text = index in text_columns
             rich_table.add_column(
                 Text(head[index]),
-                justify="left" if index in text_columns else "right",
+                justify="left" if is_text else "right",
                 overflow="fold",
                 max_width=None if table.upright else table.columns[index].widest,
-                no_wrap=index not in text_columns,
+                no_wrap=not is_text,
             )
         for row in table.rows():
             rich_table.add_row(*(_style_line(row[index]) for index in indices))

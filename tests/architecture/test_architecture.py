@@ -341,3 +341,28 @@ def test_one_worker_runs_all_tests_of_a_group(request):
     if not getattr(request.config.option, "loadgroup", False):
         pytest.skip("groups are for workers of xdist: -n 2 --dist loadgroup")
     assert request.node.nodeid.endswith("@test_architecture")
+
+
+WORDS_FOR_USERS = {"reason", "detail", "remedy", "message"}
+SEARCHES = {"startswith", "endswith", "find", "index", "partition", "rpartition", "split", "replace"}
+OF_OTHER_LIBRARIES = {"service/api/bodies.py", "service/reports/rendering.py"}
+
+
+def searched_words(path: Path) -> Iterator[str]:
+    """The places of a module that look for words in a sentence for users, to decide by it or to change it."""
+    for node in nodes(path):
+        sentence: ast.expr | None = None
+        if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.In | ast.NotIn):
+            is_text = isinstance(node.left, ast.Constant | ast.JoinedStr)
+            sentence = node.comparators[0] if is_text else None
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            sentence = node.func.value if node.func.attr in SEARCHES else None
+        if isinstance(sentence, ast.Attribute) and sentence.attr in WORDS_FOR_USERS:
+            yield f"{path.relative_to(ROOT)}: {ast.unparse(node)}"
+
+
+def test_no_sentence_of_our_own_is_parsed_back():
+    """A restore took each error with the words `does not exist` for a missing database."""
+    paths = [path for folder in ("service", "solver", "schemas") for path in (ROOT / folder).rglob("*.py")]
+    ours = [path for path in paths if str(path.relative_to(ROOT)) not in OF_OTHER_LIBRARIES]
+    assert [place for path in ours for place in searched_words(path)] == []

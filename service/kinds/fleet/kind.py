@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from jointstiff.schemas.fields import Message, Name, Stiffness
@@ -66,20 +67,27 @@ def _headline(result: FleetResult) -> Line:
 def _sets_table(rows: list[FleetRow], unit: StiffnessUnit) -> Table:
     """Return a row for each set: robot, verdict, stiffness of each joint, and the problem if it failed."""
     names = list(dict.fromkeys(name for row in rows for name in row.stiffness))
-    joints = names if len(names) <= _MOST_JOINTS else []
+    verdicts = [Line(*_OUTCOMES[row.outcome]) for row in rows]
     columns = [
         Column("robot", [row.robot_name for row in rows], text=True),
         Column("measurement set", [row.measurement_set_name for row in rows], text=True),
-        Column("verdict", rows, lambda row: Line(*_OUTCOMES[row.outcome]), text=True),
-        *(Column(name, [_stiffness_cell(row, name, unit) for row in rows], as_line) for name in joints),
+        Column("verdict", verdicts, as_line, text=True),
     ]
-    if any(row.error for row in rows):
-        columns.append(Column("problem", [row.error and row.error.detail for row in rows], text=True))
+    if len(names) <= _MOST_JOINTS:
+        columns += [_stiffness_column(name, rows, unit) for name in names]
+    problems = [None if row.error is None else row.error.detail for row in rows]
+    if any(problems):
+        columns.append(Column("problem", problems, text=True))
     return Table(
         columns,
         title="Sets",
         caption=f"{unit.quantity} (interval) of the joints in {unit.label}",
     )
+
+
+def _stiffness_column(name: str, rows: Sequence[FleetRow], unit: StiffnessUnit) -> Column:
+    """Return the column of a joint: its stiffness in each set."""
+    return Column(name, [_stiffness_cell(row, name, unit) for row in rows], as_line)
 
 
 def _stiffness_cell(row: FleetRow, joint: str, unit: StiffnessUnit) -> Line:

@@ -45,28 +45,9 @@ _CRITERIA = {
 
 def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
     """Return the report of a plan: predicted uncertainties, list of readings, quality of the plan."""
-    infeasible_text = ", ".join(
-        f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items()
-    )
-    # A certificate is a proved lower bound of the list's efficiency.
-    certificate = "certified:" if result.efficiency >= _TIGHT else "this certified bound is probably low:"
-    lines = [
-        f"{certificate} the list gives at least {100 * result.efficiency:.1f} % of the information of the "
-        f"best possible list (criterion: {_CRITERIA[result.criterion]})",
-        f"{result.feasible} of {result.considered} readings were feasible"
-        + (f"; not feasible: {infeasible_text}" if infeasible_text else ""),
-    ]
+    lines = [_describe_efficiency(result), _describe_feasibility(result)]
     if result.goal_share is not None:
-        goal = job.request.goal
-        goal_text = (
-            (
-                "a test finds an error of the load point of "
-                f"{length_text(result.goal_share * goal.mistake)} in 80 % of cases"
-            )
-            if isinstance(goal, LoadPointGoal)
-            else f"the uncertainty from the noise of the readings is {result.goal_share:.2f} times the "
-            "uncertainty that the goal allows"
-        )
+        goal_text = _describe_goal(job, result.goal_share)
         lines.append(f"{len(result.readings)} readings, the fewest possible, meet the goal: {goal_text}")
     block_count = max((each.block for each in result.readings), default=1)
     if block_count > 1:
@@ -88,6 +69,35 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
         )
     readings = _readings_table(job, result, has_tick_boxes=view.details)
     return Report([_joints_table(job, result), readings, *map(Line, lines)])
+
+
+def _describe_efficiency(result: PlanResult) -> str:
+    """Return a proved lower bound of the efficiency of the list, relative to the best possible list."""
+    certificate = "certified:" if result.efficiency >= _TIGHT else "this certified bound is probably low:"
+    return (
+        f"{certificate} the list gives at least {100 * result.efficiency:.1f} % of the information of the "
+        f"best possible list (criterion: {_CRITERIA[result.criterion]})"
+    )
+
+
+def _describe_feasibility(result: PlanResult) -> str:
+    """Return how many readings the robot and the equipment allow, and why the others are not feasible."""
+    reasons = [f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items()]
+    not_feasible = f"; not feasible: {', '.join(reasons)}" if reasons else ""
+    return f"{result.feasible} of {result.considered} readings were feasible{not_feasible}"
+
+
+def _describe_goal(job: Plan, share: float) -> str:
+    """Return how the plan meets its goal; `share` is the uncertainty relative to that of the goal."""
+    goal = job.request.goal
+    if isinstance(goal, LoadPointGoal):
+        return (
+            f"a test finds an error of the load point of {length_text(share * goal.mistake)} in 80 % of cases"
+        )
+    return (
+        f"the uncertainty from the noise of the readings is {share:.2f} times the "
+        "uncertainty that the goal allows"
+    )
 
 
 def _joints_table(job: Plan, result: PlanResult) -> Table:

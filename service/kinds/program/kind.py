@@ -184,14 +184,14 @@ def _worst_table(result: ProgramResult) -> Table:
     for point in points:
         before.append(show_estimate(point.deflection, _widest_interval(point), _TO_MM, style=style))
         after.append(show_estimate(point.residual, _widest_residual_interval(point), _TO_MM, style=style))
-    is_model_error_included = [point.interval_with_model_error is not None for point in points]
+    included = [model_error_text(point.interval_with_model_error is not None) for point in points]
     columns = [
         Column("point", [point.number for point in points]),
         Column("name", [point.name for point in points], text=True),
         Column("line", [point.line for point in points]),
         Column("before", before, show_cell, "mm"),
         Column("after", after, show_cell, "mm"),
-        Column("model error", list(map(model_error_text, is_model_error_included)), text=True),
+        Column("model error", included, text=True),
     ]
     remarks = ["capped" if point.capped else "" for point in points]
     if any(remarks):

@@ -495,19 +495,22 @@ def _elements_table(links: LinksResult) -> Table:
 
     A row has the share over all observations, and its least and greatest value in one observation.
     """
-    elements = links.elements
-    names = [
-        f"link behind {each.joint}" if each.kind == "link" else each.joint or each.kind for each in elements
+    names = list[str]()
+    shares, least, greatest = list[float | None](), list[float | None](), list[float | None]()
+    for element in links.elements:
+        own_name = element.joint or element.kind
+        names.append(f"link behind {element.joint}" if element.kind == "link" else own_name)
+        shares.append(element.share)
+        least.append(min(element.by_observation))
+        greatest.append(max(element.by_observation))
+    columns = [
+        Column("element", [*names, "unexplained"], text=True),
+        Column("overall", [*shares, links.unexplained], format_percent),
+        Column("least", [*least, None], format_percent),
+        Column("greatest", [*greatest, None], format_percent),
     ]
-    least_shares: list[float | None] = [min(each.by_observation) for each in elements]
-    greatest_shares: list[float | None] = [max(each.by_observation) for each in elements]
     return Table(
-        [
-            Column("element", [*names, "unexplained"], text=True),
-            Column("overall", [*(each.share for each in elements), links.unexplained], format_percent),
-            Column("least", [*least_shares, None], format_percent),
-            Column("greatest", [*greatest_shares, None], format_percent),
-        ],
+        columns,
         title="Fraction of the squared deflection",
         caption="overall fractions sum to 100 %; fractions of squared lengths differ from the explained "
         "fraction of the mean deflection",
@@ -516,15 +519,17 @@ def _elements_table(links: LinksResult) -> Table:
 
 def _links_table(links: LinksResult, model: ElasticModel) -> Table:
     """Return a table of each elastic link's principal compliances and effective number of parameters."""
+    translations = [_principal_compliances(each, "translation") for each in links.links]
+    rotations = [_principal_compliances(each, "rotation") for each in links.links]
+    freedoms = [f"{each.effective_freedom:.1f} of {each.parameters}" for each in links.links]
+    columns = [
+        Column("behind", [link.joint for link in links.links], text=True),
+        Column("translation", translations, as_line),
+        Column("rotation", rotations, as_line),
+        Column("freedom", freedoms),
+    ]
     return Table(
-        [
-            Column("behind", [link.joint for link in links.links], text=True),
-            Column(
-                "translation", [_principal_compliances(each, "translation") for each in links.links], as_line
-            ),
-            Column("rotation", [_principal_compliances(each, "rotation") for each in links.links], as_line),
-            Column("freedom", [f"{each.effective_freedom:.1f} of {each.parameters}" for each in links.links]),
-        ],
+        columns,
         title=f"Links, {_MODEL_NAMES[model]}",
         caption="principal compliances, translation in µm/kN and rotation in µrad/(kN·m); freedom: number "
         "of parameters that the readings determine",
@@ -623,33 +628,32 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
         names.append("compensation")
 
     def make_column(title: str, joint_cells: Sequence[str | Line], last_cell: float | None) -> Column:
+        """Return a column with a cell for each joint and, if there is its row, for the compensation."""
         has_last_row = len(names) > len(joint_cells)  # the row of the compensation
         last_cells = [format_percent(last_cell)] if has_last_row else []
         return Column(title, [*joint_cells, *last_cells], as_line)
 
+    means = [_bare_cell([_rounded_or_dash(mean, deviation)]) for mean, deviation in moments]
+    deviations = [_bare_cell([_rounded_or_dash(deviation, deviation)]) for _, deviation in moments]
+    columns = [
+        Column("joint", names, text=True),
+        make_column("mean", means, compensation),
+        make_column("deviation", deviations, compensation_deviation),
+        make_column("negative", [_share_text(joint.share_negative) for joint in joints], None),
+        make_column("rigid", [_share_text(joint.share_infinite) for joint in joints], None),
+        make_column("undetermined", [_share_text(joint.share_undetermined) for joint in joints], None),
+    ]
     return Table(
-        [
-            Column("joint", names, text=True),
-            make_column(
-                "mean",
-                [_bare_cell([_rounded_or_dash(mean, deviation)]) for mean, deviation in moments],
-                compensation,
-            ),
-            make_column(
-                "deviation",
-                [_bare_cell([_rounded_or_dash(deviation, deviation)]) for _, deviation in moments],
-                compensation_deviation,
-            ),
-            make_column("negative", [f"{100 * joint.share_negative:.3g} %" for joint in joints], None),
-            make_column("rigid", [f"{100 * joint.share_infinite:.3g} %" for joint in joints], None),
-            make_column(
-                "undetermined", [f"{100 * joint.share_undetermined:.3g} %" for joint in joints], None
-            ),
-        ],
+        columns,
         title=f"{resampling.repetitions} fits of {sample_text}",
         caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation over the resampled "
         "fits; compensation: fraction of the deflection explained in all configurations",
     )
+
+
+def _share_text(share: float) -> str:
+    """Format the share of fits in which something holds, in per cent."""
+    return f"{100 * share:.3g} %"
 
 
 def _rounded_or_dash(value: float | None, uncertainty: float | None) -> str:

@@ -47,14 +47,18 @@ class PoseTable:
         orientation = choose_orientation(names.keys())
         required = [*POSITION, *orientation]
         for group in (joint_names, FORCES, MOMENTS):
-            required += group if names.keys() & {*group} else ()
-        if missing := [each for each in required if each not in names]:
+            has_part_of_group = any(name in names for name in group)
+            if has_part_of_group:
+                required += group
+        missing = [name for name in required if name not in names]
+        if missing:
             raise RequestError(
                 f"the column {missing[0]} is missing", where="columns", remedy="give all columns of a group"
             )
         _refuse_bad_numbers(columns)
 
         def stack(group: Sequence[str]) -> FloatArray:
+            """Return the columns of a group, side by side, as an array (N, k)."""
             return np.array([columns[names[each]] for each in group], dtype=np.float64).T
 
         poses = np.tile(np.eye(4), (len(columns[names["x"]]), 1, 1))
