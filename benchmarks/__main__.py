@@ -70,6 +70,7 @@ BENCHMARKS = {
     "levers": Benchmark("studies.levers", "a load near axis 6: coverage, widths beside a dense grid"),
     "pure_error": Benchmark("studies.pure_error", "noise whatever the model: clean ones, mistakes"),
     "grounds": Benchmark("studies.grounds", "load points stated with and without a ground; 10 minutes"),
+    "force_grounds": Benchmark("studies.force_grounds", "forces by cell, pulley and catalogue; 15 minutes"),
     "base": Benchmark("studies.base", "pedestals that bend, and clean arms; an hour", in_parts=True),
     "live": Benchmark("studies.live", "readings until a goal is met; mistakes at the reading", in_parts=True),
     "live_service": Benchmark(

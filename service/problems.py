@@ -9,6 +9,7 @@ ServiceError                   an error whose cause is not in the request: see t
 ├── MissingExtraError          a library of an extra is not installed: install the extra
 ├── ExecutorError              the caller's executor failed: see the executor's error
 └── StoreError                 base of the errors of the store
+    ├── MissingDatabaseError   there is no database file: give the URL of a database that exists
     ├── StoreUnavailableError  the database does not answer: try again, or look at the server
     │   └── LockedError        another program has the rows locked: try again, or end the other program
     ├── DamagedError           a document that cannot be read: delete it, or restore a copy
@@ -233,6 +234,10 @@ class ExecutorError(ServiceError):
 
 class StoreError(ServiceError):
     """Base of the store's errors."""
+
+
+class MissingDatabaseError(StoreError):
+    """There is no database file at the URL."""
 
 
 class StoreUnavailableError(StoreError):
@@ -689,15 +694,15 @@ def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str
     unknown_name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
     is_parameter = error["loc"][:1] == ("query",)
     known_names = parameters if is_parameter else error.get("fields", ())
-    if _NAMES_ELSEWHERE.get(unknown_name) in known_names:
-        return _NAMES_ELSEWHERE[unknown_name]
+    if NAMES_ELSEWHERE.get(unknown_name) in known_names:
+        return NAMES_ELSEWHERE[unknown_name]
     if not unknown_name or len(unknown_name) > _LONGEST_NAME or unknown_name in known_names:
         return None
     similar_names = get_close_matches(unknown_name, known_names, n=1, cutoff=0.75)
     return similar_names[0] if similar_names else None
 
 
-_NAMES_ELSEWHERE: Final = MappingProxyType(
+NAMES_ELSEWHERE: Final = MappingProxyType(
     {
         "alpha": "confidence",
         "bootstrap": "resampling",
@@ -708,6 +713,7 @@ _NAMES_ELSEWHERE: Final = MappingProxyType(
         "nonnegative": "positive",
         "prior": "priors",
         "robust": "loss",
+        "level": "confidence",
         "weights": "weighting",
     }
 )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
@@ -23,20 +25,31 @@ _SEARCHES = 6
 _FIRST_SEED = 7000
 _UNUSUAL = 2e-3
 _WHOLE = Part()
+_REPORTED = 20
+"""Cases between two lines of progress."""
 _MIRRORED = frozenset(("exchanged_axes", "kuka_signs"))
 """Layouts that a mirrored arm fits as well."""
 
 
-def run(*, quick: bool = False, part: Part = _WHOLE) -> list[Section]:
-    """Count right, requested, refused and wrong proposals."""
+def run(*, quick: bool = False, part: Part = _WHOLE) -> Iterator[Section]:
+    """Count right, requested, refused and wrong proposals; yield each section once it is measured."""
     robots = _robots()[:2] if quick else _robots()
     seeds = 1 if quick else _SEEDS
-    return [
-        _judge_layouts(robots, seeds, part),
-        _judge_damaged(robots, len(NOTHING_RIGHT) * (1 if quick else _DAMAGED), part),
-        _judge_catalogue(robots, 1 if quick else _SEARCHES, part),
-        _measure_width(),
-    ]
+    damaged = len(NOTHING_RIGHT) * (1 if quick else _DAMAGED)
+    searches = 1 if quick else _SEARCHES
+    yield _measure_width()
+    yield _judge_layouts(robots, seeds, part)
+    yield _judge_damaged(robots, damaged, part)
+    yield _judge_catalogue(robots, searches, part)
+
+
+def _count(name: str, numbers: range, counts: Counter[str]) -> Iterator[int]:
+    """Yield numbers of cases; write counts to standard error, which a run that is cut short leaves."""
+    for done, number in enumerate(numbers, 1):
+        yield number
+        if done % _REPORTED == 0 or done == len(numbers):
+            so_far = ", ".join(f"{outcome} {count}" for outcome, count in sorted(counts.items()))
+            print(f"{name} {done}/{len(numbers)}: {so_far or 'nothing'}", file=sys.stderr, flush=True)
 
 
 @cache
@@ -50,11 +63,11 @@ def _tables(tables: Tables) -> list[Table]:
 
 def _judge_layouts(robots: list[KnownRobot], seeds: int, part: Part) -> Section:
     cases = [
-        (robot, _FIRST_SEED + seed, make) for robot in robots for seed in range(seeds) for make in LAYOUTS
+        (robot, _FIRST_SEED + seed, make) for seed in range(seeds) for robot in robots for make in LAYOUTS
     ]
     counts: Counter[str] = Counter()
     by_layout: dict[str, Counter[str]] = {}
-    for number in part.of(len(cases)):
+    for number in _count("layouts", part.of(len(cases)), counts):
         known, seed, make = cases[number]
         layout = make(simulate(known.name, seed))
         outcome = judge(layout, propose(_tables(layout.tables), [known]), known)
@@ -105,7 +118,7 @@ def _is_right(layout: Layout, proposal: Proposal, known: KnownRobot) -> bool:
 def _judge_damaged(robots: list[KnownRobot], count: int, part: Part) -> Section:
     accepted: Counter[str] = Counter()
     kinds = list(NOTHING_RIGHT)
-    for number in part.of(count):
+    for number in _count("tables in which nothing is right, accepted", part.of(count), accepted):
         known, kind = robots[number % len(robots)], kinds[number % len(kinds)]
         tables = NOTHING_RIGHT[kind](simulate(known.name, 20000 + number))
         if propose(_tables(tables), [known]).best is not None:
@@ -118,31 +131,31 @@ def _judge_damaged(robots: list[KnownRobot], count: int, part: Part) -> Section:
 
 
 def _judge_catalogue(robots: list[KnownRobot], searches: int, part: Part) -> Section:
-    first = silent = judged = 0
+    counts: Counter[str] = Counter()
     worst = 0.0
     cases = [(known, search) for known in robots for search in range(searches)]
-    for number in part.of(len(cases)):
+    for number in _count("searches", part.of(len(cases)), counts):
         known, search = cases[number]
         campaign = simulate(known.name, 30000 + search, postures=8 + 3 * search)
         tables = _tables(LAYOUTS[search % 3](campaign).tables)
         start = time.process_time()
         best = propose(tables, robots).best
         worst = max(worst, time.process_time() - start)
-        judged += 1
-        first += best is not None and known.name in [each.name for each in best.robots]
+        is_first = best is not None and known.name in [each.name for each in best.robots]
+        counts["right" if is_first else "not first"] += 1
         others = [each for each in robots if not _alike(each, known)]
         without = propose(tables, others).best
-        silent += without is not None and without.residual <= _UNUSUAL
-    return Section(
-        f"{judged} searches of the catalogue",
-        (),
-        (),
-        (
-            Figure("right arm first [%]", 100 * first / max(judged, 1), "at least", 100),
-            Figure.none("another arm without the remark, if the right one is left out", silent),
-            Figure("the longest search", worst, "at most", 2, "s of processor"),
+        if without is not None and without.residual <= _UNUSUAL:
+            counts["another arm, silently"] += 1
+    judged = counts["right"] + counts["not first"]
+    figures = (
+        Figure("right arm first [%]", 100 * counts["right"] / max(judged, 1), "at least", 100),
+        Figure.none(
+            "another arm without the remark, if the right one is left out", counts["another arm, silently"]
         ),
+        Figure("the longest search", worst, "at most", 2, "s of processor"),
     )
+    return Section(f"{judged} searches of the catalogue", (), (), figures)
 
 
 def _alike(first: KnownRobot, second: KnownRobot) -> bool:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -34,8 +36,13 @@ from jointstiff.solver.mechanics.hook import HookReading, HookShot, locate_hook
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
+    CATALOGUE_SCALE,
+    FORCE_BEYOND_PULLEY,
     ISOTROPIC_DIFFERENCE,
     LEAST_OF_GROUND,
+    PULLEY_SCALE,
+    ROPE_ZERO_IF_TARED,
+    ROPE_ZERO_OF_CELL,
     CommonUncertainty,
     DifferenceNoise,
     EncoderReadings,
@@ -48,6 +55,10 @@ from jointstiff.solver.mechanics.measurements import (
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
+
+
+class NamedObservationError(MeasurementError):
+    """An observation cannot be used; the reason names its label, which no caller needs to add."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +188,7 @@ class EncoderArrays(ArrayGroup):
             for reading_index, reading in enumerate(observation.encoder_readings or ()):
                 cell = row, column[reading.joint]
                 if present[cell]:
-                    raise MeasurementError(
+                    raise NamedObservationError(
                         f"the encoder of '{reading.joint}' has two readings in observation "
                         f"'{observation.label}'",
                         where=f"observations[{row}].encoder_readings[{reading_index}].joint",
@@ -456,18 +467,47 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
     )
     if noise is None:
         return common
-    force, axes = noise.force, noise.axes
-    if force is not None:
-        common = replace(common, direction=force.direction)
-    if force is not None and force.scale is not None:
-        common = replace(common, scale=force.scale, assumed=common.assumed - {"force_scale"})
+    axes = noise.axes
     return replace(
-        _state_load_point(common, noise, length),
+        _state_load_point(_state_force(common, noise), noise, length),
         target_places=length * (noise.target_places or 0.0),
         drift=length * (noise.drift or 0.0),
         axis_position=0.0 if axes is None else length * axes.position,
         axis_direction=0.0 if axes is None else axes.direction,
     )
+
+
+def _state_force(common: CommonUncertainty, noise: Noise) -> CommonUncertainty:
+    """Return uncertainties with those of the force, which are at least those of its ground.
+
+    Args:
+        common: uncertainties, in which the scale of the force is assumed.
+        noise: noise that is stated for the set.
+    """
+    if noise.force is not None:
+        common = replace(common, direction=noise.force.direction)
+    stated = None if noise.force is None else noise.force.scale
+    if stated is not None:
+        common = replace(common, scale=stated, assumed=common.assumed - {"force_scale"})
+    grounds = noise.grounds
+    if grounds is None or grounds.force is None:
+        return common
+    if grounds.force == "cell":
+        zero = ROPE_ZERO_IF_TARED if grounds.tared else ROPE_ZERO_OF_CELL
+        return replace(common, rope_zero=zero)
+    if grounds.force == "pulley":
+        scale = math.hypot(stated or 0.0, PULLEY_SCALE)
+    elif grounds.force == "catalogue":
+        scale = max(stated or 0.0, CATALOGUE_SCALE)
+    else:
+        return common
+    return replace(common, scale=scale, assumed=common.assumed - {"force_scale"})
+
+
+def _find_force_at_hook(noise: Noise | None) -> float:
+    """Return the force at the hook, relative to the stated force."""
+    ground = None if noise is None or noise.grounds is None else noise.grounds.force
+    return FORCE_BEYOND_PULLEY if ground == "pulley" else 1.0
 
 
 def _state_load_point(common: CommonUncertainty, noise: Noise, length: float) -> CommonUncertainty:
@@ -508,6 +548,8 @@ LARGEST_HOOK_SHIFT = 0.02
 """Largest distance [m] by which the kinematics place targets wrong where the hook is read: a greater one is a
 wrong reading, or wrong joint angles."""
 _UNREAD = (np.nan, np.nan, np.nan)
+_NOTHING: Final = (0.0, 0.0, 0.0)
+"""Vector in place of one that an observation or a reading does not state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -550,35 +592,24 @@ class ReadingArrays:
         rows, columns, readings = _list_readings(observations, target_index)
         shape = (len(observations), len(names))
         indices = rows, columns
+        moments = [observation.moment or _NOTHING for observation in observations]
+        load_points = [observation.load_point or _NOTHING for observation in observations]
+        is_deflection = [reading.unloaded is None for reading in readings]
+        unloaded = [reading.unloaded or _NOTHING for reading in readings]
+        loaded = [_choose_loaded(reading) for reading in readings]
         return cls(
             labels=np.array([observation.label for observation in observations]),
             targets=np.array(list(names)),
             joints=np.array([observation.joints for observation in observations], dtype=np.float64),
             force=np.array([observation.force for observation in observations], dtype=np.float64),
-            moment=np.array(
-                [observation.moment or (0, 0, 0) for observation in observations], dtype=np.float64
-            ),
+            moment=np.array(moments, dtype=np.float64),
             moment_given=np.array([observation.moment is not None for observation in observations]),
-            load_point=np.array(
-                [observation.load_point or (0, 0, 0) for observation in observations], np.float64
-            ),
+            load_point=np.array(load_points, dtype=np.float64),
             load_point_given=np.array([observation.load_point is not None for observation in observations]),
             present=_scatter(shape, indices, [True for _ in readings], np.bool_),
-            as_deflection=_scatter(
-                shape, indices, [reading.unloaded is None for reading in readings], np.bool_
-            ),
-            unloaded=_scatter(
-                (*shape, 3), indices, [reading.unloaded or (0, 0, 0) for reading in readings], np.float64
-            ),
-            loaded=_scatter(
-                (*shape, 3),
-                indices,
-                [
-                    reading.loaded or reading.deflection or (_UNREAD if reading.unloaded else (0, 0, 0))
-                    for reading in readings
-                ],
-                np.float64,
-            ),
+            as_deflection=_scatter(shape, indices, is_deflection, np.bool_),
+            unloaded=_scatter((*shape, 3), indices, unloaded, np.float64),
+            loaded=_scatter((*shape, 3), indices, loaded, np.float64),
             encoders=EncoderArrays.from_observations(observations),
             noise=PointNoise.from_readings(shape, indices, readings),
             directions=Directions.from_readings(shape, indices, readings),
@@ -604,19 +635,26 @@ class ReadingArrays:
 
     def observations(self) -> list[Observation]:
         """Return the observations as they were posted, with readings in the order of `targets`."""
-        # The numbers were validated when they were posted; validating 10,000 again takes as long as a run.
-        return [
-            Observation.model_construct(
-                label=str(self.labels[row]),
-                joints=self.joints[row].tolist(),
-                force=tuple(self.force[row].tolist()),
-                moment=tuple(self.moment[row].tolist()) if self.moment_given[row] else None,
-                load_point=tuple(self.load_point[row].tolist()) if self.load_point_given[row] else None,
-                readings=[self._build_reading(row, int(t)) for t in np.flatnonzero(self.present[row])],
-                encoder_readings=self.encoders.build_encoder_readings(row) if self.encoders else None,
-            )
-            for row in range(len(self.labels))
-        ]
+        return [self._build_observation(row) for row in range(len(self.labels))]
+
+    def _build_observation(self, i: int) -> Observation:
+        """Return an observation as it was posted; `i` is its index.
+
+        The numbers were validated when they were posted: validating 10,000 again takes as long as a run.
+        """
+        moment = tuple(self.moment[i].tolist()) if self.moment_given[i] else None
+        load_point = tuple(self.load_point[i].tolist()) if self.load_point_given[i] else None
+        read_targets = np.flatnonzero(self.present[i]).tolist()
+        encoder_readings = None if self.encoders is None else self.encoders.build_encoder_readings(i)
+        return Observation.model_construct(
+            label=str(self.labels[i]),
+            joints=self.joints[i].tolist(),
+            force=tuple(self.force[i].tolist()),
+            moment=moment,
+            load_point=load_point,
+            readings=[self._build_reading(i, t) for t in read_targets],
+            encoder_readings=encoder_readings,
+        )
 
     def _build_reading(self, i: int, t: int) -> Reading:
         """Return a reading as it was posted; `i` and `t` are the indices of observation and target."""
@@ -678,8 +716,9 @@ def compute_content_hash(
     unstated_fields = {name for name in newer_fields if not getattr(header.noise, name, None)}
     excluded: dict[str, Any] = dict.fromkeys(unstated_fields, True)
     grounds = None if header.noise is None else header.noise.grounds
-    if grounds is not None and grounds.between is None:
-        excluded["grounds"] = {"between"}
+    if grounds is not None:
+        newer_grounds = ("between", "force", "tared")
+        excluded["grounds"] = {name for name in newer_grounds if getattr(grounds, name) is None}
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
         exclude={"noise": excluded},
@@ -712,7 +751,7 @@ def _list_readings(
         for k, reading in enumerate(observation.readings):
             cell = i, column[reading.target]
             if cell in used:
-                raise MeasurementError(
+                raise NamedObservationError(
                     f"target '{reading.target}' has two readings in observation '{observation.label}'",
                     where=f"observations[{i}].readings[{k}].target",
                     remedy="give each target at most once per observation, or rename the target",
@@ -722,6 +761,14 @@ def _list_readings(
             columns.append(cell[1])
             readings.append(reading)
     return rows, columns, readings
+
+
+def _choose_loaded(reading: Reading) -> Sequence[float]:
+    """Return the position under load of a reading, or its deflection; NaN if it was read unloaded only."""
+    stated = reading.loaded or reading.deflection
+    if stated:
+        return stated
+    return _UNREAD if reading.unloaded else _NOTHING
 
 
 def _scatter(
@@ -758,22 +805,31 @@ def _refuse_too_many_targets(names: Collection[str]) -> None:
 
 def _refuse_unlike_observations(observations: list[Observation]) -> None:
     """Refuse observations with different numbers of joint angles, or with the same label."""
-    joint_count = len(observations[0].joints)
+    _refuse_other_joint_counts(observations)
     index_of_label = dict[str, int]()  # index of the first observation with the label
     for i, observation in enumerate(observations):
-        if len(observation.joints) != joint_count:
-            raise MeasurementError(
-                f"observation '{observation.label}' has {len(observation.joints)} joint angles, but the "
-                f"first observation has {joint_count}",
-                where=f"observations[{i}].joints",
-                remedy="give one angle for each joint of the robot in every observation",
-            )
         first = index_of_label.setdefault(observation.label, i)
         if first != i:
-            raise MeasurementError(
+            raise NamedObservationError(
                 f"label '{observation.label}' is already used by observations[{first}]",
                 where=f"observations[{i}].label",
                 remedy="give every observation a unique label",
+            )
+
+
+def _refuse_other_joint_counts(observations: Sequence[Observation]) -> None:
+    """Refuse an observation that has another number of joint angles than most observations."""
+    counts = Counter(len(observation.joints) for observation in observations)
+    usual_count = counts.most_common(1)[0][0]
+    first_count = len(observations[0].joints)
+    others = "the first observation has" if usual_count == first_count else "most observations have"
+    for i, observation in enumerate(observations):
+        count = len(observation.joints)
+        if count != usual_count:
+            raise NamedObservationError(
+                f"observation '{observation.label}' has {count} joint angles, but {others} {usual_count}",
+                where=f"observations[{i}].joints",
+                remedy="give one angle for each joint of the robot in every observation",
             )
 
 
@@ -837,14 +893,15 @@ def _convert(
     deflection = np.where(readings.as_deflection[..., None], readings.loaded, readings.loaded - unloaded)
     deflection = np.where(unloaded_only[..., None], 0.0, deflection)
     joints = joint_factors(robot, header.units) * readings.joints
+    at_hook = _find_force_at_hook(header.noise)
     direction = None
     if readings.directions is not None:
         direction = readings.directions.compute_unit_vectors(robot, joints)
         deflection = deflection + readings.directions.displacement[..., None] * direction
     measurements = Measurements(
         joints=joints,
-        force=FORCE[header.units.force] * readings.force,
-        moment=_get_moment_factor(header.units, readings) * readings.moment,
+        force=at_hook * FORCE[header.units.force] * readings.force,
+        moment=at_hook * _get_moment_factor(header.units, readings) * readings.moment,
         load_point=length * _choose_load_points(header, readings),
         position=length * _choose_positions(header, readings),
         in_flange=readings.as_deflection,

@@ -19,6 +19,7 @@ from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ColumnMeaning, DecimalM
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 from jointstiff.service.importing.joint_positions import JointPosition, read_joint_positions
+from jointstiff.service.importing.point_reports import PointReport, read_point_report
 
 # ---- limits: files are hostile until parsed
 
@@ -148,6 +149,10 @@ _SIGNATURES: Final = (
     (b"<svg", "a picture (SVG)"),
 )
 JSON: Final = "a JSON document"
+CERTIFICATE: Final = "a digital calibration certificate (DCC)"
+_CERTIFICATE_NAMESPACE: Final = b"https://ptb.de/dcc"
+_FIRST_BYTES: Final = 4096
+"""Bytes of a file of XML among which its root names the schema."""
 WORKBOOK: Final = "an Excel workbook (.xlsx)"
 _ZIP: Final = b"PK\x03\x04"
 _TYPES_BY_PART: Final = (
@@ -184,6 +189,8 @@ def file_type(content: bytes, name: str = "") -> str | None:
         return "a picture (HEIC) or a film"
     # White space, or a byte order mark of UTF-8 or UTF-16, may come before the first sign of the content.
     start = content[:256].lstrip(b"\xef\xbb\xbf \t\r\n")
+    if start.startswith(b"<") and _CERTIFICATE_NAMESPACE in content[:_FIRST_BYTES]:
+        return CERTIFICATE
     ends_with_bracket = content.rstrip()[-1:] in (b"}", b"]")
     if start.lstrip(b"\xff\xfe\0")[:1] in (b"{", b"[") and (
         ends_with_bracket or name.lower().endswith(".json")
@@ -235,7 +242,7 @@ _Line = tuple[int, str]
 def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     """Decode a text file and split it into cells; find the delimiter from the lines if `delimiter` is None.
 
-    A robot program with joint positions is read as a table of these.
+    A robot program with joint positions, or a report of measured points, is read as a table of these.
 
     Raises:
         ImportFileError: the file is not plain text, has no row, or its delimiter is ambiguous.
@@ -243,6 +250,8 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     text, encoding = decode(file, content)
     if positions := read_joint_positions(text):
         return _build_grid_of_positions(file, encoding, positions)
+    if report := read_point_report(file, text):
+        return _build_grid_of_points(file, encoding, text, report)
     return _read_table(file, text, encoding, delimiter)
 
 
@@ -287,6 +296,26 @@ def _build_grid_of_positions(file: str, encoding: str, positions: Sequence[Joint
     preview = FilePreview(file=file, format="text", encoding=encoding, assumptions=[note])
     header = Row(1, tuple(f"J{number + 1} [deg]" for number in range(len(positions[0].angles))))
     return Grid(preview, (header, *(Row(each.line, each.angles) for each in positions)))
+
+
+def _build_grid_of_points(file: str, encoding: str, text: str, report: PointReport) -> Grid:
+    """Return the measured points of a report as a table with a header.
+
+    Raises:
+        ImportFileError: there are too many points, or a name is too long.
+    """
+    if len(report.points) > limits.MAX_ROWS:
+        raise ImportFileError(
+            Place(file), f"the file has more than {limits.MAX_ROWS} points", "split the file"
+        )
+    note = f"{len(report.points)} measured points of a report were read, in their order"
+    preview = FilePreview(file=file, format="text", encoding=encoding, assumptions=[note])
+    unit = f" [{report.unit}]" if report.unit else ""
+    header = Row(1, ("name", *(f"{axis}{unit}" for axis in "xyz")))
+    rows = tuple(
+        Row(each.line, (each.name, *map(write_ascii_minus, each.coordinates))) for each in report.points
+    )
+    return Grid(preview, (header, *rows), has_final_line_break=text.endswith(("\n", "\r")))
 
 
 def decode(file: str, content: bytes) -> tuple[str, str]:

@@ -28,6 +28,7 @@ from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
 from jointstiff.service.importing.arrays import build_grids_of_matrices, read_arrays
+from jointstiff.service.importing.certificates import read_certificate
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
 from jointstiff.service.importing.grammar import (
@@ -393,7 +394,9 @@ def _has_positions(layout: Layout) -> bool:
 
 
 def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool = False) -> list[Grid]:
-    """Read a workbook, a file of arrays or a text file as rows of cells: a table for each sheet.
+    """Read a workbook, a file of arrays, a certificate or a text file as rows of cells.
+
+    There is a table for each sheet.
 
     With `every_length`, the arrays of each number of rows in a file of arrays make a table; so do matrices
     in a text.
@@ -410,20 +413,13 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
     if kind is not None and kind in grid.ARRAYS:
         sheets = split_sheets(options.sheet)
         return read_arrays(file.name, file.content, grid.ARRAYS[kind], sheets, every_length=every_length)
+    if kind == grid.CERTIFICATE:
+        return read_certificate(file.name, file.content)
     is_text = kind in (None, grid.JSON)  # a matrix without a name begins as a list of JSON does
     if every_length and is_text and (matrices := _find_matrices(file)):
         return build_grids_of_matrices(file.name, matrices)
     if kind is not None:
-        remedy = "export the readings as CSV, text or .xlsx"
-        if kind == grid.JSON:
-            try:
-                from_json(file.content.removeprefix(b"\xef\xbb\xbf"))
-            except ValueError as error:
-                reason = f"Invalid JSON: {error}"
-                remedy = "correct the JSON at this place; the file must be UTF-8"
-                raise ImportFileError(Place(file.name), reason, remedy) from None
-            remedy = "a campaign needs no import: use `jointstiff identify FILE`"
-        raise ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
+        raise _build_type_error(file, kind)
     return [read_text(file.name, file.content, options.delimiter)]
 
 
@@ -434,6 +430,20 @@ def _find_matrices(file: SourceFile) -> list[Matrix]:
         ImportFileError: the text computes with a matrix.
     """
     return find_matrices(file.name, decode(file.name, file.content)[0])
+
+
+def _build_type_error(file: SourceFile, kind: str) -> ImportFileError:
+    """Return the error that a file of this type is no table."""
+    remedy = "export the readings as CSV, text or .xlsx"
+    if kind == grid.JSON:
+        try:
+            from_json(file.content.removeprefix(b"\xef\xbb\xbf"))
+        except ValueError as error:
+            reason = f"Invalid JSON: {error}"
+            remedy = "correct the JSON at this place; the file must be UTF-8"
+            return ImportFileError(Place(file.name), reason, remedy)
+        remedy = "a campaign needs no import: use `jointstiff identify FILE`"
+    return ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
 
 
 def detect_delimiter(file: SourceFile) -> Delimiter | None:

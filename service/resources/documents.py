@@ -293,10 +293,11 @@ def _read_calibration_file(path: Path) -> RobotDocument:
         return parse_document(convert_calibration(path.stem, text), RobotDocument)
 
 
-def read_robot(text: str) -> RobotDocument:
+def read_robot(text: str, where: str = "robot") -> RobotDocument:
     """Return the robot in a file, or else the catalogue's arm `text`.
 
-    The file has a robot, a campaign, a URDF, or the calibration of a Universal Robots arm.
+    The file has a robot, a campaign, a URDF, or the calibration of a Universal Robots arm. `where` is the
+    argument or option that holds the text, for errors.
 
     Raises:
         CampaignError: the file contains no robot, or neither a file nor an arm has this name.
@@ -310,7 +311,7 @@ def read_robot(text: str) -> RobotDocument:
     if Path(text).is_file():
         return read_document(Path(text), RobotDocument, section="robot")
     try:
-        return nominal_robot(find_arm(text, "--robot"))
+        return nominal_robot(find_arm(text, where))
     except RequestError as error:
         problem = problem_from_error(error)
         detail = f"there is no file '{text}', and {problem.detail}"

@@ -163,6 +163,7 @@ ROPE_ZERO = Term(
     "rope_zero",
     "N",
     _add_rope_force,
+    partial(_read_uncertainties, ("rope_zero",)),
     suspected=True,
     change_loads=_load_along_ropes,
     words="a force of {} along the rope added to every load",
