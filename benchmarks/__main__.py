@@ -84,7 +84,7 @@ BENCHMARKS = {
     ),
     "gearbox_pairs": Benchmark(
         "studies.gearbox_pairs",
-        "gearbox and structure by one fit of motor and secondary runs; 10 minutes",
+        "gearbox and structure by one fit of motor and secondary runs; 15 minutes",
         in_parts=True,
     ),
     "encoders": Benchmark(
