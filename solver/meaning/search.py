@@ -30,7 +30,7 @@ from jointstiff.solver.meaning.table import JointColumns, PointColumns, RowGroup
 from jointstiff.solver.mechanics.robot import KnownRobot
 
 _SCREENED_ROWS: Final = 48
-_REFINED_ROWS: Final = 150
+REFINED_ROWS: Final = 150
 _SCREENED_TARGETS: Final = 3
 """Targets of a posture with which interpretations are screened."""
 _REFINED: Final = 20
@@ -48,8 +48,6 @@ _LEAST_SUBSET: Final = 7
 _LEAST_POSTURES: Final = 3
 _INTERPRETATIONS_OF_PAIR: Final = 14
 """Interpretations of columns of joints and of positions: units and ways of counting."""
-_ORDINARY_MOVEMENT: Final = 0.3
-"""Movement [m] of the targets below which a small residual says less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +73,8 @@ class _Candidate:
 
     @property
     def rank(self) -> float:
-        """Residual [m], larger if the targets hardly move."""
-        return self.linear.residual * max(1.0, _ORDINARY_MOVEMENT / self.linear.movement)
+        """Residual [m] of the linear fit, larger if the targets hardly move."""
+        return self.linear.rank
 
 
 def find_interpretations(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> list[Interpretation]:
@@ -117,7 +115,7 @@ def _list_searches(tables: Sequence[Table], known: KnownRobot) -> Iterator[_Sear
                 windows_of_grouping[groups].append(window)
         for groups, windows in windows_of_grouping.items():
             posture_count = table.size[0] // groups.count
-            rows = choose_rows(posture_count, _REFINED_ROWS)
+            rows = choose_rows(posture_count, REFINED_ROWS)
             joints: list[JointHypothesis] = []
             for window in windows:
                 joints += build_joints(table, window, groups, rows, known.robot, countings)
