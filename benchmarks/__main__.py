@@ -70,6 +70,7 @@ BENCHMARKS = {
     "levers": Benchmark("studies.levers", "a load near axis 6: coverage, widths beside a dense grid"),
     "pure_error": Benchmark("studies.pure_error", "noise whatever the model: clean ones, mistakes"),
     "grounds": Benchmark("studies.grounds", "load points stated with and without a ground; 10 minutes"),
+    "force_grounds": Benchmark("studies.force_grounds", "forces by cell, pulley and catalogue; 15 minutes"),
     "base": Benchmark("studies.base", "pedestals that bend, and clean arms; an hour", in_parts=True),
     "live": Benchmark("studies.live", "readings until a goal is met; mistakes at the reading", in_parts=True),
     "live_service": Benchmark(
@@ -93,7 +94,7 @@ BENCHMARKS = {
         "studies.beams", "elastic links, load point off; draws of noise; 10 minutes", in_parts=True
     ),
     "witness": Benchmark("studies.witness", "an honest solver and lying ones; 10 minutes", in_parts=True),
-    "crossings": Benchmark("studies.crossings", "modules and rooms that a run goes through"),
+    "crossings": Benchmark("studies.crossings", "modules and packages that a run goes through"),
     "links_fanuc": Benchmark("studies.links_fanuc", "elastic links, held out on the real set", in_parts=True),
     "own_weight": Benchmark(
         "studies.own_weight", "stiffness without a load; docs/without-a-load.md", in_parts=True

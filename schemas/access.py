@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Field, SecretStr, field_validator
 
-from jointstiff.schemas.fields import Message, Name, Timestamp, require_exactly_one
+from jointstiff.schemas.fields import Dimensionless, Message, Name, Timestamp, require_exactly_one
 from jointstiff.schemas.query import PageQuery
 
 Role = Literal["viewer", "operator", "admin"]
@@ -123,10 +123,22 @@ class PartsWaiting(Message):
     oldest_s: float
 
 
+class SolverHealth(Message):
+    """Outcome of a known program that the numerical solver solved when the service started."""
+
+    name: Literal["clarabel"]
+    version: str
+    agrees: bool
+    distance: Dimensionless[float | None] = Field(
+        description="Distance from the exact answer, relative to the readings; null: no answer."
+    )
+    why: str | None = Field(description="Why it does not agree, and what to do.")
+
+
 class Health(Message):
     """Answer of the health endpoint."""
 
-    status: Literal["ok"]
+    status: Literal["ok", "degraded"] = Field(description="`degraded`: see `solver`.")
     version: str = Field(description="Version of Jointstiff.")
     workers: int = Field(description="Number of workers; without a worker, long jobs wait.")
     failing_workers: int = Field(description="Workers that stop soon after each start; see the log.")
@@ -136,3 +148,4 @@ class Health(Message):
     access: Access = Field(description="Access as in `Session`; `none`: a proxy authenticates.")
     stuck: list[StuckJob]
     queue: PartsWaiting
+    solver: SolverHealth | None = Field(description="Null until checked.")

@@ -135,6 +135,10 @@ LoadPointGround = Literal["tracker", "drawing", "hand"]
 """How the load point became known, from the most exact to the least."""
 
 
+ForceGround = Literal["scales", "cell", "pulley", "catalogue"]
+"""What the size of the force is known by."""
+
+
 BetweenReadings = Literal["still", "payload_declared", "gravity_compensated"]
 """What happened between the readings of a posture without and under load."""
 
@@ -152,12 +156,31 @@ class Grounds(Message):
         "10 mm.",
         examples=["tracker"],
     )
+    force: ForceGround | None = Field(
+        default=None,
+        description="Ground of the force: weighed on `scales` or by a load `cell` at the hook, with the "
+        "uncertainty `force.scale`; measured beyond a `pulley`: the force at the hook is smaller by 5 ± 3 %; "
+        "a weight by its `catalogue`: 3 % at least.",
+        examples=["cell"],
+    )
+    tared: StrictBool | None = Field(
+        default=None,
+        description="Whether the `cell` was tared before each reading: its zero along the rope is uncertain "
+        "by 2 N, else within 60 N. Loads of two sizes show the zero.",
+    )
     between: BetweenReadings | None = Field(
         default=None,
         description="Between the two readings of a posture the arm stood `still`, as is assumed if absent; "
         "or the controller knew of the load, by its payload or a gravity compensation: such readings are "
         "refused.",
     )
+
+    @model_validator(mode="after")
+    def _require_cell(self) -> Grounds:
+        """Refuse a statement about the zero of a load cell without a load cell."""
+        if self.tared is not None and self.force != "cell":
+            raise ValueError("omit `tared`, or state `force` as `cell`: only a load cell is tared")
+        return self
 
 
 class Noise(Message):

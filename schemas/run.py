@@ -102,9 +102,9 @@ def count_identified_joints(joints: Iterable[_Joint]) -> int:
 BudgetSource = Annotated[
     str,
     Field(
-        description="Source: `readings`, a stated error (`force_scale`, `force_direction`, `load_point`, "
-        "`target_places`, `axes`, `drift`), `assumed_load_point`, `assumed_force_scale`, `fitted_causes`, "
-        "`model_error` or `complementary_stiffness`."
+        description="Source: `readings`, a stated error (`force_scale`, `force_direction`, `rope_zero`, "
+        "`load_point`, `target_places`, `axes`, `drift`), `assumed_load_point`, `assumed_force_scale`, "
+        "`fitted_causes`, `model_error` or `complementary_stiffness`."
     ),
 ]
 BudgetGap = Literal["model_error", "lack_of_fit"]

@@ -27,6 +27,7 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.security.access import Audit, Gate, find_public_paths, make_operation_id
 from jointstiff.service.security.admission import LARGE_BODIES, PARSERS, AccessPolicy, BodyLimits
 from jointstiff.service.security.keys import Keyring
+from jointstiff.service.solver_check import SolverWatch
 from jointstiff.service.store.store import Store
 
 CONCURRENT_REQUESTS: Final = 8
@@ -93,6 +94,7 @@ def create_app(
     app.state.answer_elsewhere = None  # function that lets another process answer requests with large bodies
     app.state.is_closing = lambda: False
     app.state.failing_workers = lambda: 0
+    app.state.solver = SolverWatch()  # a server starts the check
     app.state.followers = Followers(lambda: app.state.is_closing())
     app.state.work = CapacityLimiter(CONCURRENT_WORK)
     app.state.large_bodies = CapacityLimiter(LARGE_BODIES)

@@ -9,6 +9,7 @@ ServiceError                   an error whose cause is not in the request: see t
 ├── MissingExtraError          a library of an extra is not installed: install the extra
 ├── ExecutorError              the caller's executor failed: see the executor's error
 └── StoreError                 base of the errors of the store
+    ├── MissingDatabaseError   there is no database file: give the URL of a database that exists
     ├── StoreUnavailableError  the database does not answer: try again, or look at the server
     │   └── LockedError        another program has the rows locked: try again, or end the other program
     ├── DamagedError           a document that cannot be read: delete it, or restore a copy
@@ -43,6 +44,8 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -231,6 +234,10 @@ class ExecutorError(ServiceError):
 
 class StoreError(ServiceError):
     """Base of the store's errors."""
+
+
+class MissingDatabaseError(StoreError):
+    """There is no database file at the URL."""
 
 
 class StoreUnavailableError(StoreError):
@@ -687,15 +694,15 @@ def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str
     unknown_name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
     is_parameter = error["loc"][:1] == ("query",)
     known_names = parameters if is_parameter else error.get("fields", ())
-    if _NAMES_ELSEWHERE.get(unknown_name) in known_names:
-        return _NAMES_ELSEWHERE[unknown_name]
+    if NAMES_ELSEWHERE.get(unknown_name) in known_names:
+        return NAMES_ELSEWHERE[unknown_name]
     if not unknown_name or len(unknown_name) > _LONGEST_NAME or unknown_name in known_names:
         return None
     similar_names = get_close_matches(unknown_name, known_names, n=1, cutoff=0.75)
     return similar_names[0] if similar_names else None
 
 
-_NAMES_ELSEWHERE: Final = MappingProxyType(
+NAMES_ELSEWHERE: Final = MappingProxyType(
     {
         "alpha": "confidence",
         "bootstrap": "resampling",
@@ -706,6 +713,7 @@ _NAMES_ELSEWHERE: Final = MappingProxyType(
         "nonnegative": "positive",
         "prior": "priors",
         "robust": "loss",
+        "level": "confidence",
         "weights": "weighting",
     }
 )
@@ -731,14 +739,21 @@ def name_functions_in_text(text: str) -> str:
         function = "read" if match[1] == "import" else match[1]
         arguments = list[str]()
         method = ""
-        words = iter(match[2].split())
-        for word in words:
-            if word == "--save":
-                method = f".save({_quote_value(next(words))})"
-            elif word.startswith("--"):
-                arguments.append(f"{word[2:].replace('-', '_')}={_quote_value(next(words))}")
-            else:
+        try:
+            words = deque(shlex.split(match[2]))
+        except ValueError:  # an apostrophe of a name: the words are not those of a command line
+            return match[0]
+        while words:
+            word = words.popleft()
+            if not word.startswith("--"):
                 arguments.append(_quote_value(word))
+                continue
+            has_value = bool(words) and not words[0].startswith("--")
+            value = _quote_value(words.popleft()) if has_value else "True"
+            if word == "--save":
+                method = f".save({value if has_value else ''})"
+            else:
+                arguments.append(f"{word[2:].replace('-', '_')}={value}")
         call = f"({', '.join(arguments)})" if match[2] else ""
         return f"`jointstiff.{function}{call}{method}`"
 

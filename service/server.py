@@ -128,6 +128,7 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
         app.state.answer_elsewhere = children.answer
         app.state.archives = ServedArchives(database, store.quota.refuse_full)
         app.state.failing_workers = lambda: supervisor.failing
+        app.state.solver.start()
         ports = [listener.getsockname()[1] for listener in listeners]
         has_metrics_port = len(ports) > 1
         served_app = app.state.metrics.serve_on_port(app, ports[1]) if has_metrics_port else app

@@ -98,3 +98,20 @@ def stiffness_text(stiffness: float, kind: JointKind) -> str:
     if size >= 1e4:
         return f"{stiffness / 1e6:.3g} {'' if kind == 'prismatic' else '· '}{units.million_stiffness}"
     return f"{stiffness:.4g} {plain}"
+
+
+def lower_limit_texts(
+    greatest_compliances: Sequence[float], kinds: Sequence[JointKind], confidence: float
+) -> list[str]:
+    """Format the lower limits of the stiffnesses of joints, as "stiffer than … at 95 %: ".
+
+    Args:
+        greatest_compliances: positive upper limit of the compliance of each joint [rad/(N·m)].
+        kinds: kind of each joint.
+        confidence: confidence of each limit.
+    """
+    texts = list[str]()
+    for compliance, kind in zip(greatest_compliances, kinds, strict=True):
+        stiffness = stiffness_text(round_down(1.0 / compliance), kind)
+        texts.append(f"stiffer than {stiffness} at {100 * confidence:g} %: ")
+    return texts

@@ -1,6 +1,7 @@
-"""Modules and rooms that a default run goes through, and columns of terms that it computes.
+"""Modules and packages that a default run goes through, and columns of terms that it computes.
 
-A room is a package of the product, such as `solver/fit`, or a module that lies in no package.
+The package of a module is its folder, to two levels: `schemas` of `schemas/fields.py`, `solver` of
+`solver/arrays.py`, `service/kinds` of `service/kinds/run/work.py`.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ _PRODUCT = ("schemas", "service", "solver")
 
 
 class _Way:
-    """Way of a run through modules and rooms, as a profiler sees it."""
+    """Way of a run through modules and packages, as a profiler sees it."""
 
     def __init__(self) -> None:
         self.modules = Counter[str]()
         self.changes = 0
-        self._room = ""
+        self._package = ""
 
     def follow(self, frame: FrameType, event: str, _: object) -> None:
         """Note a call of a function of the product."""
@@ -37,10 +38,11 @@ class _Way:
         if not places:
             return
         inside = parts[min(places) :]
-        room = "/".join(inside[:2])
+        folders = inside[:-1]  # the last part is the module's file
+        package = "/".join(folders[:2])
         self.modules["/".join(inside)] += 1
-        self.changes += room != self._room
-        self._room = room
+        self.changes += package != self._package
+        self._package = package
 
 
 def run(*, quick: bool) -> list[Section]:  # noqa: ARG001
@@ -68,7 +70,7 @@ def run(*, quick: bool) -> list[Section]:  # noqa: ARG001
         jointstiff.identify(simulate_campaign(default_arm(), load="pull", configurations=20, seed=2))
     rows = (
         ("modules entered", str(len(way.modules))),
-        ("changes of room", str(way.changes)),
+        ("changes of package", str(way.changes)),
         ("columns of terms computed", str(built.total())),
         ("different ones", str(len(built))),
     )

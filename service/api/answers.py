@@ -168,7 +168,7 @@ def query_names(dependant: Dependant) -> Iterator[str]:
 
 
 async def refuse_unknown_parameters(request: Request) -> None:
-    """Refuse a query parameter that the route of a request does not know; otherwise it would be ignored.
+    """Refuse query parameters that would be ignored: those that the route does not know, and repeated ones.
 
     Raises:
         RequestValidationError: the address has such parameters; the fault names each.
@@ -180,6 +180,18 @@ async def refuse_unknown_parameters(request: Request) -> None:
             [
                 {"type": "extra_forbidden", "loc": ("query", name), "msg": "Extra inputs are not permitted"}
                 for name in unknown
+            ]
+        )
+    repeated = [name for name in known if len(request.query_params.getlist(name)) > 1]
+    if repeated:
+        raise RequestValidationError(
+            [
+                {
+                    "type": "value_error",
+                    "loc": ("query", name),
+                    "msg": "the parameter is given more than once",
+                }
+                for name in repeated
             ]
         )
 

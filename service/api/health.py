@@ -16,7 +16,7 @@ from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from jointstiff.schemas.access import Health, PartsWaiting, StuckJob
+from jointstiff.schemas.access import Health, PartsWaiting, SolverHealth, StuckJob
 from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.process import jointstiff_version
 from jointstiff.service.security.access import PUBLIC, VIEWER, AccessRoute
@@ -68,8 +68,10 @@ async def get_health(request: Request) -> Health:
     # The last check is used, without a thread or a query, so that the answer never waits for other requests.
     watch: Watch = request.app.state.watch
     last_check = await watch.require_writable()
+    solver: SolverHealth | None = request.app.state.solver.found
+    solver_disagrees = solver is not None and not solver.agrees
     return Health(
-        status="ok",
+        status="degraded" if solver_disagrees else "ok",
         version=jointstiff_version(),
         workers=last_check.workers,
         failing_workers=request.app.state.failing_workers(),
@@ -81,6 +83,7 @@ async def get_health(request: Request) -> Health:
             StuckJob(job=job.job_id, still_s=round(job.seconds), why=job.why) for job in watch.waiting.stuck
         ],
         queue=PartsWaiting(waiting=watch.waiting.parts, oldest_s=round(watch.waiting.oldest_seconds)),
+        solver=solver,
     )
 
 

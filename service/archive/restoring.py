@@ -20,7 +20,7 @@ from pydantic import ValidationError
 from jointstiff.service.archive.form import OF_EARLIER_LAYOUTS, RESTORED, file_of
 from jointstiff.service.archive.reading import Archive, read_archive
 from jointstiff.service.archive.rows import BUILDERS
-from jointstiff.service.problems import DamagedError, StoreError
+from jointstiff.service.problems import DamagedError, MissingDatabaseError
 from jointstiff.service.store.collection import (
     SEARCHED,
     job_name_columns,
@@ -90,6 +90,7 @@ def restore_archive(
     *,
     dry_run: bool = False,
     without: Collection[str] = (),
+    name: str | None = None,
     notify: Callable[[str], object] = lambda _: None,
     watch: Callable[[Restored], object] = lambda _: None,
 ) -> Restored:
@@ -100,6 +101,7 @@ def restore_archive(
         url: URL of the database; tables are created if it has none.
         dry_run: True to change nothing, and to return what would be stored.
         without: tables that are not restored.
+        name: name of the file in errors; None for its path.
         notify: function that is called with a sentence for each table.
         watch: function that is called with the outcome so far, after each portion.
 
@@ -111,7 +113,7 @@ def restore_archive(
         StoreError: the database cannot be used.
         OSError: the file cannot be read.
     """
-    with read_archive(path) as archive, ExitStack() as opened:
+    with read_archive(path, name) as archive, ExitStack() as opened:
         target = DryTarget(_find_tables(url, opened)) if dry_run else _open_target(url, opened)
         restored = Restored(archive.manifest.layout)
         for table in RESTORED:
@@ -160,10 +162,8 @@ def _find_tables(url: str, opened: ExitStack) -> Database | None:
     """Open a database without changing it; None if it does not exist, or has no tables yet."""
     try:
         database = opened.enter_context(closing(open_existing(url)))
-    except StoreError as error:
-        if "does not exist" in error.reason:
-            return None
-        raise
+    except MissingDatabaseError:
+        return None
     with database.reading() as connection:
         return database if has_tables(connection) else None
 

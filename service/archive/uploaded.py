@@ -80,9 +80,11 @@ def restore_uploaded(path: Path, url: str, *, dry_run: bool) -> Report:
             last_report_at = time.monotonic()
 
     try:
-        restored = restore_archive(path, url, dry_run=dry_run, without=AT_TERMINAL, watch=watch)
+        restored = restore_archive(
+            path, url, dry_run=dry_run, without=AT_TERMINAL, name="the file", watch=watch
+        )
     except StoreError as error:
-        return Report(reason=error.reason.replace(str(path), "the file"), remedy=error.remedy)
+        return Report(reason=error.reason, remedy=error.remedy)
     return make_report(restored, done=True)
 
 

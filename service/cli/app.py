@@ -62,8 +62,9 @@ class _Commands(typer.core.TyperGroup):
         try:
             return super().invoke(ctx)
         except Exception as error:
-            from jointstiff.service.cli.failures import print_known_error
+            from jointstiff.service.cli.failures import print_known_error, reword_usage_error
 
+            reword_usage_error(error, ctx.invoked_subcommand)
             exit_with_status = print_known_error(error, self._list_option_names(ctx))
             if exit_with_status is None:
                 raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
@@ -18,6 +18,55 @@ if TYPE_CHECKING:
 
 _ARGUMENT_IN_TEXT: Final = re.compile(r"`(\w+)`")
 _NONE: Final[Mapping[str, str]] = MappingProxyType({})
+
+
+def reword_usage_error(error: Any, command: str | None) -> None:  # noqa: ANN401 - Typer's Click is private
+    """Give an error of Typer a message that says what to do; leave other errors as they are.
+
+    `command` is the name of the command that was called.
+    """
+    if isinstance(error, typer.BadParameter):
+        _name_wrong_value(error)
+    is_unknown_option = hasattr(error, "possibilities") and hasattr(error, "option_name")
+    if is_unknown_option:
+        _name_meant_field(error, command)
+
+
+def _name_wrong_value(error: typer.BadParameter) -> None:
+    """Name the value in the message about a value that Typer could not convert, in the project's words."""
+    from pydantic import ValidationError
+
+    from jointstiff.service.problems import reword_fault
+
+    cause = error.__cause__
+    if isinstance(cause, ValidationError) and error.param is not None:
+        fault = cause.errors()[0]
+        words = reword_fault(fault)
+        error.message = words if fault["type"] == "value_error" else f"'{fault['input']}' {words}"
+
+
+def _name_meant_field(error: Any, command: str | None) -> None:  # noqa: ANN401 - Typer's Click is private
+    """Name what is meant in the message about an unknown option, if the command's request has such a field.
+
+    The message names the option of the field; a field without an option is stated in a file of options.
+    """
+    from jointstiff.service.cli.fields import field_options, option_flag
+    from jointstiff.service.kinds.rooms import ROOMS, import_kind
+    from jointstiff.service.problems import NAMES_ELSEWHERE
+
+    kind_name = next((name for name, room in ROOMS.items() if room.command == command), None)
+    if kind_name is None:
+        return
+    message_class = import_kind(kind_name).options
+    stated = error.option_name.lstrip("-").replace("-", "_")
+    name = NAMES_ELSEWHERE.get(stated, stated)
+    if name not in message_class.model_fields:
+        return
+    if name in dict(field_options(message_class)):
+        error.possibilities = [option_flag(message_class, name)]
+    else:
+        error.possibilities = None
+        error.message += f". State `{name}` in a JSON file, and give the file by --options"
 
 
 def print_known_error(error: Exception, option_names: Mapping[str, str]) -> typer.Exit | None:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
@@ -60,12 +61,16 @@ The default is None where a wrong guess could change numbers: then the person mu
 
 _GROUND_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
     "load_point": ("How the load point is known", ("tracker", "drawing", "hand")),
+    "force": ("What the force is known by", ("scales", "cell", "pulley", "catalogue")),
+    "tared": ("Whether the load cell was tared before each reading", ("true", "false")),
     "between": (
         "What the controller did between the readings without and under load",
         ("still", "payload_declared", "gravity_compensated"),
     ),
 }
 """Field of `Grounds` → (question, possible answers); a person who does not know presses Enter."""
+_TRUTHS: Final[Mapping[str, bool]] = {"true": True, "false": False}
+"""Answer to a question that is true or false → its value."""
 _NOT_KNOWN: Final = "unknown"
 """Answer that states nothing, so that the assumptions remain."""
 
@@ -179,7 +184,9 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
             typer.Option(
                 metavar="KEY=VALUE",
                 help="How a statement is known: load_point=tracker (1 mm at least), drawing (3 mm) or hand "
-                "(10 mm); between=still, payload_declared or gravity_compensated. Repeatable.",
+                "(10 mm); force=scales, cell, pulley (5 ± 3 % less) or catalogue (3 %); "
+                "tared=true or false for a cell; between=still, payload_declared or gravity_compensated. "
+                "Repeatable.",
             ),
         ],
         None,
@@ -259,11 +266,11 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     from jointstiff.service.resources.documents import read_robot
 
     notes = _parse_pairs(values["about"] or [], SetMetadata, "--about")
-    grounds = _parse_pairs(values["ground"] or [], Grounds, "--ground")
+    grounds = _parse_pairs(values["ground"] or [], Grounds, "--ground", _TRUTHS)
     template_fields, meaning = _read_template(values["template"])
     options = _merge_options(template_fields, _convert_to_template_unit(fields, template_fields))
     may_ask = is_terminal_input() and not values["as_json"]
-    robot = None if values["robot"] is None else read_robot(values["robot"])
+    robot = None if values["robot"] is None else read_robot(values["robot"], "--robot")
     readings = _find_meaning(
         _StatedReadings(_read_sources(files), options, robot, meaning), may_ask=may_ask, yes=values["yes"]
     )
@@ -276,7 +283,7 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
         and (robot_name := ask_for_robot())
     ):
         # With the robot the readings are checked again: the preview then has the findings of the inspection.
-        robot = read_robot(robot_name)
+        robot = read_robot(robot_name, "--robot")
         import_answer, _ = _read_and_ask(sources, options, robot, may_ask=False)
     robot = _state_payload(robot, values["payload"])
     if robot is not None and import_answer.bodies:
@@ -329,11 +336,13 @@ def _ask_for_grounds(document: MeasurementSetDocument) -> dict[str, Any]:
     for field, (question, choices) in _GROUND_QUESTIONS.items():
         is_read = field == "load_point" and document.load_point_target is not None
         is_answered = is_read or getattr(grounds, field, None) is not None
-        if not is_loaded or is_answered:
+        force_ground = answers.get("force", getattr(grounds, "force", None))
+        is_without_cell = field == "tared" and force_ground != "cell"
+        if not is_loaded or is_answered or is_without_cell:
             continue
         answer = _prompt_choice(question, (*choices, _NOT_KNOWN), _NOT_KNOWN)
         if answer != _NOT_KNOWN:
-            answers[field] = answer
+            answers[field] = _TRUTHS.get(answer, answer)
     return answers
 
 
@@ -596,8 +605,15 @@ def _read_sources(files: Sequence[Path]) -> list[SourceFile]:
     return sources
 
 
-def _parse_pairs(texts: Sequence[str], message: type[Message], option: str) -> dict[str, Any]:
+def _parse_pairs(
+    texts: Sequence[str],
+    message: type[Message],
+    option: str,
+    values: Mapping[str, Any] = MappingProxyType({}),
+) -> dict[str, Any]:
     """Parse the values KEY=VALUE of an option; return the stated fields of a message.
+
+    `values` has the texts of VALUE that are no texts in the message, and their values there.
 
     Raises:
         CampaignError: a key or a value is not valid.
@@ -605,9 +621,12 @@ def _parse_pairs(texts: Sequence[str], message: type[Message], option: str) -> d
     from jointstiff.service.problems import CampaignError
     from jointstiff.service.resources.documents import parse_document
 
-    pairs = (text.partition("=") for text in texts)
+    fields = Options()
+    for text in texts:
+        key, _, value = text.partition("=")
+        fields[key.strip()] = values.get(value.strip(), value.strip())
     try:
-        parsed = parse_document({key.strip(): value.strip() for key, _, value in pairs}, message)
+        parsed = parse_document(fields, message)
     except CampaignError as error:
         where = f"{option}.{error.problem.where}"
         raise CampaignError(error.problem.model_copy(update={"where": where})) from None

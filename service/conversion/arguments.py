@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from functools import lru_cache
 from typing import Any, Final
 
@@ -52,6 +53,7 @@ def complete_units(stated: AnyUnits | Message) -> dict[str, str]:
         if units.get("length") == "m" and by_metre in MOMENT:
             default["moment"] = by_metre
     units = default | {name: unit for name, unit in units.items() if unit is not None}
+    _refuse_unknown_quantity(units)
     for quantity, unit in units.items():
         if unit not in _SIZES.get(quantity, {}):
             known = "; ".join(f"{name} {', '.join(sizes)}" for name, sizes in _SIZES.items())
@@ -61,6 +63,15 @@ def complete_units(stated: AnyUnits | Message) -> dict[str, str]:
                 remedy=f"use one unit for each quantity: {known}",
             )
     return units
+
+
+def _refuse_unknown_quantity(units: Mapping[str, str]) -> None:
+    """Raise a `MeasurementError` if `units`, with a unit for each quantity, names another quantity."""
+    for name in units:
+        if name not in _SIZES:
+            similar = get_close_matches(name, _SIZES, n=1)
+            remedy = f"write `{similar[0]}`" if similar else f"use one of {', '.join(_SIZES)}"
+            raise MeasurementError(f"there is no quantity '{name}'", where="units", remedy=remedy)
 
 
 def convert_to_si(

@@ -107,68 +107,108 @@ class ArrayReadings:
         Raises:
             MeasurementError: shapes do not fit, a value is not a number, or a length is implausible.
         """
+        joints = self._read_joints()
+        count, length = len(joints), LENGTH[units["length"]]
+        point = self._read_load_points(count, length)
+        is_common_point = point is not None and bool((point == point[0]).all())
+        flange_places = self._read_flange_places(length)
+        names, readings = self._arrange_readings(count, length)
+        rows = [i for i in range(count) if readings[i]]
+        self._refuse_no_rows(rows)
+        if not np.isfinite(joints[rows]).all():
+            raise _make_shape_error("joints", joints, _JOINT_ROWS)
+        if point is not None and not np.isfinite(point[rows]).all():
+            raise _make_shape_error("load_point", point, "finite numbers for each observation")
+        moments = None if self.moments is None else to_vectors(self.moments, count, "moments", rows)
+        forces = self._read_forces(count, rows)
+        labels = self._list_labels(count)
+        vectors = {"joints": joints, "force": forces}  # (N, …) by field of an observation
+        if moments is not None:
+            vectors["moment"] = moments
+        document: dict[str, Any] = {"units": dict(units)}
+        if flange_places:
+            document["flange_targets"] = {name: flange_places[name] for name in names}
+        if point is not None and is_common_point:
+            document["load_point"] = point[0].tolist()
+        elif point is not None:
+            vectors["load_point"] = point
+        observations = list[dict[str, Any]]()
+        for i in rows:
+            numbers = {field: rows_of_field[i].tolist() for field, rows_of_field in vectors.items()}
+            observations.append({"label": labels[i], **numbers, "readings": readings[i]})
+        return document | {"observations": observations}
+
+    def _read_joints(self) -> FloatArray:
+        """Return the joint values (N, n) as the controller shows them; NaN where they are missing.
+
+        Raises:
+            MeasurementError: the array has another shape, or is transposed.
+        """
         joints = to_number_array(self.joints, "joints")
         if joints.ndim != 2 or not joints.size:
             raise _make_shape_error("joints", joints, _JOINT_ROWS)
-        count = len(joints)
         self._refuse_transposed_joints(joints)
-        point = None if self.load_point is None else to_vectors(self.load_point, count, "load_point", [])
-        is_common_point = point is not None and bool((point == point[0]).all())
-        for row in () if point is None else point:
-            refuse_far_point(row.tolist(), "load_point", length=LENGTH[units["length"]])
-        flange_places = self._read_flange_places(LENGTH[units["length"]])
-        names, readings = self._arrange_readings(count, LENGTH[units["length"]])
-        rows = [i for i in range(count) if readings[i]]
+        return joints
+
+    def _refuse_no_rows(self, rows: Sequence[int]) -> None:
+        """Raise a `MeasurementError` if no observation has a reading; `rows` are those that have one."""
         if not rows:
             raise MeasurementError(
                 "all readings are NaN",
                 where="deflections" if self.unloaded is None else "unloaded",
                 remedy="give the readings; NaN means that a target was not read",
             )
-        if not np.isfinite(joints[rows]).all():
-            raise _make_shape_error("joints", joints, _JOINT_ROWS)
-        if point is not None and not np.isfinite(point[rows]).all():
-            raise _make_shape_error("load_point", point, "finite numbers for each observation")
-        moments = None if self.moments is None else to_vectors(self.moments, count, "moments", rows)
-        if (
-            self.forces is None
-            and moments is None
-            and (self.loaded is not None or self.deflections is not None)
-        ):
+
+    def _read_load_points(self, count: int, length: float) -> FloatArray | None:
+        """Return the load point of each observation (N, 3), in the units of the arrays; None if not given.
+
+        `count` is the number of observations N, `length` the unit of lengths in m.
+
+        Raises:
+            MeasurementError: the shape is wrong, or a point is too far from the flange.
+        """
+        if self.load_point is None:
+            return None
+        points = to_vectors(self.load_point, count, "load_point", [])
+        for point in points:
+            refuse_far_point(point.tolist(), "load_point", length=length)
+        return points
+
+    def _read_forces(self, count: int, rows: Sequence[int]) -> FloatArray:
+        """Return the force of each observation (N, 3); zero if only moments are given.
+
+        `count` is the number of observations N; `rows` are those with readings, whose forces are finite.
+
+        Raises:
+            MeasurementError: the shape is wrong, or readings under load have neither force nor moment.
+        """
+        if self.forces is not None:
+            return to_vectors(self.forces, count, "forces", rows)
+        is_loaded = self.loaded is not None or self.deflections is not None
+        if is_loaded and self.moments is None:
             raise MeasurementError(
                 "the readings under load have no force and no moment",
                 where="forces",
                 remedy="give `forces`, the forces on the robot in the axes of R0, or `moments`",
             )
-        forces = (
-            np.zeros((count, 3)) if self.forces is None else to_vectors(self.forces, count, "forces", rows)
-        )
-        labels = [f"c{i:02}" for i in range(1, count + 1)] if self.labels is None else list(self.labels)
+        return np.zeros((count, 3))
+
+    def _list_labels(self, count: int) -> list[str]:
+        """Return the labels of `count` observations: those that are given, else c01, c02 and so on.
+
+        Raises:
+            MeasurementError: the number of labels is wrong.
+        """
+        if self.labels is None:
+            return [f"c{i:02}" for i in range(1, count + 1)]
+        labels = [str(label) for label in self.labels]
         if len(labels) != count:
             raise MeasurementError(
                 f"there are {len(labels)} labels, but {count} observations",
                 where="labels",
                 remedy="give one label for each observation",
             )
-        observations = [
-            {
-                "label": str(labels[i]),
-                "joints": joints[i].tolist(),
-                "force": forces[i].tolist(),
-                **({} if moments is None else {"moment": moments[i].tolist()}),
-                **({} if point is None or is_common_point else {"load_point": point[i].tolist()}),
-                "readings": readings[i],
-            }
-            for i in rows
-        ]
-        return {
-            "units": dict(units),
-            **(
-                {} if not flange_places else {"flange_targets": {name: flange_places[name] for name in names}}
-            ),
-            **({"load_point": point[0].tolist()} if point is not None and is_common_point else {}),
-            "observations": observations,
-        }
+        return labels
 
     def _refuse_transposed_joints(self, joints: FloatArray) -> None:
         """Refuse joints whose columns, not rows, are as many as the rows of the readings."""
@@ -211,28 +251,13 @@ class ArrayReadings:
             _refuse_implausible_lengths(values[name], name, length)
         self._refuse_other_targets(fields, names)
         directions = self._broadcast_directions(count, len(names)) if is_along_direction else None
-        # The document names one reading `deflection`, or `displacement` if it is one number.
-        field_names = {"deflections": "displacement" if is_along_direction else "deflection"}
-        return names, [
-            [
-                {
-                    "target": target,
-                    **{
-                        field_names.get(name, name): (
-                            value[i, t, 0].item() if is_along_direction else value[i, t].tolist()
-                        )
-                        for name, value in values.items()
-                        if name != "unloaded_after" or np.isfinite(value[i, t, 0])
-                    },
-                    **({} if directions is None else {"direction": directions[i, t].tolist()}),
-                }
-                for t, target in enumerate(names)
-                if all(
-                    np.isfinite(value[i, t, 0]) for name, value in values.items() if name != "unloaded_after"
-                )
-            ]
-            for i in range(count)
-        ]
+        readings = list[list[dict[str, Any]]]()
+        for i in range(count):
+            readings_of_targets = (
+                _make_reading(target, values, directions, (i, t)) for t, target in enumerate(names)
+            )
+            readings.append([reading for reading in readings_of_targets if reading is not None])
+        return names, readings
 
     def _collect_reading_fields(self) -> dict[str, Any]:
         """Return field → array of the readings that are given.
@@ -293,6 +318,32 @@ class ArrayReadings:
         if self.targets is not None:
             return [str(name) for name in self.targets]
         return [str(name) for name in value] if isinstance(value, Mapping) else []
+
+
+def _make_reading(
+    target: str, values: Mapping[str, FloatArray], directions: FloatArray | None, cell: tuple[int, int]
+) -> dict[str, Any] | None:
+    """Return a reading as a document; None if the target was not read.
+
+    Args:
+        target: name of the target.
+        values: field of `ArrayReadings` → (N, T, 3) readings, or (N, T, 1) if they are along directions.
+        directions: (N, T, 3) directions of the readings; None for vectors.
+        cell: index of the observation, and index of the target.
+    """
+    reading: dict[str, Any] = {"target": target}
+    for name, value in values.items():
+        components = value[cell]
+        if np.isfinite(components[0]):
+            # The document names one deflection `deflection`, or `displacement` if it is one number.
+            one_deflection = "deflection" if directions is None else "displacement"
+            field = one_deflection if name == "deflections" else name
+            reading[field] = components.tolist() if directions is None else components[0].item()
+        elif name != "unloaded_after":  # only the reading after unloading may be missing
+            return None
+    if directions is not None:
+        reading["direction"] = directions[cell].tolist()
+    return reading
 
 
 def _arrange_by_target(
@@ -391,9 +442,10 @@ def to_vectors(
     return np.broadcast_to(array, (count, 3))
 
 
-_NUMBERS_OF_TARGETS: Final = (
-    "give an array, lists of equal lengths, or columns of a data frame; write NaN where a target was not read"
-)
+_READINGS: Final = frozenset({"unloaded", "loaded", "unloaded_after", "deflections"})
+"""Arrays in which a number may be missing, because a target was not read."""
+_NAN_WHERE_NOT_READ: Final = "write NaN where a target was not read"
+_NUMBERS: Final = "give an array, lists of equal lengths, or columns of a data frame"
 
 
 def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
@@ -402,12 +454,20 @@ def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anyt
     Raises:
         MeasurementError: the value has elements that are not numbers, or infinite.
     """
-    numbers = read_numbers(value, name, _NUMBERS_OF_TARGETS)
+    remedy = f"{_NUMBERS}; {_NAN_WHERE_NOT_READ}" if _may_lack_numbers(name) else _NUMBERS
+    numbers = read_numbers(value, name, remedy)
     if np.isinf(numbers).any():
         raise MeasurementError(
-            f"`{name}` has infinite values", where=name, remedy="write NaN where a target was not read"
+            f"`{name}` has infinite values",
+            where=name,
+            remedy=_NAN_WHERE_NOT_READ if _may_lack_numbers(name) else "give finite numbers",
         )
     return numbers
+
+
+def _may_lack_numbers(name: str) -> bool:
+    """Return whether an argument, such as `loaded` or its part `loaded['P1']`, may have missing numbers."""
+    return name.partition("[")[0] in _READINGS
 
 
 def read_numbers(value: Any, name: str, remedy: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands

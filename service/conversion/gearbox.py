@@ -8,6 +8,7 @@ import numpy as np
 
 from jointstiff.schemas.gearbox import GearboxRequest, HungLoad
 from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.gearboxes.step import EncoderReadings, Load, WeightStep
 from jointstiff.solver.mechanics.robot import Robot
@@ -30,6 +31,25 @@ def to_weight_step(request: GearboxRequest, load: HungLoad, robot: Robot) -> Wei
     """
     angle, length = ANGLE[request.units.angle], LENGTH[request.units.length]
     per_controller_unit = np.where(robot.prismatic, length, angle)
+    _refuse_impossible_joints(request, robot, per_controller_unit)
+    joints = np.array([posture.joints for posture in request.observations])
+    encoder_sigma = 0.0 if request.encoder_sigma is None else angle * request.encoder_sigma
+    return WeightStep(
+        robot=robot,
+        labels=tuple(posture.label for posture in request.observations),
+        joints=per_controller_unit * joints,
+        readings=_read_encoders(request, robot, angle),
+        load=_read_load(load, length),
+        gravity=np.array(request.gravity, dtype=np.float64),
+        encoder_sigma=encoder_sigma,
+    )
+
+
+def _refuse_impossible_joints(request: GearboxRequest, robot: Robot, per_controller_unit: FloatArray) -> None:
+    """Raise a `MeasurementError` if a posture has the joints of another robot, or in other units.
+
+    `per_controller_unit` (n,) has the size of the unit of each joint [rad or m].
+    """
     for index, posture in enumerate(request.observations):
         if len(posture.joints) != robot.n:
             raise MeasurementError(
@@ -37,41 +57,55 @@ def to_weight_step(request: GearboxRequest, load: HungLoad, robot: Robot) -> Wei
                 where=f"observations[{index}].joints",
                 remedy="give the positions of all controller joints in every posture",
             )
-        if (np.abs(np.array(posture.joints) * per_controller_unit) > _FARTHEST).any():
+        distances = np.abs(np.array(posture.joints) * per_controller_unit)
+        if (distances > _FARTHEST).any():
             raise MeasurementError(
                 f"a joint is farther than {_FARTHEST:.0f} rad or m from zero",
                 where=f"observations[{index}].joints",
                 remedy="check the units of the joints",
             )
-    rows = [
-        (i, find_joint(robot, reading.joint, f"observations[{i}].encoder_readings[{k}].joint"), reading)
-        for i, posture in enumerate(request.observations)
-        for k, reading in enumerate(posture.encoder_readings)
-    ]
-    states = [(reading.unloaded, reading.loaded) for _, _, reading in rows]
-    readings = EncoderReadings(
-        posture=np.array([i for i, _, _ in rows]),
-        joint=np.array([joint for _, joint, _ in rows]),
-        approach=np.array([_SENSE[reading.approach] for _, _, reading in rows]),
-        motor=angle * np.array([[state.motor for state in pair] for pair in states], dtype=np.float64),
-        link=angle * np.array([[state.link for state in pair] for pair in states], dtype=np.float64),
+
+
+def _read_encoders(request: GearboxRequest, robot: Robot, angle: float) -> EncoderReadings:
+    """Return the readings of the encoders of all postures in radians; `angle` is the size of their unit.
+
+    Raises:
+        RequestError: the robot has no joint of a name, or the joint slides.
+    """
+    postures, joints, approaches = list[int](), list[int](), list[int]()
+    motor, link = list[tuple[float, float]](), list[tuple[float, float]]()  # without and under the load
+    for i, posture in enumerate(request.observations):
+        for k, reading in enumerate(posture.encoder_readings):
+            postures.append(i)
+            joints.append(find_joint(robot, reading.joint, f"observations[{i}].encoder_readings[{k}].joint"))
+            approaches.append(_SENSE[reading.approach])
+            motor.append((reading.unloaded.motor, reading.loaded.motor))
+            link.append((reading.unloaded.link, reading.loaded.link))
+    return EncoderReadings(
+        posture=np.array(postures),
+        joint=np.array(joints),
+        approach=np.array(approaches),
+        motor=angle * np.array(motor, dtype=np.float64),
+        link=angle * np.array(link, dtype=np.float64),
     )
+
+
+def _read_load(load: HungLoad, length: float) -> Load:
+    """Return a load with the uncertainties that are stated or assumed, in SI units.
+
+    `length` is the size of the unit of length of the request [m].
+    """
+    is_weighed = load.mass_uncertainty is not None
     mass_uncertainty = ASSUMED_MASS * load.mass if load.mass_uncertainty is None else load.mass_uncertainty
-    stated = load.point_uncertainty
-    return WeightStep(
-        robot=robot,
-        labels=tuple(posture.label for posture in request.observations),
-        joints=per_controller_unit * np.array([posture.joints for posture in request.observations]),
-        readings=readings,
-        load=Load(
-            mass=load.mass,
-            mass_uncertainty=mass_uncertainty,
-            point=length * np.array(load.point, dtype=np.float64),
-            point_uncertainty=ASSUMED_PLACE if stated is None else length * stated,
-            is_weighed=load.mass_uncertainty is not None,
-        ),
-        gravity=np.array(request.gravity, dtype=np.float64),
-        encoder_sigma=0.0 if request.encoder_sigma is None else angle * request.encoder_sigma,
+    place_uncertainty = ASSUMED_PLACE
+    if load.point_uncertainty is not None:
+        place_uncertainty = length * load.point_uncertainty
+    return Load(
+        mass=load.mass,
+        mass_uncertainty=mass_uncertainty,
+        point=length * np.array(load.point, dtype=np.float64),
+        point_uncertainty=place_uncertainty,
+        is_weighed=is_weighed,
     )
 
 

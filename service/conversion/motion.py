@@ -33,20 +33,24 @@ def to_motion_campaign(request: GearboxRequest, motion: Motion, robot: Robot) ->
     angle, length = ANGLE[request.units.angle], LENGTH[request.units.length]
     units = np.where(robot.prismatic, length, angle)
     start = _read_start(motion, robot, units)
+    logs = [
+        _read_log(log, robot, units, start, f"motion.logs[{number}]")
+        for number, log in enumerate(motion.logs)
+    ]
+    bodies = tuple(_list_bodies(motion, robot))
+    payload = _carry(motion.payload, robot, length)
+    springs = [_read_spring(spring, robot, angle) for spring in motion.gas_springs]
+    periods_by_joint = dict[int, tuple[float, ...]]()
+    for name, periods in motion.gear_periods.items():
+        periods_by_joint[find_joint(robot, name, "motion.gear_periods")] = tuple(periods)
     return si.MotionCampaign(
         robot=robot,
-        logs=tuple(
-            _read_log(log, robot, units, start, f"motion.logs[{number}]")
-            for number, log in enumerate(motion.logs)
-        ),
-        links=tuple(_list_bodies(motion, robot)),
-        payload=_carry(motion.payload, robot, length),
-        springs=tuple(_read_spring(spring, robot, angle) for spring in motion.gas_springs),
+        logs=tuple(logs),
+        links=bodies,
+        payload=payload,
+        springs=tuple(springs),
         gravity=np.array(request.gravity, dtype=np.float64),
-        periods={
-            find_joint(robot, name, "motion.gear_periods"): tuple(periods)
-            for name, periods in motion.gear_periods.items()
-        },
+        periods=periods_by_joint,
     )
 
 

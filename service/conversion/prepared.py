@@ -27,6 +27,7 @@ from jointstiff.schemas.robot import CatalogueModel, DhModel, GeometryModel, Rob
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.service.conversion.readings import (
+    NamedObservationError,
     PointNoise,
     PositionsAfter,
     ReadingArrays,
@@ -104,17 +105,21 @@ def transform_to_base(
     length = LENGTH[header.units.length]
     R = np.array(resolved.rotation)
     t = np.array(resolved.translation) / length
-    turned = readings.loaded @ R.T
     as_deflection, present = readings.as_deflection[..., None], readings.present[..., None]
+    moved_unloaded = readings.unloaded @ R.T + t
+    turned = readings.loaded @ R.T
+    moved_loaded = np.where(as_deflection, turned, turned + t)
     force_rotation = R if header.frame.forces == "tracker" else np.eye(3)
+    noise = None if readings.noise is None else _turn_covariances(readings.noise, R)
+    directions = None if readings.directions is None else readings.directions.rotate(R)
     transformed = replace(
         readings,
-        unloaded=np.where(present & ~as_deflection, readings.unloaded @ R.T + t, readings.unloaded),
-        loaded=np.where(present, np.where(as_deflection, turned, turned + t), readings.loaded),
+        unloaded=np.where(present & ~as_deflection, moved_unloaded, readings.unloaded),
+        loaded=np.where(present, moved_loaded, readings.loaded),
         force=readings.force @ force_rotation.T,
         moment=readings.moment @ force_rotation.T,
-        noise=_turn_covariances(readings.noise, R) if readings.noise is not None else None,
-        directions=None if readings.directions is None else readings.directions.rotate(R),
+        noise=noise,
+        directions=directions,
         after=_transform_positions(readings.after, R, t),
     )
     # Targets that the header states replace those of the identified geometry.
@@ -388,10 +393,12 @@ def _add_label_to_errors(observations: Sequence[Observation]) -> Iterator[None]:
     """Add the observation's label to a `MeasurementError` of the block that gives only its number."""
     try:
         yield
+    except NamedObservationError:
+        raise
     except MeasurementError as error:
         match = re.match(r"observations\[(\d+)\]", error.where or "")
         label = "" if match is None else observations[int(match[1])].label
-        if not label or f"'{label}'" in error.reason:  # no observation, or a reason that names its label
+        if not label:
             raise
         reason = f"observation '{label}': {error.reason}"
         raise MeasurementError(reason, where=error.where, remedy=error.remedy) from error

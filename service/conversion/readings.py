@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Collection, Mapping
+import math
+import re
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -28,12 +32,17 @@ from jointstiff.service.conversion.robots import joint_factors, list_joint_names
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.mechanics.hook import HookReading, locate_hook
+from jointstiff.solver.mechanics.hook import HookReading, HookShot, locate_hook
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
+    CATALOGUE_SCALE,
+    FORCE_BEYOND_PULLEY,
     ISOTROPIC_DIFFERENCE,
     LEAST_OF_GROUND,
+    PULLEY_SCALE,
+    ROPE_ZERO_IF_TARED,
+    ROPE_ZERO_OF_CELL,
     CommonUncertainty,
     DifferenceNoise,
     EncoderReadings,
@@ -46,6 +55,10 @@ from jointstiff.solver.mechanics.measurements import (
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
+
+
+class NamedObservationError(MeasurementError):
+    """An observation cannot be used; the reason names its label, which no caller needs to add."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +188,7 @@ class EncoderArrays(ArrayGroup):
             for reading_index, reading in enumerate(observation.encoder_readings or ()):
                 cell = row, column[reading.joint]
                 if present[cell]:
-                    raise MeasurementError(
+                    raise NamedObservationError(
                         f"the encoder of '{reading.joint}' has two readings in observation "
                         f"'{observation.label}'",
                         where=f"observations[{row}].encoder_readings[{reading_index}].joint",
@@ -454,18 +467,47 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
     )
     if noise is None:
         return common
-    force, axes = noise.force, noise.axes
-    if force is not None:
-        common = replace(common, direction=force.direction)
-    if force is not None and force.scale is not None:
-        common = replace(common, scale=force.scale, assumed=common.assumed - {"force_scale"})
+    axes = noise.axes
     return replace(
-        _state_load_point(common, noise, length),
+        _state_load_point(_state_force(common, noise), noise, length),
         target_places=length * (noise.target_places or 0.0),
         drift=length * (noise.drift or 0.0),
         axis_position=0.0 if axes is None else length * axes.position,
         axis_direction=0.0 if axes is None else axes.direction,
     )
+
+
+def _state_force(common: CommonUncertainty, noise: Noise) -> CommonUncertainty:
+    """Return uncertainties with those of the force, which are at least those of its ground.
+
+    Args:
+        common: uncertainties, in which the scale of the force is assumed.
+        noise: noise that is stated for the set.
+    """
+    if noise.force is not None:
+        common = replace(common, direction=noise.force.direction)
+    stated = None if noise.force is None else noise.force.scale
+    if stated is not None:
+        common = replace(common, scale=stated, assumed=common.assumed - {"force_scale"})
+    grounds = noise.grounds
+    if grounds is None or grounds.force is None:
+        return common
+    if grounds.force == "cell":
+        zero = ROPE_ZERO_IF_TARED if grounds.tared else ROPE_ZERO_OF_CELL
+        return replace(common, rope_zero=zero)
+    if grounds.force == "pulley":
+        scale = math.hypot(stated or 0.0, PULLEY_SCALE)
+    elif grounds.force == "catalogue":
+        scale = max(stated or 0.0, CATALOGUE_SCALE)
+    else:
+        return common
+    return replace(common, scale=scale, assumed=common.assumed - {"force_scale"})
+
+
+def _find_force_at_hook(noise: Noise | None) -> float:
+    """Return the force at the hook, relative to the stated force."""
+    ground = None if noise is None or noise.grounds is None else noise.grounds.force
+    return FORCE_BEYOND_PULLEY if ground == "pulley" else 1.0
 
 
 def _state_load_point(common: CommonUncertainty, noise: Noise, length: float) -> CommonUncertainty:
@@ -500,8 +542,14 @@ _OPTIONAL_GROUPS: dict[str, type[ArrayGroup]] = {
     "after": PositionsAfter,
 }
 LARGEST_HOOK_SCATTER = 3.0 * LEAST_OF_GROUND["tracker"]
-"""Largest distance [m] of a reading of the hook from the median of all: three standard uncertainties."""
+"""Largest distance [m] between two readings of the hook, and of a target from its mean place on the flange:
+three standard uncertainties."""
+LARGEST_HOOK_SHIFT = 0.02
+"""Largest distance [m] by which the kinematics place targets wrong where the hook is read: a greater one is a
+wrong reading, or wrong joint angles."""
 _UNREAD = (np.nan, np.nan, np.nan)
+_NOTHING: Final = (0.0, 0.0, 0.0)
+"""Vector in place of one that an observation or a reading does not state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -544,35 +592,24 @@ class ReadingArrays:
         rows, columns, readings = _list_readings(observations, target_index)
         shape = (len(observations), len(names))
         indices = rows, columns
+        moments = [observation.moment or _NOTHING for observation in observations]
+        load_points = [observation.load_point or _NOTHING for observation in observations]
+        is_deflection = [reading.unloaded is None for reading in readings]
+        unloaded = [reading.unloaded or _NOTHING for reading in readings]
+        loaded = [_choose_loaded(reading) for reading in readings]
         return cls(
             labels=np.array([observation.label for observation in observations]),
             targets=np.array(list(names)),
             joints=np.array([observation.joints for observation in observations], dtype=np.float64),
             force=np.array([observation.force for observation in observations], dtype=np.float64),
-            moment=np.array(
-                [observation.moment or (0, 0, 0) for observation in observations], dtype=np.float64
-            ),
+            moment=np.array(moments, dtype=np.float64),
             moment_given=np.array([observation.moment is not None for observation in observations]),
-            load_point=np.array(
-                [observation.load_point or (0, 0, 0) for observation in observations], np.float64
-            ),
+            load_point=np.array(load_points, dtype=np.float64),
             load_point_given=np.array([observation.load_point is not None for observation in observations]),
             present=_scatter(shape, indices, [True for _ in readings], np.bool_),
-            as_deflection=_scatter(
-                shape, indices, [reading.unloaded is None for reading in readings], np.bool_
-            ),
-            unloaded=_scatter(
-                (*shape, 3), indices, [reading.unloaded or (0, 0, 0) for reading in readings], np.float64
-            ),
-            loaded=_scatter(
-                (*shape, 3),
-                indices,
-                [
-                    reading.loaded or reading.deflection or (_UNREAD if reading.unloaded else (0, 0, 0))
-                    for reading in readings
-                ],
-                np.float64,
-            ),
+            as_deflection=_scatter(shape, indices, is_deflection, np.bool_),
+            unloaded=_scatter((*shape, 3), indices, unloaded, np.float64),
+            loaded=_scatter((*shape, 3), indices, loaded, np.float64),
             encoders=EncoderArrays.from_observations(observations),
             noise=PointNoise.from_readings(shape, indices, readings),
             directions=Directions.from_readings(shape, indices, readings),
@@ -598,19 +635,26 @@ class ReadingArrays:
 
     def observations(self) -> list[Observation]:
         """Return the observations as they were posted, with readings in the order of `targets`."""
-        # The numbers were validated when they were posted; validating 10,000 again takes as long as a run.
-        return [
-            Observation.model_construct(
-                label=str(self.labels[row]),
-                joints=self.joints[row].tolist(),
-                force=tuple(self.force[row].tolist()),
-                moment=tuple(self.moment[row].tolist()) if self.moment_given[row] else None,
-                load_point=tuple(self.load_point[row].tolist()) if self.load_point_given[row] else None,
-                readings=[self._build_reading(row, int(t)) for t in np.flatnonzero(self.present[row])],
-                encoder_readings=self.encoders.build_encoder_readings(row) if self.encoders else None,
-            )
-            for row in range(len(self.labels))
-        ]
+        return [self._build_observation(row) for row in range(len(self.labels))]
+
+    def _build_observation(self, i: int) -> Observation:
+        """Return an observation as it was posted; `i` is its index.
+
+        The numbers were validated when they were posted: validating 10,000 again takes as long as a run.
+        """
+        moment = tuple(self.moment[i].tolist()) if self.moment_given[i] else None
+        load_point = tuple(self.load_point[i].tolist()) if self.load_point_given[i] else None
+        read_targets = np.flatnonzero(self.present[i]).tolist()
+        encoder_readings = None if self.encoders is None else self.encoders.build_encoder_readings(i)
+        return Observation.model_construct(
+            label=str(self.labels[i]),
+            joints=self.joints[i].tolist(),
+            force=tuple(self.force[i].tolist()),
+            moment=moment,
+            load_point=load_point,
+            readings=[self._build_reading(i, t) for t in read_targets],
+            encoder_readings=encoder_readings,
+        )
 
     def _build_reading(self, i: int, t: int) -> Reading:
         """Return a reading as it was posted; `i` and `t` are the indices of observation and target."""
@@ -672,8 +716,9 @@ def compute_content_hash(
     unstated_fields = {name for name in newer_fields if not getattr(header.noise, name, None)}
     excluded: dict[str, Any] = dict.fromkeys(unstated_fields, True)
     grounds = None if header.noise is None else header.noise.grounds
-    if grounds is not None and grounds.between is None:
-        excluded["grounds"] = {"between"}
+    if grounds is not None:
+        newer_grounds = ("between", "force", "tared")
+        excluded["grounds"] = {name for name in newer_grounds if getattr(grounds, name) is None}
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
         exclude={"noise": excluded},
@@ -706,7 +751,7 @@ def _list_readings(
         for k, reading in enumerate(observation.readings):
             cell = i, column[reading.target]
             if cell in used:
-                raise MeasurementError(
+                raise NamedObservationError(
                     f"target '{reading.target}' has two readings in observation '{observation.label}'",
                     where=f"observations[{i}].readings[{k}].target",
                     remedy="give each target at most once per observation, or rename the target",
@@ -716,6 +761,14 @@ def _list_readings(
             columns.append(cell[1])
             readings.append(reading)
     return rows, columns, readings
+
+
+def _choose_loaded(reading: Reading) -> Sequence[float]:
+    """Return the position under load of a reading, or its deflection; NaN if it was read unloaded only."""
+    stated = reading.loaded or reading.deflection
+    if stated:
+        return stated
+    return _UNREAD if reading.unloaded else _NOTHING
 
 
 def _scatter(
@@ -752,22 +805,31 @@ def _refuse_too_many_targets(names: Collection[str]) -> None:
 
 def _refuse_unlike_observations(observations: list[Observation]) -> None:
     """Refuse observations with different numbers of joint angles, or with the same label."""
-    joint_count = len(observations[0].joints)
+    _refuse_other_joint_counts(observations)
     index_of_label = dict[str, int]()  # index of the first observation with the label
     for i, observation in enumerate(observations):
-        if len(observation.joints) != joint_count:
-            raise MeasurementError(
-                f"observation '{observation.label}' has {len(observation.joints)} joint angles, but the "
-                f"first observation has {joint_count}",
-                where=f"observations[{i}].joints",
-                remedy="give one angle for each joint of the robot in every observation",
-            )
         first = index_of_label.setdefault(observation.label, i)
         if first != i:
-            raise MeasurementError(
+            raise NamedObservationError(
                 f"label '{observation.label}' is already used by observations[{first}]",
                 where=f"observations[{i}].label",
                 remedy="give every observation a unique label",
+            )
+
+
+def _refuse_other_joint_counts(observations: Sequence[Observation]) -> None:
+    """Refuse an observation that has another number of joint angles than most observations."""
+    counts = Counter(len(observation.joints) for observation in observations)
+    usual_count = counts.most_common(1)[0][0]
+    first_count = len(observations[0].joints)
+    others = "the first observation has" if usual_count == first_count else "most observations have"
+    for i, observation in enumerate(observations):
+        count = len(observation.joints)
+        if count != usual_count:
+            raise NamedObservationError(
+                f"observation '{observation.label}' has {count} joint angles, but {others} {usual_count}",
+                where=f"observations[{i}].joints",
+                remedy="give one angle for each joint of the robot in every observation",
             )
 
 
@@ -791,24 +853,55 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     _refuse_other_joints(header, readings, robot)
     if not readings.unloaded_only.all():
         refuse_informed_controller(header.noise)
+    if header.load_point_target is None:
+        return _convert(header, readings, robot, None)
+    shots = _locate_load_point(header, header.load_point_target, readings, robot)
+    with _counting_rows_as_posted(shots.rows):
+        return _convert(shots.header, shots.other_readings, robot, shots)
+
+
+@contextmanager
+def _counting_rows_as_posted(rows: IndexArray) -> Iterator[None]:
+    """Number the observation that an error names as it is numbered in the set that was posted.
+
+    Args:
+        rows: (K,) indices in the posted set of the observations that were kept.
+    """
+
+    def count_as_posted(match: re.Match[str]) -> str:
+        return f"observations[{rows[int(match[1])]}]"
+
+    try:
+        yield
+    except MeasurementError as error:
+        if error.where is not None:
+            error.where = re.sub(r"^observations\[(\d+)\]", count_as_posted, error.where)
+        raise
+
+
+def _convert(
+    header: MeasurementSetHeader, readings: ReadingArrays, robot: Robot, shots: _LocatedLoadPoint | None
+) -> Measurements:
+    """Return the measurements of a set, without the readings of a target at the hook; `shots` are these.
+
+    Raises:
+        MeasurementError: the set lacks a quantity or a unit, or its noise is unclear.
+    """
     length = LENGTH[header.units.length]
-    shots = None
-    if header.load_point_target is not None:
-        shots = _locate_load_point(header, header.load_point_target, readings, robot)
-        header, readings = shots.header, shots.other_readings
     unloaded_only = readings.unloaded_only
     unloaded, returned = _average_unloaded_readings(readings, length)
     deflection = np.where(readings.as_deflection[..., None], readings.loaded, readings.loaded - unloaded)
     deflection = np.where(unloaded_only[..., None], 0.0, deflection)
     joints = joint_factors(robot, header.units) * readings.joints
+    at_hook = _find_force_at_hook(header.noise)
     direction = None
     if readings.directions is not None:
         direction = readings.directions.compute_unit_vectors(robot, joints)
         deflection = deflection + readings.directions.displacement[..., None] * direction
     measurements = Measurements(
         joints=joints,
-        force=FORCE[header.units.force] * readings.force,
-        moment=_get_moment_factor(header.units, readings) * readings.moment,
+        force=at_hook * FORCE[header.units.force] * readings.force,
+        moment=at_hook * _get_moment_factor(header.units, readings) * readings.moment,
         load_point=length * _choose_load_points(header, readings),
         position=length * _choose_positions(header, readings),
         in_flange=readings.as_deflection,
@@ -1039,20 +1132,23 @@ class _LocatedLoadPoint:
     target: str  # name of the target at the hook
     place: FloatArray  # (3,) load point that the readings show, flange frame [m]
     lever: float  # distance of the hook from the targets that give its place, or from R0 [m]
+    error: float  # greatest of the errors [m] that the readings show: scatter of the hook, misfit of targets
+    least: float  # least standard uncertainty of each coordinate [m], by what the place rests on
     stated: FloatArray | None  # (3,) load point that was stated, flange frame [m]; None if not stated
     stated_uncertainty: float  # standard uncertainty of each coordinate of `stated` [m]
     header: MeasurementSetHeader  # header of the set, with this load point
     other_readings: ReadingArrays  # readings of the other targets
+    rows: IndexArray  # (K,) indices of the observations in the set with such readings
 
     def to_hook_reading(self, sigma: float, repeatability: float) -> HookReading:
-        """Return the reading with its uncertainty, which is at least that of a tracker's reading.
+        """Return the reading with its uncertainty: what its errors add up to, and at least `least`.
 
         Args:
             sigma: standard uncertainty of a coordinate of a reading [m].
             repeatability: standard deviation of a joint's angle from posture to posture [rad].
         """
         by_reading = float(np.hypot(sigma, repeatability * self.lever))
-        uncertainty = max(by_reading, LEAST_OF_GROUND["tracker"])
+        uncertainty = max(float(np.hypot(by_reading, self.error)), self.least)
         return HookReading(self.target, self.place, uncertainty, self.stated, self.stated_uncertainty)
 
 
@@ -1071,8 +1167,9 @@ def _locate_load_point(
         robot: robot that was measured.
 
     Raises:
-        MeasurementError: the target was not read without load, its readings disagree, or observations state
-            different load points.
+        MeasurementError: the target was not read without load, its readings disagree, the other targets of
+            its posture are not where they are in the other postures, no other reading remains, or
+            observations state different load points.
     """
     length = LENGTH[header.units.length]
     is_hook = readings.targets == name
@@ -1086,7 +1183,9 @@ def _locate_load_point(
     postures = Postures(
         robot, robot.joint_map.model_angles(joint_factors(robot, header.units) * readings.joints)
     )
-    places = locate_hook(postures, targets, others, hook, is_shot)
+    shots = locate_hook(postures, targets, others, hook, is_shot)
+    _refuse_moved_targets(name, readings, is_shot, shots)
+    places = np.array([shot.place for shot in shots])
     place = places.mean(axis=0)
     _refuse_disagreeing_shots(name, readings, is_shot, places)
     first = int(np.argmax(is_shot))
@@ -1095,19 +1194,31 @@ def _locate_load_point(
     if readings.encoders is not None:
         is_loaded |= readings.encoders.present.any(axis=1)
     is_kept = (readings.present & ~is_hook).any(axis=1)
+    if readings.encoders is not None:
+        is_kept |= readings.encoders.present.any(axis=1)
     if is_loaded.any():
         is_kept &= is_loaded | ~is_shot
+    if not is_kept.any():
+        raise MeasurementError(
+            f"target '{name}' gives the load point, and no other target has a reading",
+            where="load_point_target",
+            remedy="omit `load_point_target` and give `load_point`, or add the readings of the other targets",
+        )
     kept = readings.select(np.flatnonzero(is_kept), np.flatnonzero(~is_hook))
+    rests_on_targets = any(shot.targets for shot in shots)
     x, y, z = (place / length).tolist()
     without_points = replace(kept, load_point_given=np.zeros_like(kept.load_point_given))
     return _LocatedLoadPoint(
         target=name,
         place=place,
         lever=float(np.linalg.norm(hook[first] - origin)),
+        error=max(float(_find_distances(places).max()) / 2.0, max(shot.misfit for shot in shots)),
+        least=LEAST_OF_GROUND["tracker" if rests_on_targets else "drawing"],
         stated=None if stated is None else length * stated,
         stated_uncertainty=_find_stated_uncertainty(header.noise, length),
         header=header.model_copy(update={"load_point": (x, y, z)}),
         other_readings=without_points,
+        rows=np.flatnonzero(is_kept),
     )
 
 
@@ -1164,6 +1275,41 @@ def _refuse_unread_hook(name: str, readings: ReadingArrays, was_placed: BoolArra
     )
 
 
+def _find_distances(places: FloatArray) -> FloatArray:
+    """Return the distances (S, S) [m] between places (S, 3)."""
+    between = places[:, None] - places
+    return np.asarray(np.linalg.norm(between, axis=2))
+
+
+def _refuse_moved_targets(
+    name: str, readings: ReadingArrays, is_shot: BoolArray, shots: Sequence[HookShot]
+) -> None:
+    """Refuse a reading of the hook whose posture has the other targets in other places on the flange.
+
+    The hook's place rests on these targets: a wrong reading of one of them moves the load point.
+
+    Args:
+        name: name of the target at the hook.
+        readings: readings of N observations.
+        is_shot: (N,) mask of the S observations with a reading of this target.
+        shots: S readings of this target.
+    """
+    for row, shot in zip(np.flatnonzero(is_shot).tolist(), shots, strict=True):
+        is_plausible = shot.misfit <= LARGEST_HOOK_SCATTER and shot.shift <= LARGEST_HOOK_SHIFT
+        if is_plausible:
+            continue
+        distance, plausible = shot.misfit, LARGEST_HOOK_SCATTER
+        if shot.misfit <= LARGEST_HOOK_SCATTER:
+            distance, plausible = shot.shift, LARGEST_HOOK_SHIFT
+        raise MeasurementError(
+            f"observation '{readings.labels[row]}' reads target '{name}' on the hook, and another target "
+            f"{length_text(distance)} from its place on the flange in the other observations "
+            f"({length_text(plausible)} is plausible), so the load point is wrong",
+            where=f"observations[{row}].readings",
+            remedy="correct or omit the wrong reading, or check the joint angles of this observation",
+        )
+
+
 def _refuse_disagreeing_shots(
     name: str, readings: ReadingArrays, is_shot: BoolArray, places: FloatArray
 ) -> None:
@@ -1175,14 +1321,14 @@ def _refuse_disagreeing_shots(
         is_shot: (N,) mask of the S observations with a reading of this target.
         places: (S, 3) load points that these readings show, flange frame [m].
     """
-    distances = np.linalg.norm(places - np.median(places, axis=0), axis=1)
-    farthest = int(np.argmax(distances))
-    if distances[farthest] <= LARGEST_HOOK_SCATTER:
+    distances = _find_distances(places)
+    if distances.max() <= LARGEST_HOOK_SCATTER:
         return
+    farthest = int(np.argmax(np.median(distances, axis=1)))
     row = int(np.flatnonzero(is_shot)[farthest])
     raise MeasurementError(
         f"the {len(places)} readings of target '{name}' disagree on the load point: observation "
-        f"'{readings.labels[row]}' shows it {length_text(float(distances[farthest]))} from the others "
+        f"'{readings.labels[row]}' shows it {length_text(float(distances[farthest].max()))} from another one "
         f"({length_text(LARGEST_HOOK_SCATTER)} is plausible)",
         where=f"observations[{row}].readings",
         remedy="omit the wrong reading, or check the joint angles of its observation; the hook must not move "

@@ -7,6 +7,7 @@ frames on the same axes, next to the nominal ones.
 
 from __future__ import annotations
 
+import configparser
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -26,7 +27,15 @@ _JOINTS: Final = (
 )  # fmt: skip
 _PARTS: Final = ("x", "y", "z", "roll", "pitch", "yaw")
 _DELTAS: Final = ("theta", "a", "d", "alpha")
-_NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER: Final = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d{1,3})?", re.ASCII)
+_MOST_CHARACTERS: Final = 65_536
+"""Characters of a file: a calibration has a few thousand."""
+_LONGEST_LINK: Final = 3.0
+"""Greatest coordinate of a joint in the frame before [m]: the longest arm reaches 1.75 m."""
+_FARTHEST_FLANGE: Final = 0.02
+"""Greatest distance [m] by which a calibration moves the flange: genuine ones move it by 1 to 5 mm."""
+_POSTURES: Final = ((0.0,) * 6, (0.5, -1.2, 1.4, -0.9, 1.3, 0.4), (-1.1, -0.6, -1.5, 0.8, -1.2, 2.0))
+"""Joint angles [rad] at which the flange of a calibration is compared with the nominal one."""
 _NO_CALIBRATION: Final = (
     "give `calibration.conf` of the controller, or the YAML file that `ur_calibration` of ROS writes"
 )
@@ -43,8 +52,11 @@ def convert_calibration(stem: str, text: str) -> dict[str, Any]:
     Raises:
         RobotError: the text is no calibration, or the name of the file names no arm of the catalogue.
     """
-    if re.search(r"^\s*kinematics:", text, re.MULTILINE):
-        origins = [_read_origin(text, link) for link in _LINKS]
+    if len(text) > _MOST_CHARACTERS:
+        reason = f"a calibration has at most {_MOST_CHARACTERS:,} characters"
+        raise RobotError(reason, where="robot", remedy=_NO_CALIBRATION)
+    if any(line.startswith("kinematics:") for line in text.splitlines()):
+        origins = _read_origins(text)
         return {"name": stem, "model": _make_model(origins, None)}
     if "delta_theta" not in text:
         raise RobotError("the file has no calibration", where="robot", remedy=_NO_CALIBRATION)
@@ -57,40 +69,108 @@ def convert_calibration(stem: str, text: str) -> dict[str, Any]:
             where="robot",
             remedy="rename the file, such as `ur10e_calibration.conf`",
         ) from None
-    deltas = {name: _read_deltas(text, name) for name in _DELTAS}
+    deltas = _read_deltas(text)
+    _refuse_other_arm(arm.name, arm.model.rows, deltas)
     origins, end = _place_frames_on_axes(arm.model.rows, deltas)
     fields = {"name": f"{arm.name} (calibrated)", "model": _make_model(origins, end)}
     return fields if arm.payload is None else fields | {"payload": arm.payload}
 
 
-def _read_origin(text: str, link: str) -> list[float]:
-    """Return x, y, z [m], roll, pitch and yaw [rad] of a link in the YAML file of ROS.
+def _read_origins(text: str) -> list[list[float]]:
+    """Return x, y, z [m], roll, pitch and yaw [rad] of each link in the YAML file of ROS.
 
     Raises:
-        RobotError: a number is missing.
+        RobotError: the file is not YAML, or a number is missing, is none, or is no length of an arm.
     """
-    others = "|".join(_LINKS)
-    found = re.search(rf"^\s*{link}:(.*?)(?=^\s*(?:{others}|hash):|\Z)", text, re.MULTILINE | re.DOTALL)
-    stated = dict(re.findall(rf"\b(x|y|z|roll|pitch|yaw):\s*({_NUMBER})", found[1] if found else ""))
-    missing = [part for part in _PARTS if part not in stated]
-    if missing:
-        reason = f"the calibration has no {missing[0]} of {link}"
-        raise RobotError(reason, where="robot", remedy=_NO_CALIBRATION)
-    return [float(stated[part]) for part in _PARTS]
+    try:
+        import yaml
+    except ImportError:
+        raise RobotError(
+            "the calibration is a YAML file, and PyYAML is not installed",
+            where="robot",
+            remedy="pip install pyyaml, or give `calibration.conf` of the controller",
+        ) from None
+    try:
+        links = yaml.safe_load(text)["kinematics"]
+        return [[_read_part(links[link][part], link, part) for part in _PARTS] for link in _LINKS]
+    except KeyError as error:
+        reason = f"the calibration has no {error.args[0]}"
+    except (yaml.YAMLError, TypeError, RecursionError):
+        reason = "the file is not YAML with `kinematics` and the six links of an arm"
+    raise RobotError(reason, where="robot", remedy=_NO_CALIBRATION)
 
 
-def _read_deltas(text: str, name: str) -> list[float]:
-    """Return the deviations of six Denavit-Hartenberg parameters [m or rad] in the file of a controller.
+def _read_part(value: object, link: str, part: str) -> float:
+    """Return a coordinate [m] or an angle [rad] of a link.
 
     Raises:
-        RobotError: the list does not have six numbers.
+        RobotError: the value is no number, or too great.
     """
-    found = re.search(rf"^\s*delta_{name}\s*=\s*\[([^\]]*)\]", text, re.MULTILINE)
-    cells = re.split(r"[,\s]+", found[1].strip()) if found else []
-    if len(cells) != len(_LINKS) or not all(re.fullmatch(_NUMBER, cell) for cell in cells):
-        reason = f"`delta_{name}` of the calibration does not have six numbers"
-        raise RobotError(reason, where="robot", remedy=_NO_CALIBRATION)
-    return [float(cell) for cell in cells]
+    greatest = _LONGEST_LINK if part in ("x", "y", "z") else 2.0 * math.pi
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= greatest:  # no NaN
+        return float(value)
+    reason = f"{part} of {link} is {str(value)[:40]!r}, which is no number of m or rad of an arm"
+    raise RobotError(reason, where="robot", remedy=_NO_CALIBRATION)
+
+
+def _read_deltas(text: str) -> dict[str, list[float]]:
+    """Return the deviations of Denavit-Hartenberg parameters in a controller's file: name → six [m or rad].
+
+    Raises:
+        RobotError: the file is not what a controller writes, or a list does not have six numbers.
+    """
+    import numpy as np
+
+    file = configparser.ConfigParser(interpolation=None)
+    try:
+        file.read_string(text)
+    except configparser.Error as error:
+        reason = f"the calibration cannot be read: {error.message.splitlines()[0]}"
+        raise RobotError(reason, where="robot", remedy=_NO_CALIBRATION) from None
+    stated = {name: value for section in file.sections() for name, value in file[section].items()}
+    deltas = dict[str, list[float]]()
+    for name in _DELTAS:
+        cells = re.split(r"[,\s]+", stated.get(f"delta_{name}", "").strip("[] \t\r\n"))
+        deltas[name] = [float(cell) for cell in cells if _NUMBER.fullmatch(cell)]
+        are_six_numbers = len(cells) == len(deltas[name]) == len(_LINKS) and np.isfinite(deltas[name]).all()
+        if not are_six_numbers:
+            reason = f"`delta_{name}` of the calibration does not have six numbers"
+            raise RobotError(reason, where="robot", remedy=_NO_CALIBRATION)
+    return deltas
+
+
+def _refuse_other_arm(arm: str, rows: Sequence[Any], deltas: Mapping[str, Sequence[float]]) -> None:
+    """Refuse a calibration that moves the flange farther than the tolerances of any arm do.
+
+    Raises:
+        RobotError: the calibration is of another arm, or its numbers are wrong.
+    """
+    import numpy as np
+
+    nothing = dict.fromkeys(_DELTAS, (0.0,) * len(_LINKS))
+    for angles in _POSTURES:
+        places = [_place_flange(rows, each, angles)[:3, 3] for each in (nothing, deltas)]
+        distance = float(np.linalg.norm(places[1] - places[0]))
+        if distance > _FARTHEST_FLANGE:
+            raise RobotError(
+                f"the calibration moves the flange of a {arm} by {1e3 * distance:.3g} mm, so it is of "
+                "another arm, or its numbers are wrong",
+                where="robot",
+                remedy="rename the file by its own arm, such as `ur10e_calibration.conf`, or export it again",
+            )
+
+
+def _place_flange(
+    rows: Sequence[Any], deltas: Mapping[str, Sequence[float]], angles: Sequence[float]
+) -> FloatArray:
+    """Return the pose (4, 4) of the flange in the base [m], for joint angles (6,) [rad]."""
+    import numpy as np
+
+    pose = np.eye(4)
+    for i, row in enumerate(rows):
+        theta, a, d, alpha = (getattr(row, name) + deltas[name][i] for name in _DELTAS)
+        pose = pose @ _make_step(theta + angles[i], a, d, alpha)
+    return pose
 
 
 def _place_frames_on_axes(

@@ -301,6 +301,7 @@ STEPS: Final[tuple[Step, ...]] = (
     Step(19, 21, tuple(kind for kind in KINDS if kind not in {"run", "comparison"})),
     Step(19, 21, ("comparison",), _name_the_same_load),
     Step(19, 21, ("run",), dropped=_LEAST_MISTAKES),
+    Step(21, 22, KINDS),
 )
 """All steps; those from one version come after those to that version."""
 

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Final, NamedTuple
+
+from jointstiff.service.importing.errors import ImportFileError, Place, quote
+from jointstiff.service.importing.grid import MAX_NUMBER_LENGTH
 
 _BRACKETS: Final = re.compile(r"\[([^\[\]]*)\]")
 _NAME: Final = re.compile(r"([A-Za-z]\w{0,62})[ \t]*=[ \t]*$", re.ASCII)
 _LONGEST_NAME: Final = 80
 _COMMENT: Final = re.compile(r"%[^\n]*")
 _CONTINUED: Final = re.compile(r"\.\.\.[ \t]*\r?\n")
-_NUMBER: Final = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|NaN", re.ASCII)
+_NUMBER: Final = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|NaN", re.ASCII)
+_OPERATORS_BEFORE: Final = tuple("+-*/\\^.(&|~")
+_OPERATORS_BEHIND: Final = tuple("+-*/\\^.(&|")
 _LEAST_ROWS: Final = 3
 _LEAST_COLUMNS: Final = 3
 
@@ -22,23 +28,77 @@ class Matrix(NamedTuple):
     rows: list[list[float]]  # all of one length
 
 
-def find_matrices(text: str) -> list[Matrix]:
+def find_matrices(file: str, text: str) -> list[Matrix]:
     """Return the matrices of a text, of three rows and three columns at least.
 
     Cells are separated by blanks or commas, rows by semicolons or line ends. Brackets with other contents,
-    such as a unit in a header, are no matrix.
+    such as a unit in a header, are no matrix. A matrix behind whose bracket `'` stands is transposed. Of two
+    matrices with one name the last counts, as in MATLAB.
+
+    Args:
+        file: name of the file, for messages.
+        text: text of the file.
+
+    Raises:
+        ImportFileError: the text computes with a matrix, so that its numbers are not those that are written.
     """
     if "[" not in text:
         return []
-    text = _CONTINUED.sub(" ", _COMMENT.sub("", text))
-    found = list[Matrix]()
+    text = _CONTINUED.sub(" ", _COMMENT.sub("", _omit_commented_blocks(text)))
+    found = dict[str, Matrix]()
     for match in _BRACKETS.finditer(text):
-        before = text[max(match.start() - _LONGEST_NAME, 0) : match.start()]
-        name = _NAME.search(before)
+        before = text[max(match.start() - _LONGEST_NAME, 0) : match.start()].rstrip(" \t")
+        behind = text[match.end() : match.end() + _LONGEST_NAME].lstrip(" \t")
         rows = _read_rows(match[1])
-        if rows:
-            found.append(Matrix(name[1] if name else f"matrix {len(found) + 1}", rows))
-    return found
+        if not rows:
+            continue
+        stated_name = _NAME.search(before)
+        name = stated_name[1] if stated_name else f"matrix {len(found) + 1}"
+        if behind.startswith("'"):
+            rows = [list(column) for column in zip(*rows, strict=True)]
+            behind = behind[1:].lstrip(" \t")
+        if before.endswith(_OPERATORS_BEFORE) or behind.startswith(_OPERATORS_BEHIND):
+            raise _refuse_computed(file, name)
+        found.pop(name, None)
+        found[name] = Matrix(name, rows)
+    for name in found:
+        if _is_changed_later(name, text):
+            raise _refuse_computed(file, name)
+    return list(found.values())
+
+
+def _omit_commented_blocks(text: str) -> str:
+    """Return a text without its blocks of comments: lines from `%{` to `%}`, each alone in its line."""
+    return "\n".join(_generate_lines_without_blocks(text))
+
+
+def _generate_lines_without_blocks(text: str) -> Iterator[str]:
+    """Yield the lines of a text that stand in no block of comments; blocks may contain blocks."""
+    depth = 0
+    for line in text.split("\n"):
+        mark = line.strip()
+        if mark == "%{":
+            depth += 1
+        elif mark == "%}":
+            depth = max(depth - 1, 0)
+        elif depth == 0:
+            yield line
+
+
+def _is_changed_later(name: str, text: str) -> bool:
+    """Return whether a text assigns to a matrix, or to a part of it, something else than brackets."""
+    part = r"(?:\([^()\n]{0,40}\))?"
+    assigned = rf"(?<![\w.]){re.escape(name)}{part}[ \t]*=[ \t]*(?![=\[ \t])"
+    return re.search(assigned, text, re.ASCII) is not None
+
+
+def _refuse_computed(file: str, name: str) -> ImportFileError:
+    """Return the error of a text that computes with a matrix."""
+    return ImportFileError(
+        Place(file),
+        f"the text computes with matrix {quote(name)}, so its numbers are not those that are written",
+        "carry out the computation, and give the matrix that it shows",
+    )
 
 
 def _read_rows(content: str) -> list[list[float]]:
@@ -46,7 +106,7 @@ def _read_rows(content: str) -> list[list[float]]:
     rows = list[list[float]]()
     for line in re.split(r"[;\n]", content):
         cells = line.replace(",", " ").split()
-        if not all(_NUMBER.fullmatch(cell) for cell in cells):
+        if not all(len(cell) <= MAX_NUMBER_LENGTH and _NUMBER.fullmatch(cell) for cell in cells):
             return []
         if cells:
             rows.append([float(cell) for cell in cells])

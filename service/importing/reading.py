@@ -42,7 +42,7 @@ from jointstiff.service.importing.grammar import (
 from jointstiff.service.importing.grid import Grid, decode, file_type, read_text
 from jointstiff.service.importing.layout import Layout, understand_table
 from jointstiff.service.importing.masses import is_mass_table, read_mass_table
-from jointstiff.service.importing.matrices import find_matrices
+from jointstiff.service.importing.matrices import Matrix, find_matrices
 from jointstiff.service.importing.rows import (
     NameReader,
     ObservationRecord,
@@ -416,11 +416,20 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
     if kind == grid.CERTIFICATE:
         return read_certificate(file.name, file.content)
     is_text = kind in (None, grid.JSON)  # a matrix without a name begins as a list of JSON does
-    if every_length and is_text and (matrices := find_matrices(decode(file.name, file.content)[0])):
+    if every_length and is_text and (matrices := _find_matrices(file)):
         return build_grids_of_matrices(file.name, matrices)
     if kind is not None:
         raise _build_type_error(file, kind)
     return [read_text(file.name, file.content, options.delimiter)]
+
+
+def _find_matrices(file: SourceFile) -> list[Matrix]:
+    """Return the matrices of a text file.
+
+    Raises:
+        ImportFileError: the text computes with a matrix.
+    """
+    return find_matrices(file.name, decode(file.name, file.content)[0])
 
 
 def _build_type_error(file: SourceFile, kind: str) -> ImportFileError:

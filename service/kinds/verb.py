@@ -25,6 +25,7 @@ from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service import kinds
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
 from jointstiff.service.kinds.rooms import ROOMS
+from jointstiff.service.kinds.width import refuse_no_executor
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import read_object, read_robot
 
@@ -69,7 +70,11 @@ class JobMonitor:
             on_progress: called with the progress; None for a progress bar in a terminal or notebook.
             cancel: called between steps; a true answer cancels the job.
             executor: carries out the steps of the job; None to carry them out in this process.
+
+        Raises:
+            TypeError: `executor` is no executor.
         """
+        refuse_no_executor(executor)
         self._on_progress, self._cancel, self.executor = on_progress, cancel, executor
         self._began, self._bar, self._task = time.monotonic(), None, None
 
@@ -253,7 +258,10 @@ def merge_options(
         CampaignError: the text of units or goal is not understood.
     """
     if not isinstance(options, message | None):
-        raise TypeError(f"options must be a {message.__name__}, not a {type(options).__name__}")
+        raise TypeError(
+            f"options must be a {message.__name__}, not a {type(options).__name__}: give options by name, "
+            "and no more sources than the function takes"
+        )
     merged = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
     if "units" in message.model_fields or any(not isinstance(each, str | bool) for each in fields.values()):
         merged = _merge_numbers(message, merged, fields, joint_kinds)

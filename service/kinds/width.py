@@ -34,6 +34,15 @@ class CancelledWorkError(BaseException):
     """Exception that ends work which the caller has cancelled."""
 
 
+def refuse_no_executor(executor: object) -> None:
+    """Raise a TypeError if an argument `executor`, such as a number of processes, is no executor."""
+    if executor is not None and not hasattr(executor, "submit"):
+        raise TypeError(
+            f"executor is {executor!r}, but must be an executor: give "
+            "`concurrent.futures.ProcessPoolExecutor()`, or leave it out"
+        )
+
+
 def map_in_order(
     executor: Executor,
     function: Callable[[_First], _Answer],

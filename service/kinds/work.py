@@ -35,6 +35,7 @@ Span = tuple[int, int]
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 """Result of a step: arrays by name, which a store can keep."""
 AnyJob = TypeVar("AnyJob", bound=Job)
+AnyResult = TypeVar("AnyResult", bound=Message)
 OnProgress = Callable[[Progress], object]
 _WATCH = ContextVar[Callable[[str], object] | None]("_WATCH", default=None)
 _logger = logging.getLogger(__name__)
@@ -188,12 +189,20 @@ def new_job(job_class: type[AnyJob], request: Message, work: Work, key: AccessKe
     )
 
 
+def make_failed_job(job_class: type[AnyJob], request: Message, error: Problem) -> AnyJob:
+    """Return a job in state `failed` for a request that was refused, or that could not be read."""
+    no_work = QuickWork(lambda: request, input_hash="", robot_id=None)  # nothing is computed
+    failed: dict[str, object] = {"state": "failed", "error": error}
+    return new_job(job_class, request, no_work).model_copy(update=failed)
+
+
 def carry_out(
     job: AnyJob,
     work: Work,
     on_progress: OnProgress | None = None,
     cancelled: Callable[[], object] = lambda: False,
     executor: Executor | None = None,
+    retried: tuple[type[Exception], ...] = (),
 ) -> AnyJob:
     """Carry out a queued job now, and return a copy of the job in its final state.
 
@@ -203,11 +212,13 @@ def carry_out(
         on_progress: called after each step with the progress.
         cancelled: called between the steps; a true answer ends the job in state `cancelled`.
         executor: carries out the steps; None to carry them out in this process.
+        retried: classes of further errors that the request did not cause; they are raised again.
 
     Raises:
         RequestError: the request is refused.
         ExecutorError: the executor failed.
         StoreUnavailableError: the database does not answer.
+        Exception: an error of a class in `retried`.
     """
 
     def compute() -> Message:
@@ -230,7 +241,8 @@ def carry_out(
             on_progress(job.progress.model_copy(update=update))
 
     try:
-        result, error = compute_outcome(compute, (RequestError, ExecutorError, StoreUnavailableError))
+        passed = (RequestError, ExecutorError, StoreUnavailableError, *retried)
+        result, error = compute_outcome(compute, passed)
     except CancelledWorkError:
         return job.model_copy(update={"state": "cancelled"})
     progress = job.progress and job.progress.model_copy(update={"done": job.progress.total})
@@ -295,8 +307,8 @@ def _unpickle_work(pickled_work: bytes) -> Work:
 
 
 def compute_outcome(
-    compute: Callable[[], Message], passed: tuple[type[Exception], ...] = (RequestError,)
-) -> tuple[Message | None, Problem | None]:
+    compute: Callable[[], AnyResult], passed: tuple[type[Exception], ...] = (RequestError,)
+) -> tuple[AnyResult | None, Problem | None]:
     """Call the computation of a job; return (result, None), or (None, problem) if the computation fails.
 
     Errors of jobs are caught only here.

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from math import inf, nan
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from pydantic import PrivateAttr
 
@@ -109,6 +110,8 @@ class Campaign(messages.Campaign):
         with as_campaign_error("robot"):
             joint_names = list(robots.read_joint_kinds(described))
         with as_campaign_error(""):
+            noise = {} if sigma is None else {"noise": {"sigma": _read_sigma(sigma)}}
+            _refuse_no_targets(targets)
             stated_units = complete_units(units)
             arrays = match_arrays(
                 joint_names,
@@ -126,7 +129,6 @@ class Campaign(messages.Campaign):
                 labels=labels,
             )
             readings = arrays.document(stated_units)
-        noise = {} if sigma is None else {"noise": {"sigma": float(sigma)}}
         document = {
             "name": name,
             "encoders": encoders or "motor",
@@ -205,6 +207,37 @@ def _prepare(campaign: Campaign) -> PreparedSet:
 
     inputs = InMemoryInputs()
     return inputs.measured(add_campaign(inputs, campaign), "measurement_set")
+
+
+def _read_sigma(sigma: object) -> float:
+    """Return the argument `sigma` of `from_arrays` as a number.
+
+    Raises:
+        MeasurementError: it is no positive number.
+    """
+    try:
+        number = float(cast("Any", sigma))
+    except (TypeError, ValueError):
+        number = nan
+    if not 0.0 < number < inf:
+        raise MeasurementError(
+            f"`sigma` is {sigma!r}, but must be a positive number",
+            where="sigma",
+            remedy="give the standard uncertainty of one coordinate, such as 0.02 in mm, or leave it out: "
+            "it is then estimated from the residuals",
+        )
+    return number
+
+
+def _refuse_no_targets(targets: object) -> None:
+    """Raise a `MeasurementError` if the argument `targets` of `from_arrays` has neither names nor places."""
+    if not isinstance(targets, Iterable | None) or isinstance(targets, str):
+        raise MeasurementError(
+            f"`targets` is {targets!r}, but must be a list of names, or a dictionary of places",
+            where="targets",
+            remedy="give the names of the targets, such as ['P1', 'P2'], or their places in the flange "
+            "frame, such as {'P1': (0, 0, 100)}",
+        )
 
 
 def _refuse_long_deflections(campaign: Campaign, row_count: int) -> None:

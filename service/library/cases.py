@@ -65,7 +65,8 @@ def make_load_cases(
     from jointstiff.service.runs.deflection import read_load_cases
 
     fields = dict(options)
-    if (point := fields.pop("at", None)) is not None:
+    if (at := fields.pop("at", None)) is not None:
+        point = _read_point(at)
         fields = {"load_point": point, "place": point} | fields
     fields["units"] = units = complete_units(fields.get("units"))
     if isinstance(postures, str | PathLike):
@@ -132,6 +133,21 @@ def _cases_from_arrays(
         }
         for i, row in enumerate(q.tolist())
     ]
+
+
+def _read_point(at: object) -> list[float]:
+    """Return the argument `at` as the coordinates of a point.
+
+    Raises:
+        RequestError: the argument is not three numbers.
+    """
+    from jointstiff.service.conversion.arrays import read_numbers
+
+    remedy = "give three coordinates in the flange frame, such as at=(0, 0, 100)"
+    numbers = read_numbers(at, "at", remedy)
+    if numbers.shape != (3,):
+        raise RequestError(f"`at` has the shape {numbers.shape}", where="at", remedy=remedy)
+    return [float(number) for number in numbers]
 
 
 def _convert_points(fields: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,10 +6,9 @@ import json
 from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, TypeVar, Unpack, cast
+from typing import TYPE_CHECKING, Any, Unpack, cast
 
 from jointstiff.schemas import run as messages
-from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.plan import Plan
@@ -18,7 +17,7 @@ from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
 from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.kinds.verb import JobMonitor
-from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
+from jointstiff.service.kinds.work import carry_out, make_failed_job, new_job
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import add_campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
@@ -47,9 +46,6 @@ if TYPE_CHECKING:
     from jointstiff.service.library.cases import PredictFields
     from jointstiff.service.library.correction import Correction
     from jointstiff.service.reports.exports import ExportedModel
-
-
-AnyRun = TypeVar("AnyRun", bound=Run)
 
 
 class Here(Verbs):
@@ -128,7 +124,7 @@ class Here(Verbs):
         except CampaignError as refused:
             if not dispensable or not refused.problem.type.endswith(":unsupported-method"):
                 raise
-            run = make_failed_run(Run, request, refused.problem)
+            run = make_failed_job(Run, request, refused.problem)
         self.inputs.add_run(run, request.measurement_set_id)
         return run
 
@@ -348,12 +344,6 @@ def use_saved(source: Any) -> Any:  # noqa: ANN401 - a source of a verb
         return source  # the verb names what is wrong
     is_run = isinstance(document, dict) and document.get("kind") == Run.kind_name() and "campaign" in document
     return restore_job(document) if is_run else source
-
-
-def make_failed_run(message: type[AnyRun], request: RunRequest, problem: Problem) -> AnyRun:
-    """Return a run of class `message` in state `failed`, whose error is the problem."""
-    no_work = QuickWork(lambda: request, input_hash="", robot_id=None)  # nothing is computed
-    return new_job(message, request, no_work).model_copy(update={"state": "failed", "error": problem})
 
 
 def _make_exported_model(run: Job) -> ExportedModel:

@@ -18,15 +18,18 @@ from jointstiff.schemas.job import Progress
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress
-from jointstiff.service.kinds.width import CancelledWorkError, map_in_order
+from jointstiff.service.kinds.width import CancelledWorkError, map_in_order, refuse_no_executor
+from jointstiff.service.kinds.work import make_failed_job
 from jointstiff.service.library.campaigns import extract_run_options
-from jointstiff.service.library.here import Here, make_failed_run
+from jointstiff.service.library.here import Here
 from jointstiff.service.library.results import TabledRun
-from jointstiff.service.problems import CampaignError, http_problem
+from jointstiff.service.problems import CampaignError, find_path_in_document, http_problem
+from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import (
     AnyCampaign,
     encode_document,
     parse_content,
+    parse_document,
     read_campaign,
     read_content,
 )
@@ -69,7 +72,8 @@ def identify_many(
         `error` begins with the campaign's place, such as `campaigns[3]`, or the name of its file.
 
     Raises:
-        TypeError: an option does not exist, or one campaign is given in place of several.
+        TypeError: an option does not exist, `executor` is no executor, or one campaign is given in place of
+            several.
         ExecutorError: the executor failed.
     """
     if isinstance(campaigns, str | bytes | PathLike | Mapping | Campaign | TabledRun):
@@ -78,6 +82,7 @@ def identify_many(
         raise TypeError(
             f"identify_many() has no option '{unknown[0]}'; `help(jointstiff.identify)` lists the options"
         )
+    refuse_no_executor(executor)
     make_monitor = partial(JobMonitor, on_progress, cancel)
     shared = _SharedOptions(options, cast("dict[str, Any]", fields))
     return _identify_all(campaigns, shared, make_monitor, executor)
@@ -150,7 +155,7 @@ def _identify_one_by_one(tasks: Iterable[_Task], monitor: JobMonitor) -> Generat
     for task in tasks:
         if monitor.cancelled:
             raise CancelledWorkError
-        run = _identify_campaign(task, monitor)
+        run = _identify_campaign(task, lambda: monitor.cancelled)
         if run.state == "cancelled":
             raise CancelledWorkError
         yield run
@@ -182,22 +187,30 @@ def _make_task(number: int, source: Any, shared: _SharedOptions) -> _Task:  # no
     return _Task(name, content, path, shared)
 
 
-def _identify_campaign(task: _Task, monitor: JobMonitor | None = None) -> TabledRun:
-    """Identify a campaign; return its run, in state `failed` if the campaign cannot be used."""
-    shared = task.shared
+def _identify_campaign(task: _Task, cancelled: Callable[[], bool] = lambda: False) -> TabledRun:
+    """Identify a campaign; return its run, in state `failed` if the campaign cannot be used.
+
+    The run has no origin, whose prepared readings would be costly to send back from another process.
+    """
+    from jointstiff.service.kinds.run.one_of_many import identify_one_of_many
+    from jointstiff.service.kinds.run.verb import make_run_request
+
+    here, shared = Here(), task.shared
     try:
-        run: TabledRun = Here().identify(
-            _read_campaign_of_task(task),
-            options=shared.options,
-            on_progress=_ignore_progress,  # one bar shows all campaigns
-            cancel=None if monitor is None else lambda: monitor.cancelled,
-            **shared.fields,
-        )
+        campaign = _read_campaign_of_task(task)
+        fields = make_run_request(here, campaign, shared.options, shared.fields)
+        request = parse_document(fields, RunRequest)
     except CampaignError as error:
-        request = RunRequest(measurement_set_id=uuid4().hex)
-        run = make_failed_run(TabledRun, request, _name_campaign_in_problem(error.problem, task))
-    run._origin = None  # the origin holds the prepared readings, which would be costly to send back
-    return run
+        no_request = RunRequest(measurement_set_id=uuid4().hex)
+        return make_failed_job(TabledRun, no_request, _name_campaign_in_problem(error.problem, task))
+    with one_thread():
+        return identify_one_of_many(
+            here.inputs,
+            request,
+            TabledRun,
+            cancelled=cancelled,
+            name_place=lambda problem: _name_campaign_in_refusal(problem, task),
+        )
 
 
 def _identify_as_json(task: _Task) -> str:
@@ -218,16 +231,18 @@ def _read_campaign_of_task(task: _Task) -> Campaign:
     return parse_content(task.content, Campaign, task.path, section="campaign")
 
 
-def _ignore_progress(_: Progress) -> None:
-    """Ignore the progress of a single run: one bar shows the progress of all campaigns."""
-
-
 def _name_campaign_in_problem(problem: Problem, task: _Task) -> Problem:
     """Return a problem whose place `where` begins with the name of the task's campaign."""
     where = problem.where or ""
     if not where.startswith(task.name):
         where = f"{task.name}{': ' if task.path else '.'}{where}" if where else task.name
     return problem.model_copy(update={"where": where})
+
+
+def _name_campaign_in_refusal(problem: Problem, task: _Task) -> Problem:
+    """Return the problem of a refused run, whose place is in the task's campaign, not in a request."""
+    path = find_path_in_document("run", problem.where)
+    return _name_campaign_in_problem(problem.model_copy(update={"where": path}), task)
 
 
 class _OriginThatReadsCampaignLater(Here):

@@ -15,7 +15,13 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.imported import ImportedReadings, ImportFields
-from jointstiff.service.problems import CampaignError, FilesError, as_campaign_error, problem_from_error
+from jointstiff.service.problems import (
+    CampaignError,
+    FilesError,
+    as_campaign_error,
+    naming_missing_file,
+    problem_from_error,
+)
 from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import parse_document, read_robot
 from jointstiff.service.resources.imports import import_files
@@ -105,6 +111,7 @@ class ProposedReadings:
 
 
 @one_thread()
+@naming_missing_file()
 def read(
     *files: str | PathLike[str],
     robot: Any = None,  # noqa: ANN401 - as of a campaign

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal
@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from jointstiff.schemas.run import JointResult, Run, RunResult
+from jointstiff.schemas.run import Budget, JointResult, Run, RunResult
 from jointstiff.service.runs.verdicts import refuse_unaccepted, require_result
 from jointstiff.service.tables.files import csv_text, xlsx_bytes
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, with_overall_verdict
@@ -61,21 +61,25 @@ class ExportedModel:
         """Return lines about the whole file: robot, run, method, verdict, geometry, units and limits."""
         provenance, request = self.run.provenance, self.run.request
         constraint = "compliances not negative" if request.positive else "unconstrained"
-        lines = [
+        version = provenance.versions.get("jointstiff", "")
+        time = provenance.created_at.isoformat()
+        method = METHOD_NAMES[request.method]
+        verdict = VERDICTS[self.result.assessment.verdict]
+        geometry = "as in the robot's model, not identified"
+        if self.geometry_id is not None:
+            geometry = f"as identified, geometry {self.geometry_id}"
+        return [
             f"Joint stiffness of {self.name}, identified from laser-tracker readings by jointstiff "
-            f"{provenance.versions.get('jointstiff', '')}.",
-            f"Run {self.run.id} of {provenance.created_at.isoformat()}; SHA-256 of its input: "
-            f"{provenance.input_hash}.",
-            f"Method: {METHOD_NAMES[request.method]}, {request.weighting} weights, {constraint}. "
+            f"{version}.",
+            f"Run {self.run.id} of {time}; SHA-256 of its input: {provenance.input_hash}.",
+            f"Method: {method}, {request.weighting} weights, {constraint}. "
             f"Intervals at {100 * request.confidence:g} %.",
-            f"Verdict on the result: {VERDICTS[self.result.assessment.verdict]}.",
-            "Geometry: as in the robot's model, not identified."
-            if self.geometry_id is None
-            else f"Geometry: as identified, geometry {self.geometry_id}.",
+            f"Verdict on the result: {verdict}.",
+            f"Geometry: {geometry}.",
             f"Lengths in m, angles in rad, stiffness in {self._stiffness_units()}. Angles are those of the "
             f"model, in the frame of the link {self.chain.base}.",
+            *self._list_limits(),
         ]
-        return [*lines, *self._list_limits()]
 
     def _stiffness_units(self) -> str:
         """Return the unit of stiffness as text; for a robot with prismatic joints also their unit."""
@@ -143,28 +147,19 @@ _FINDING: Final = ("code", "weight", "where", "message", "remedy")
 def tabulate_joints(model: ExportedModel) -> Sheet:
     """Return a sheet with one row per joint; a missing number is an empty cell, explained in `reason`."""
     joints, run, budget = model.result.joints, model.run, model.result.budget
-    reasons = [
-        joint.reason if positive_stiffness(joint) else explain_missing_stiffness(joint) for joint in joints
-    ]
-    joints_with_limit = [
-        entry.model_copy(update={"stiffness_at_least": lower_limit(entry)}) for entry in joints
-    ]
-    columns: dict[str, Any] = {
-        **Sheet.from_messages(joints, {"joint": "name", "status": "status", "verdict": "verdict"}).columns,
-        "reason": reasons,
-        **Sheet.from_messages(joints_with_limit, _JOINT).columns,
-        "confidence of the intervals [1]": [run.request.confidence] * len(joints),
-    }
+    reasons = list[str | None]()
+    joints_with_limit = list[JointResult]()
+    for joint in joints:
+        has_number = positive_stiffness(joint) is not None
+        reasons.append(joint.reason if has_number else explain_missing_stiffness(joint))
+        joints_with_limit.append(joint.model_copy(update={"stiffness_at_least": lower_limit(joint)}))
+    names_and_verdicts = {"joint": "name", "status": "status", "verdict": "verdict"}
+    columns: dict[str, Any] = dict(Sheet.from_messages(joints, names_and_verdicts).columns)
+    columns["reason"] = reasons
+    columns |= Sheet.from_messages(joints_with_limit, _JOINT).columns
+    columns["confidence of the intervals [1]"] = [run.request.confidence] * len(joints)
     if budget is not None:
-        budget_columns = {
-            f"contribution of {entry.source.replace('_', ' ')}, type {entry.evaluation}"
-            f"{'' if entry.included else ', not included'} [rad/(N.m)]": entry.contributions
-            for entry in budget.components
-        } | {
-            "compliance expanded uncertainty [rad/(N.m)]": budget.expanded_uncertainty,
-            "compliance expanded uncertainty with model error [rad/(N.m)]": budget.expanded_with_model_error,
-        }
-        for header, values in budget_columns.items():
+        for header, values in _list_budget_columns(budget):
             value_by_joint = dict(zip(budget.joints, values, strict=True))
             columns[header] = [value_by_joint.get(joint.name) for joint in joints]
         columns["coverage factor [1]"] = [budget.coverage_factor] * len(joints)
@@ -172,6 +167,20 @@ def tabulate_joints(model: ExportedModel) -> Sheet:
     columns["input SHA-256"] = [run.provenance.input_hash] * len(joints)
     sheet = Sheet.with_joint_kinds(Sheet(columns), [joint.kind for joint in joints])
     return with_overall_verdict(sheet, model.result.assessment)
+
+
+def _list_budget_columns(budget: Budget) -> Iterator[tuple[str, Sequence[float | None]]]:
+    """Yield header and values, one for each joint of the budget, of each column of an uncertainty budget."""
+    for component in budget.components:
+        source = component.source.replace("_", " ")
+        remark = "" if component.included else ", not included"
+        header = f"contribution of {source}, type {component.evaluation}{remark} [rad/(N.m)]"
+        yield header, component.contributions
+    yield "compliance expanded uncertainty [rad/(N.m)]", budget.expanded_uncertainty
+    yield (
+        "compliance expanded uncertainty with model error [rad/(N.m)]",
+        budget.expanded_with_model_error,
+    )
 
 
 def tabulate_kinematics(model: ExportedModel) -> Sheet:

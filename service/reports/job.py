@@ -109,15 +109,14 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
         further = [*report.further, *assumed, *note_lines(assessment), *warning_lines(assessment, warnings)]
     else:
         further = [*hint_lines(report, assessment, warnings, view.door)]
-    return [
-        *verdict_lines(assessment, details=details),
-        *([_ACCEPTED_VERDICT] if is_accepted else []),
-        *report.parts,
-        *further,
-        *report.evidence,
-        *to_do_lines([*remedies(assessment, applies=view.applies), *report.advice], details=details),
-        *kind.make_charts(result),
-    ]
+    advice = [*remedies(assessment, applies=view.applies), *report.advice]
+    parts: list[Part] = [*verdict_lines(assessment, details=details)]
+    if is_accepted:
+        parts.append(_ACCEPTED_VERDICT)
+    parts += [*report.parts, *further, *report.evidence]
+    parts += to_do_lines(advice, details=details)
+    parts += kind.make_charts(result)
+    return parts
 
 
 def build_job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
@@ -143,42 +142,37 @@ def build_job_report(
 
     title, provenance = kind.title, job.provenance
     parts = job_parts(kind, job, View(details=True))
-    notes = [line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines()]
+    tables = [part for part in parts if isinstance(part, Table)]
+    pictures = [draw_bars(part) for part in parts if isinstance(part, Chart)]
+    stripped_lines = [
+        line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines()
+    ]
+    notes = [line for line in stripped_lines if line]
+    identity: list[Fact] = [
+        ("Report", f"{title}, {job.id}"),
+        ("Computed", format_time(provenance.ended_at)),
+        *about,
+    ]
+    attached_name = f"{job.kind}.json"
+    origin: list[Fact] = [
+        ("SHA-256 of the input", provenance.input_hash),
+        ("Versions", list_versions(job)),
+        ("Attached", f"{attached_name}, with all numbers"),
+    ]
+    about_job = "The job, with all its numbers"
     return Document(
         title=title,
         number=job.id,
         letterhead=settings.letterhead(),
         dated=provenance.ended_at or provenance.created_at,
         sections=[
-            Section(
-                RESULTS,
-                tables=[part for part in parts if isinstance(part, Table)],
-                pictures=[draw_bars(part) for part in parts if isinstance(part, Chart)],
-            ),
-            Section(ASSESSMENT, notes=[note for note in notes if note], boxed=True),
-            Section(
-                IDENTIFICATION,
-                facts=[
-                    ("Report", f"{title}, {job.id}"),
-                    ("Computed", format_time(provenance.ended_at)),
-                    *about,
-                ],
-            ),
+            Section(RESULTS, tables=tables, pictures=pictures),
+            Section(ASSESSMENT, notes=notes, boxed=True),
+            Section(IDENTIFICATION, facts=identity),
             Section(REQUESTED, facts=list_request_fields(job.request, joint_kinds_in(job))),
             Section(STATED, paragraphs=[NOT_ISO_9283]),
-            Section(
-                ORIGIN,
-                facts=[
-                    ("SHA-256 of the input", provenance.input_hash),
-                    ("Versions", list_versions(job)),
-                    ("Attached", f"{job.kind}.json, with all numbers"),
-                ],
-            ),
+            Section(ORIGIN, facts=origin),
         ],
-        attachments=[
-            Attachment(
-                f"{job.kind}.json", "application/json", "The job, with all its numbers", document.encode()
-            )
-        ],
+        attachments=[Attachment(attached_name, "application/json", about_job, document.encode())],
         signs=False,
     )

@@ -37,19 +37,23 @@ def build_paper(job: Comparison, view: View | None = None, geometry: Geometry | 
     result = require_result(job)
     parts = job_parts(COMPARISON, job, view or View())
     tables = [part for part in parts if isinstance(part, Table)]
-    notes = [part.text.strip() for part in parts if isinstance(part, Line)]
+    lines = [part.text.strip() for part in parts if isinstance(part, Line)]
+    notes = [line for line in lines if line]
+    sections = list[Section]()
+    if geometry is not None:
+        sections.append(_make_wrist_section(require_wrist(geometry)))
+    deflections = _make_deflection_table(result)
+    sections.append(Section("Measurement sets and explained deflection", tables=[deflections]))
+    sections.append(Section("Table II: stiffness", tables=tables, notes=notes))
+    pictures = [draw_bars(chart) for chart in make_charts(result)]
+    sections.append(Section("Figures 7 and 8", pictures=pictures))
+    sections.append(Section("Origin", facts=[("Versions", list_versions(job))]))
     return Document(
         title=_TITLE,
         number=job.id,
         letterhead=Letterhead("", []),
         dated=job.provenance.ended_at or job.provenance.created_at,
-        sections=[
-            *([] if geometry is None else [_make_wrist_section(require_wrist(geometry))]),
-            Section("Measurement sets and explained deflection", tables=[_make_deflection_table(result)]),
-            Section("Table II: stiffness", tables=tables, notes=[note for note in notes if note]),
-            Section("Figures 7 and 8", pictures=[draw_bars(chart) for chart in make_charts(result)]),
-            Section("Origin", facts=[("Versions", list_versions(job))]),
-        ],
+        sections=sections,
         signs=False,
     )
 

@@ -117,6 +117,11 @@ def _make_axes(area_count: int, chart_count: int, style: PlotStyle) -> list[Axes
     count = area_count + chart_count
     if style.axes is not None:
         given: list[Axes] = list(np.ravel(np.array(style.axes, dtype=object)))
+        if not all(hasattr(each, "plot") for each in given):
+            raise ValueError(
+                f"`ax` is {style.axes!r}, but must be axes of matplotlib: leave it out, or give `ax` from "
+                f"plt.subplots({count}); `joints=` chooses joints"
+            )
         if len(given) != count:
             raise ValueError(f"the result has {count} panels: give {count} axes, not {len(given)}")
         return given

@@ -77,22 +77,17 @@ def _letterhead_html(head: Letterhead) -> str:
 
 def _section_html(number: int, section: Section) -> str:
     """Return the HTML of a section with its number: tables, notes, facts, paragraphs, pictures."""
-    facts = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in section.facts)
     box = ' class="box"' if section.boxed else ""
-    return "\n".join(
-        [
-            f"<section{box}><h2>{number} {escape(section.heading)}</h2>",
-            *map(_table_html, section.tables),
-            *(f"<p>– {escape(note)}</p>" for note in section.notes),
-            f"<dl>{facts}</dl>" if facts else "",
-            *(f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs),
-            *(  # SVG of this program, whose texts are escaped already
-                f"<figure>{picture.svg}<figcaption>{escape(picture.caption)}</figcaption></figure>"
-                for picture in section.pictures
-            ),
-            "</section>",
-        ]
-    )
+    lines = [f"<section{box}><h2>{number} {escape(section.heading)}</h2>"]
+    lines += [_table_html(table) for table in section.tables]
+    lines += [f"<p>– {escape(note)}</p>" for note in section.notes]
+    facts = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in section.facts)
+    lines.append(f"<dl>{facts}</dl>" if facts else "")
+    lines += [f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs]
+    for picture in section.pictures:
+        caption = f"<figcaption>{escape(picture.caption)}</figcaption>"
+        lines.append(f"<figure>{picture.svg}{caption}</figure>")  # the texts of the SVG are escaped already
+    return "\n".join([*lines, "</section>"])
 
 
 def _table_html(table: Table) -> str:
@@ -199,19 +194,24 @@ def _load_fonts() -> typst.Fonts:
 def _template_data(document: Document) -> dict[str, Any]:
     """Return the content of a report as JSON values, in the form that the template reads."""
     dated, head = document.dated.astimezone(UTC), document.letterhead
-    parts = ("year", "month", "day", "hour", "minute", "second")
+    parts_of_time = ("year", "month", "day", "hour", "minute", "second")
+    logo = None
+    if head.logo is not None:
+        logo = {"content": list(head.logo.content), "kind": head.logo.kind}
+    sections = list[dict[str, Any]]()
+    for section in document.sections:
+        shown_tables = [table.shown() for table in section.tables]
+        sections.append(asdict(replace(section, tables=[])) | {"tables": shown_tables})
+    attachments = [asdict(each) | {"content": each.content.decode()} for each in document.attachments]
     return {
         "title": document.title,
         "number": document.number,
         "letterhead": {"name": head.name, "lines": head.lines},
-        "logo": head.logo and {"content": list(head.logo.content), "kind": head.logo.kind},
-        "dated": {part: getattr(dated, part) for part in parts},
-        "sections": [
-            asdict(replace(section, tables=[])) | {"tables": [table.shown() for table in section.tables]}
-            for section in document.sections
-        ],
+        "logo": logo,
+        "dated": {part: getattr(dated, part) for part in parts_of_time},
+        "sections": sections,
         "to_sign": TO_SIGN if document.signs else [],
-        "attachments": [asdict(each) | {"content": each.content.decode()} for each in document.attachments],
+        "attachments": attachments,
     }
 
 

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.deflection import CaseResult, DeflectionOptions, LoadCase
-from jointstiff.schemas.measurement import MeasurementSetDocument, Noise
+from jointstiff.schemas.measurement import Grounds, MeasurementSetDocument, Noise
 from jointstiff.schemas.report import Laboratory
-from jointstiff.schemas.run import Budget, Goodness, JointResult, RunResult, WeightResult
+from jointstiff.schemas.run import Budget, Goodness, JointResult, RunRequest, RunResult, WeightResult
 from jointstiff.service.conversion.readings import to_common_uncertainty
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
@@ -49,7 +49,12 @@ from jointstiff.service.tables.report import (
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import NO_NUMBER, Column, Table, build_text_table, format_rounded
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.mechanics.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
+from jointstiff.solver.mechanics.measurements import (
+    ASSUMED_FORCE_SCALE,
+    ASSUMED_LOAD_POINT,
+    FORCE_BEYOND_PULLEY,
+    CommonUncertainty,
+)
 from jointstiff.solver.text import figure, length_text
 
 STATEMENTS: Final = (
@@ -138,36 +143,32 @@ class RunSubject:
 
 def build_run_report(subject: RunSubject) -> Document:
     """Build the report of a run; equal runs, measurement sets and settings give equal documents."""
-    run, settings = subject.model.run, subject.settings
+    model, run, settings = subject.model, subject.model.run, subject.settings
     items = build_text_table(["item", "requirement", "place in this report"], ITEMS, left_aligned=[0, 1, 2])
+    sections = [
+        build_results_section(model, subject.readings),
+        build_assessment_section(model.result),
+        _build_identification_section(subject),
+        *_build_prediction_section(subject),
+        build_uncertainty_section(model),
+        build_method_section(model, settings.laboratory),
+        Section(REQUESTED, facts=list_request_fields(run.request)),
+        _build_adjustment_section(model),
+        _build_traceability_section(subject.readings, settings.laboratory),
+        Section(STATED, paragraphs=list(STATEMENTS)),
+        _build_origin_section(subject),
+        Section("Items of ISO/IEC 17025:2017 and their places in this report", tables=[items]),
+    ]
+    about_run = "The run; a large one without its residuals"
+    attached_run = Attachment("run.json", "application/json", about_run, subject.run_json())
+    attached_joints = Attachment("joints.csv", "text/csv", "The joints as a table", write_joints_csv(model))
     return Document(
         title=TITLE,
         number=run.id,
         letterhead=settings.letterhead(),
         dated=run.provenance.ended_at or run.provenance.created_at,
-        sections=[
-            build_results_section(subject.model, subject.readings),
-            build_assessment_section(subject.model.result),
-            _build_identification_section(subject),
-            *_build_prediction_section(subject),
-            build_uncertainty_section(subject.model),
-            build_method_section(subject.model, settings.laboratory),
-            Section(REQUESTED, facts=list_request_fields(run.request)),
-            _build_adjustment_section(subject.model),
-            _build_traceability_section(subject.readings, settings.laboratory),
-            Section(STATED, paragraphs=list(STATEMENTS)),
-            _build_origin_section(subject),
-            Section("Items of ISO/IEC 17025:2017 and their places in this report", tables=[items]),
-        ],
-        attachments=[
-            Attachment(
-                "run.json",
-                "application/json",
-                "The run; a large one without its residuals",
-                subject.run_json(),
-            ),
-            Attachment("joints.csv", "text/csv", "The joints as a table", write_joints_csv(subject.model)),
-        ],
+        sections=sections,
+        attachments=[attached_run, attached_joints],
     )
 
 
@@ -175,13 +176,13 @@ def _build_identification_section(subject: RunSubject) -> Section:
     """Return the section that identifies report, customer, place, robot and measurement."""
     readings, run, robot = subject.readings, subject.model.run, subject.model.robot
     laboratory = subject.settings.laboratory or Laboratory(name=NOT_STATED)
-    party = laboratory.customer
-    customer = [party.name, *party.address, party.contact or ""] if party else [NOT_STATED]
+    location = laboratory.place or ", ".join(laboratory.address)
+    joint_names = ", ".join(robot.joint_names)
     facts = [
         ("Report", run.id),
-        ("Customer", ", ".join(filter(None, customer))),
-        ("Location of the measurement", laboratory.place or ", ".join(laboratory.address) or NOT_STATED),
-        ("Item", f"Industrial robot {subject.model.name}, {robot.n} joints: {', '.join(robot.joint_names)}"),
+        ("Customer", _describe_customer(laboratory)),
+        ("Location of the measurement", location or NOT_STATED),
+        ("Item", f"Industrial robot {subject.model.name}, {robot.n} joints: {joint_names}"),
         ("Serial number", readings.serial_number or NOT_STATED),
         ("Condition of the item", readings.item_condition or NOT_STATED),
         ("Measured", format_time(readings.measured_at)),
@@ -191,6 +192,15 @@ def _build_identification_section(subject: RunSubject) -> Section:
         ("Notes on the measurement", readings.notes or ""),
     ]
     return Section(IDENTIFICATION, facts=[fact for fact in facts if fact[1]])
+
+
+def _describe_customer(laboratory: Laboratory) -> str:
+    """Return name, address and contact of the laboratory's customer in one line, where they are stated."""
+    customer = laboratory.customer
+    if customer is None:
+        return NOT_STATED
+    lines = [customer.name, *customer.address, customer.contact]
+    return ", ".join(line for line in lines if line)
 
 
 def _repeatability_facts(goodness: Goodness) -> list[tuple[str, str]]:
@@ -206,39 +216,44 @@ def _repeatability_facts(goodness: Goodness) -> list[tuple[str, str]]:
 def build_results_section(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
     """Return the section with the stiffness of each joint and its interval, and with pictures."""
     result = model.result
-    estimates = [_UNIT.show_joint(joint) for joint in result.joints]
-    joints = Table(
-        [
-            Column("joint", [joint.name for joint in result.joints], text=True),
-            *estimate_columns("stiffness", estimates, model.run.request.confidence, _UNIT.label),
-            Column("verdict", result.joints, _name_verdict, text=True),
-        ]
+    confidence = model.run.request.confidence
+    first_posture = joint_factors(model.robot, readings.units) * readings.observations[0].joints
+    pictures = [
+        draw_intervals(result.joints, confidence),
+        draw_deflections(result),
+        draw_arm(model.robot, first_posture.tolist()),
+    ]
+    without_number = [joint for joint in result.joints if joint.stiffness is None]
+    return Section(
+        RESULTS,
+        tables=[_build_joint_table(result, confidence)],
+        notes=[f"{joint.name}: no number: {explain_missing_stiffness(joint)}." for joint in without_number],
+        facts=_list_facts_of_fit(result),
+        pictures=[picture for picture in pictures if picture is not None],
     )
+
+
+def _build_joint_table(result: RunResult, confidence: float) -> Table:
+    """Return the table of the joints with stiffness, interval and verdict."""
+    estimates = [_UNIT.show_joint(joint) for joint in result.joints]
+    name_column = Column("joint", [joint.name for joint in result.joints], text=True)
+    stiffness_columns = estimate_columns("stiffness", estimates, confidence, _UNIT.label)
+    verdict_column = Column("verdict", result.joints, _name_verdict, text=True)
+    return Table([name_column, *stiffness_columns, verdict_column])
+
+
+def _list_facts_of_fit(result: RunResult) -> list[tuple[str, str]]:
+    """Return name and text of the numbers that show how well the model fits the readings."""
     sigma = NO_NUMBER
     if result.sigma is not None:
         sigma = f"{format_rounded(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
-    posture = (joint_factors(model.robot, readings.units) * readings.observations[0].joints).tolist()
-    pictures = [
-        draw_intervals(result.joints, model.run.request.confidence),
-        draw_deflections(result),
-        draw_arm(model.robot, posture),
+    explained = format_percent(result.compensation)
+    return [
+        ("Fraction of the mean deflection that the model explains", explained),
+        ("Root mean square of the residuals' lengths", length_text(result.rms_residual)),
+        ("Standard uncertainty of a coordinate of a reading", sigma),
+        *_repeatability_facts(result.goodness),
     ]
-    return Section(
-        RESULTS,
-        tables=[joints],
-        notes=[
-            f"{joint.name}: no number: {explain_missing_stiffness(joint)}."
-            for joint in result.joints
-            if joint.stiffness is None
-        ],
-        facts=[
-            ("Fraction of the mean deflection that the model explains", format_percent(result.compensation)),
-            ("Root mean square of the residuals' lengths", length_text(result.rms_residual)),
-            ("Standard uncertainty of a coordinate of a reading", sigma),
-            *_repeatability_facts(result.goodness),
-        ],
-        pictures=[picture for picture in pictures if picture is not None],
-    )
 
 
 def _name_verdict(joint: JointResult) -> str:
@@ -446,54 +461,62 @@ def build_method_section(model: ExportedModel, laboratory: Laboratory | None) ->
     """Return the section with the method of the run and its deviations from the defaults."""
     request = model.run.request
     version = model.run.provenance.versions.get("jointstiff", "")
-    constraint = "compliances not negative" if request.positive else "without constraints"
-    method = (
-        "Identification of joint compliances from readings of targets before and under load, "
-        f"{METHOD_NAMES[request.method]}, {request.weighting.replace('_', ' ')} weights, {constraint}"
-    )
-    masses = []
+    method = f"{_describe_method(request)}; jointstiff {version}, as documented in docs/method.md."
+    facts = [("Method", method)]
     if request.weight is not None:
-        method = (
+        bodies = [f"{b.name} {b.mass:g} kg ({b.least:.4g} to {b.most:.4g})" for b in model.robot.bodies]
+        facts.append(("Masses with their bounds", "; ".join(bodies)))
+    tested_causes = format_tested_causes(model.result)
+    if tested_causes:
+        facts.append(("Causes tested, p-value", tested_causes))
+    procedure = None if laboratory is None else laboratory.method
+    facts.append(("Procedure of the laboratory", procedure or NOT_STATED))
+    deviations = [f"Deviation: {text}" for text in _list_deviations(request)]
+    return Section(METHOD, facts=facts, notes=deviations or ["Deviations: none."])
+
+
+def _describe_method(request: RunRequest) -> str:
+    """Return the method of a run, its weights and its constraint in words."""
+    constraint = "compliances not negative" if request.positive else "without constraints"
+    if request.weight is not None:
+        return (
             "Identification of joint compliances, geometry and sag under the own weight from laser-tracker "
             f"positions of targets and masses within bounds, {constraint}"
         )
-        bodies = [f"{b.name} {b.mass:g} kg ({b.least:.4g} to {b.most:.4g})" for b in model.robot.bodies]
-        masses = [("Masses with their bounds", "; ".join(bodies))]
-    chains = "; ".join(" ≥ ".join(chain) for chain in request.stiffness_order)
-    deviations = (
-        (request.leave_out, f"observations left out: {', '.join(request.leave_out)}."),
-        (not request.positive, "negative compliances were allowed."),
-        (
-            request.loss not in {"automatic", "squared"},
-            f"loss {request.loss}: large residuals have less weight.",
-        ),
-        (
-            request.causes,
-            "fitted with the joints, and taken out of the deflections: "
-            f"{', '.join(cause.name.replace('_', ' ') for cause in request.causes)}.",
-        ),
-        (request.priors, f"prior knowledge of {', '.join(request.priors)} was used."),
-        (request.stiffness_bounds, f"stiffness of {', '.join(request.stiffness_bounds)} was bounded."),
-        (request.stiffness_order, f"an order of stiffness was required: {chains}."),
-        (
-            request.elasticity not in {"automatic", "joints"},
-            f"elastic elements: {request.elasticity.replace('_', ' ')}.",
-        ),
-        (request.complementary_stiffness == "neglected", "the complementary stiffness is neglected."),
+    weights = request.weighting.replace("_", " ")
+    return (
+        "Identification of joint compliances from readings of targets before and under load, "
+        f"{METHOD_NAMES[request.method]}, {weights} weights, {constraint}"
     )
-    # A text is shown if the value before it, an option that differs from the default, is not empty or false.
-    notes = [f"Deviation: {text}" for differs, text in deviations if differs]
-    causes = format_tested_causes(model.result)
-    return Section(
-        METHOD,
-        facts=[
-            ("Method", f"{method}; jointstiff {version}, as documented in docs/method.md."),
-            *masses,
-            *([("Causes tested, p-value", causes)] if causes else []),
-            ("Procedure of the laboratory", (laboratory and laboratory.method) or NOT_STATED),
-        ],
-        notes=notes or ["Deviations: none."],
-    )
+
+
+def _list_deviations(request: RunRequest) -> Iterator[str]:
+    """Yield a sentence for each option of a run that differs from the default."""
+    yield from _list_deviations_of_fit(request)
+    if request.priors:
+        yield f"prior knowledge of {', '.join(request.priors)} was used."
+    if request.stiffness_bounds:
+        yield f"stiffness of {', '.join(request.stiffness_bounds)} was bounded."
+    if request.stiffness_order:
+        chains = [" ≥ ".join(chain) for chain in request.stiffness_order]
+        yield f"an order of stiffness was required: {'; '.join(chains)}."
+    if request.elasticity not in {"automatic", "joints"}:
+        yield f"elastic elements: {request.elasticity.replace('_', ' ')}."
+    if request.complementary_stiffness == "neglected":
+        yield "the complementary stiffness is neglected."
+
+
+def _list_deviations_of_fit(request: RunRequest) -> Iterator[str]:
+    """Yield a sentence for each option on readings, constraint, loss and causes that is not the default."""
+    if request.leave_out:
+        yield f"observations left out: {', '.join(request.leave_out)}."
+    if not request.positive:
+        yield "negative compliances were allowed."
+    if request.loss not in {"automatic", "squared"}:
+        yield f"loss {request.loss}: large residuals have less weight."
+    if request.causes:
+        causes = ", ".join(cause.name.replace("_", " ") for cause in request.causes)
+        yield f"fitted with the joints, and taken out of the deflections: {causes}."
 
 
 def _build_adjustment_section(model: ExportedModel) -> Section:
@@ -522,35 +545,54 @@ def _build_adjustment_section(model: ExportedModel) -> Section:
 
 def _build_traceability_section(readings: MeasurementSetDocument, laboratory: Laboratory | None) -> Section:
     """Return the section with conditions, instrument, traceability, loads and targets."""
-    newtons, millimetres = FORCE[readings.units.force], 1e3 * LENGTH[readings.units.length]
+    conditions, traceability = readings.conditions, None
+    if laboratory is not None:
+        conditions = conditions or laboratory.conditions
+        traceability = laboratory.traceability
+    facts = [
+        ("Conditions", conditions or NOT_STATED),
+        ("Instrument", readings.instrument or NOT_STATED),
+        ("Metrological traceability", traceability or NOT_STATED),
+        ("Uncertainty of readings and load", " ".join(_describe_noise(readings))),
+        ("Position loop closed by", f"{readings.encoders} encoders"),
+        ("Observations", f"{len(readings.observations)}"),
+        ("Force on the robot", _describe_loads(readings)),
+        ("Load point in the flange frame", _describe_load_point(readings)),
+        ("Targets read", _describe_targets(readings)),
+    ]
+    return Section(TRACEABILITY, facts=facts)
+
+
+def _describe_loads(readings: MeasurementSetDocument) -> str:
+    """Return the least and the greatest force in words, such as "200 N to 1500 N, and moments"."""
+    newtons = FORCE[readings.units.force]
     sizes = [newtons * float(np.linalg.norm(each.force)) for each in readings.observations]
-    # If least and greatest force have the same text, `fromkeys` leaves one number.
-    force = " N to ".join(dict.fromkeys((format_rounded(min(sizes)), format_rounded(max(sizes)))))
-    has_moments = any(each.moment is not None and any(each.moment) for each in readings.observations)
-    point = "stated with each observation"
-    if readings.load_point and all(each.load_point is None for each in readings.observations):
-        point = f"({', '.join(figure(millimetres * value) for value in readings.load_point)}) mm"
+    least, greatest = format_rounded(min(sizes)), format_rounded(max(sizes))
+    forces = f"{greatest} N" if least == greatest else f"{least} N to {greatest} N"
+    has_moments = any(any(each.moment or ()) for each in readings.observations)
+    return f"{forces}, and moments" if has_moments else forces
+
+
+def _describe_load_point(readings: MeasurementSetDocument) -> str:
+    """Return the point where the force acts, or how it was stated or read, in words."""
     if readings.load_point_target is not None:
-        point = f"read: target {readings.load_point_target} on the hook"
-    targets = list(
-        dict.fromkeys(reading.target for each in readings.observations for reading in each.readings)
-    )
-    target_names = ", ".join([*targets[:_TARGETS_NAMED], *(["…"] if len(targets) > _TARGETS_NAMED else [])])
-    conditions = readings.conditions or (laboratory and laboratory.conditions)
-    return Section(
-        TRACEABILITY,
-        facts=[
-            ("Conditions", conditions or NOT_STATED),
-            ("Instrument", readings.instrument or NOT_STATED),
-            ("Metrological traceability", (laboratory and laboratory.traceability) or NOT_STATED),
-            ("Uncertainty of readings and load", " ".join(_describe_noise(readings))),
-            ("Position loop closed by", f"{readings.encoders} encoders"),
-            ("Observations", f"{len(readings.observations)}"),
-            ("Force on the robot", f"{force} N{', and moments' if has_moments else ''}"),
-            ("Load point in the flange frame", point),
-            ("Targets read", f"{len(targets)}: {target_names}"),
-        ],
-    )
+        return f"read: target {readings.load_point_target} on the hook"
+    has_own_points = any(each.load_point is not None for each in readings.observations)
+    if not readings.load_point or has_own_points:
+        return "stated with each observation"
+    millimetres = 1e3 * LENGTH[readings.units.length]
+    coordinates = [figure(millimetres * value) for value in readings.load_point]
+    return f"({', '.join(coordinates)}) mm"
+
+
+def _describe_targets(readings: MeasurementSetDocument) -> str:
+    """Return number and names of the targets that were read, in the order of the readings."""
+    read = [reading.target for each in readings.observations for reading in each.readings]
+    targets = list(dict.fromkeys(read))
+    shown = targets[:_TARGETS_NAMED]
+    if len(targets) > _TARGETS_NAMED:
+        shown.append("…")
+    return f"{len(targets)}: {', '.join(shown)}"
 
 
 def _describe_noise(readings: MeasurementSetDocument) -> Iterator[str]:
@@ -585,12 +627,31 @@ def _describe_assumed_uncertainties(noise: Noise | None, length: float) -> Itera
     common = to_common_uncertainty(noise, length)
     if "force_scale" in common.assumed:
         yield f"Size of the force: no uncertainty is stated; ±{100 * ASSUMED_FORCE_SCALE:g} % is assumed."
+    if noise is not None and noise.grounds is not None and noise.grounds.force is not None:
+        yield from _describe_ground_of_force(noise.grounds, common)
     if "load_point" in common.assumed:
         missing = "no uncertainty" if common.doubtful_load_point is None else "no ground of its uncertainty"
         yield f"Load point: {missing} is stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm is assumed."
-    elif noise is not None and noise.grounds is not None:
+    elif noise is not None and noise.grounds is not None and noise.grounds.load_point is not None:
         millimetres = format_rounded(1e3 * common.load_point)
         yield f"Load point known by {noise.grounds.load_point}: {millimetres} mm a coordinate in the fit."
+
+
+def _describe_ground_of_force(grounds: Grounds, common: CommonUncertainty) -> Iterator[str]:
+    """Yield a sentence on what the force is known by, where the fit has its uncertainty by this ground.
+
+    Args:
+        grounds: grounds of the statements about the load.
+        common: uncertainties in the fit.
+    """
+    percent = format_rounded(100 * common.scale)
+    if grounds.force == "cell":
+        yield f"Zero of the load cell: ±{format_rounded(common.rope_zero)} N along the rope in the fit."
+    elif grounds.force == "pulley":
+        less = format_rounded(100 * (1.0 - FORCE_BEYOND_PULLEY))
+        yield f"Force beyond a pulley: the fit has {less} % less at the hook, ±{percent} %."
+    elif grounds.force == "catalogue":
+        yield f"Force known by catalogue: ±{percent} % in the fit."
 
 
 def _describe_shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:
@@ -620,18 +681,14 @@ def build_assessment_section(result: RunResult) -> Section:
     messages_of_reasons = {each.message for each in reasons}
     warnings = [each for each in result.warnings if each.message not in messages_of_reasons]
     lines = [f"{each.message} ({VERDICTS[each.weight]}; {each.remedy})" for each in (*reasons, *warnings)]
+    notes = lines[:_MOST_WARNINGS]
+    if not lines:
+        notes.append(f"{describe_passed_checks(result.assessment).capitalize()}.")
     hidden = len(lines) - _MOST_WARNINGS
+    if hidden > 0:
+        notes.append(f"And {hidden} more, in run.json.")
     facts = [("Verdict on the result", VERDICTS[result.assessment.verdict])]
-    return Section(
-        ASSESSMENT,
-        boxed=True,
-        facts=facts,
-        notes=[
-            *(lines[:_MOST_WARNINGS] or [f"{describe_passed_checks(result.assessment).capitalize()}."]),
-            *([f"And {hidden} more, in run.json."] if hidden > 0 else []),
-            *result.assessment.notes,
-        ],
-    )
+    return Section(ASSESSMENT, boxed=True, facts=facts, notes=[*notes, *result.assessment.notes])
 
 
 def _build_origin_section(subject: RunSubject) -> Section:

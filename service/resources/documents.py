@@ -6,6 +6,7 @@ If a file is a document of another known kind, the error names the kind.
 from __future__ import annotations
 
 import json
+import shlex
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Mapping
 from os import PathLike
@@ -212,8 +213,9 @@ def _explain_other_document(
 
         if content.lstrip()[:1] not in (b"{", b"["):
             if content.lstrip()[:1] == b"<" and b"<robot" in content:
-                remedy = f"identify needs readings: `jointstiff plan {name}` plans them, and "
-                remedy += f"`jointstiff import FILE --robot {name}` reads them"
+                file = shlex.quote(name)
+                remedy = f"identify needs readings: `jointstiff plan {file}` plans them, and "
+                remedy += f"`jointstiff import FILE --robot {file}` reads them"
                 return http_problem(422, f"{name} is a URDF, not a campaign", remedy)
             type_of_file = file_type(content) or "a text"
             return http_problem(422, f"{name} is {type_of_file}, not a JSON document", import_hint)
@@ -291,10 +293,11 @@ def _read_calibration_file(path: Path) -> RobotDocument:
         return parse_document(convert_calibration(path.stem, text), RobotDocument)
 
 
-def read_robot(text: str) -> RobotDocument:
+def read_robot(text: str, where: str = "robot") -> RobotDocument:
     """Return the robot in a file, or else the catalogue's arm `text`.
 
-    The file has a robot, a campaign, a URDF, or the calibration of a Universal Robots arm.
+    The file has a robot, a campaign, a URDF, or the calibration of a Universal Robots arm. `where` is the
+    argument or option that holds the text, for errors.
 
     Raises:
         CampaignError: the file contains no robot, or neither a file nor an arm has this name.
@@ -308,7 +311,7 @@ def read_robot(text: str) -> RobotDocument:
     if Path(text).is_file():
         return read_document(Path(text), RobotDocument, section="robot")
     try:
-        return nominal_robot(find_arm(text, "--robot"))
+        return nominal_robot(find_arm(text, where))
     except RequestError as error:
         problem = problem_from_error(error)
         detail = f"there is no file '{text}', and {problem.detail}"

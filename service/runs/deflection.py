@@ -108,28 +108,34 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     run_model = RunModel.from_run(robot, run, absolute=request.absolute, masses=request.masses, length=length)
     cases, confidence = convert_load_cases(request, robot), request.confidence
     deflections = run_model.model.deflect(cases)
-    bound = (
-        None if run_model.error is None else run_model.error.bound(cases, deflections.leverage, confidence)
-    )
-    # Stiffness is reported along the stated direction, or along the force; without either it is NaN.
-    direction_vectors = [
-        case.direction or force for case, force in zip(request.cases, cases.force, strict=True)
-    ]
-    directions: FloatArray = np.array(direction_vectors, dtype=np.float64)
-    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    directions = np.where(lengths > 0.0, directions / np.where(lengths > 0.0, lengths, 1.0), np.nan)
+    bound = None
+    if run_model.error is not None:
+        bound = run_model.error.bound(cases, deflections.leverage, confidence)
+    directions = _choose_directions(request, cases)
     labels = [case.label or str(number) for number, case in enumerate(request.cases, 1)]
-    answers = build_case_results(deflections, bound, directions, confidence, labels, run_model.result.budget)
+    run_result = run_model.result
+    answers = build_case_results(deflections, bound, directions, confidence, labels, run_result.budget)
+    reasons = _find_reasons(robot, answers, cases, run_result)
     return DeflectionResult(
         joint_kinds=joint_kinds_by_name(robot),
-        assessment=assess_with_run(
-            "prediction", _find_reasons(robot, answers, cases, run_model.result), run_model.result.assessment
-        ),
+        assessment=assess_with_run("prediction", reasons, run_result.assessment),
         confidence=confidence,
         model_error_postures=run_model.postures,
         remarks=run_model.remarks(confidence),
         cases=answers,
     )
+
+
+def _choose_directions(request: DeflectionOptions, cases: LoadCases) -> FloatArray:
+    """Return the unit vector (N, 3) along which the stiffness of each load case is reported.
+
+    The vector is along the direction that the case states, or else along its force; without either NaN.
+    """
+    stated = [case.direction or force for case, force in zip(request.cases, cases.force, strict=True)]
+    vectors: FloatArray = np.array(stated, dtype=np.float64)
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    divisors = np.where(lengths > 0.0, lengths, 1.0)
+    return np.where(lengths > 0.0, vectors / divisors, np.nan)
 
 
 def _find_reasons(
@@ -167,8 +173,8 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
     units, length = request.units, LENGTH[request.units.length]
     refuse_far_point(request.load_point, "load_point", length=length)
     refuse_far_point(request.place, "place", length=length)
-    points: list[Vector3] = []
-    places: list[Vector3] = []
+    joints, forces, moments = list[list[float]](), list[Vector3](), list[Vector3]()
+    points, places = list[Vector3](), list[Vector3]()
     for index, case in enumerate(request.cases):
         refuse_wrong_joint_count(robot, case.joints, f"cases[{index}].joints")
         refuse_far_point(case.load_point, f"cases[{index}].load_point", length=length)
@@ -180,14 +186,16 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
                 where=f"cases[{index}].load_point",
                 remedy="give `load_point`, in the flange frame, for all cases together or for each case",
             )
+        joints.append(case.joints)
+        forces.append(case.force)
+        moments.append(case.moment or (0.0, 0.0, 0.0))
         points.append(point)
         places.append(case.place or request.place or point)
-    moments = np.array([case.moment or (0.0, 0.0, 0.0) for case in request.cases], dtype=np.float64)
+    moment_rows = np.array(moments, dtype=np.float64)
     return LoadCases(
-        joints=joint_factors(robot, units)
-        * np.array([case.joints for case in request.cases], dtype=np.float64),
-        force=FORCE[units.force] * np.array([case.force for case in request.cases], dtype=np.float64),
-        moment=moment_factor(units, moments) * moments,
+        joints=joint_factors(robot, units) * np.array(joints, dtype=np.float64),
+        force=FORCE[units.force] * np.array(forces, dtype=np.float64),
+        moment=moment_factor(units, moment_rows) * moment_rows,
         load_point=length * np.array(points, dtype=np.float64),
         place=length * np.array(places, dtype=np.float64),
     )
@@ -325,26 +333,32 @@ def _refuse_missing_columns(columns: Sequence[_Column], joints: int) -> None:
         joints: number of joints.
     """
     present = [(field, index) for field, index, _ in columns]
+    present_fields = {field for field, _ in present}
     # The force is needed; other vectors may be left out, but only as a whole.
-    vector_fields = [
-        field
-        for field in _VECTORS
-        if field == "force" or any(field == present_field for present_field, _ in present)
-    ]
-    needed_columns = [
-        *(("joints", index) for index in range(joints)),
-        *((field, index) for field in vector_fields for index in range(3)),
-    ]
-    repeated_columns = [column for column in present if present.count(column) > 1]
-    missing_columns = [column for column in needed_columns if column not in present]
-    for field, index in [*repeated_columns, *missing_columns][:1]:  # only the first fault is reported
-        name = f"{_VECTORS[field][0]}{'xyz'[index]}" if field in _VECTORS else field
-        raise RequestError(
-            f"the column {f'J{index + 1}' if field == 'joints' else name} "
-            f"{'occurs twice' if repeated_columns else 'is missing'}",
-            where="line 1",
-            remedy="give one column for each joint and three for each vector",
-        )
+    needed = [("joints", index) for index in range(joints)]
+    for field in _VECTORS:
+        if field == "force" or field in present_fields:
+            needed += [(field, index) for index in range(3)]
+    repeated = [column for column in present if present.count(column) > 1]
+    missing = [column for column in needed if column not in present]
+    if not repeated and not missing:
+        return
+    first_fault = repeated[0] if repeated else missing[0]
+    fault = "occurs twice" if repeated else "is missing"
+    raise RequestError(
+        f"the column {_name_column(*first_fault)} {fault}",
+        where="line 1",
+        remedy="give one column for each joint and three for each vector",
+    )
+
+
+def _name_column(field: str, index: int) -> str:
+    """Return the name of the column of a component: `J2` of a joint, `Fx` of the force, `label`."""
+    if field == "joints":
+        return f"J{index + 1}"
+    if field in _VECTORS:
+        return f"{_VECTORS[field][0]}{'xyz'[index]}"
+    return field
 
 
 def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_comma: bool) -> dict[str, Any]:
@@ -388,30 +402,28 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
 def describe_predictions(result: DeflectionResult) -> list[Part]:
     """Lay out predictions for people: verdict, table with a row for each case (mm, N/mm), and remarks."""
     cases, style = result.cases, style_for(result.assessment.verdict)
-    components = [
-        Column(axis, [replace(show_component(case, i), style=style) for case in cases], show_cell, "mm")
-        for i, axis in enumerate("xyz")
-    ]
-    stiffnesses = [replace(_show_stiffness(case, result.confidence), style=style) for case in cases]
-    included = [
-        NO_NUMBER if case.displacement is None else model_error_text(case.with_model_error is not None)
-        for case in cases
-    ]
+    columns = [Column("case", [case.label for case in cases], text=True)]
+    for i, axis in enumerate("xyz"):
+        components = [replace(show_component(case, i), style=style) for case in cases]
+        columns.append(Column(axis, components, show_cell, "mm"))
+    included = [_describe_model_error(case) for case in cases]
     is_same = len(set(included)) == 1
     source = f"model error {included[0]}" if is_same else "with the model error where it is known"
-    table = Table(
-        [
-            Column("case", [case.label for case in cases], text=True),
-            *components,
-            *([] if is_same else [Column("model error", included)]),
-            Column("stiffness", stiffnesses, show_cell, "N/mm"),
-        ],
-        title="Deflections in R0",
-        caption=f"in brackets: {100 * result.confidence:g} % interval, {source}; stiffness along the force",
-        plain=True,
-    )
+    if not is_same:
+        columns.append(Column("model error", included))
+    stiffnesses = [replace(_show_stiffness(case, result.confidence), style=style) for case in cases]
+    columns.append(Column("stiffness", stiffnesses, show_cell, "N/mm"))
+    caption = f"in brackets: {100 * result.confidence:g} % interval, {source}; stiffness along the force"
+    table = Table(columns, title="Deflections in R0", caption=caption, plain=True)
     remarks = [Line(f"{case.label}: {'; '.join(case.remarks)}") for case in cases if case.remarks]
     return [*verdict_lines(result.assessment, details=True), table, *remarks]
+
+
+def _describe_model_error(case: CaseResult) -> str:
+    """Return whether the interval of a case includes the model error; a dash for a case without numbers."""
+    if case.displacement is None:
+        return NO_NUMBER
+    return model_error_text(case.with_model_error is not None)
 
 
 def show_component(case: CaseResult, axis: int, scale: float = 1e3) -> ShownEstimate:

@@ -203,25 +203,29 @@ def compare_campaigns(
     shown = choose_shown(names, campaigns, most, compared)
     has_assessments = len(shown) <= messages.MOST_ASSESSED
     joints = [_summarise_joint(shown, name, changes[name], test_count) for name in names]
+    reference_set_id = None if compared is campaigns else compared[0].measured.id
     return {
         "campaign_count": len(campaigns),
-        "campaigns": [
-            messages.TrendCampaign(
-                run_id=campaign.run_id,
-                measurement_set_id=campaign.measured.id,
-                name=campaign.measured.name,
-                at=campaign.at,
-                time_source="created_at" if campaign.measured.measured_at is None else "measured_at",
-                verdict=campaign.run.result.assessment.verdict,
-                assessment=campaign.run.result.assessment if has_assessments else None,
-            )
-            for campaign in shown
-        ],
-        "reference_set_id": None if compared is campaigns else compared[0].measured.id,
+        "campaigns": [_describe_campaign(campaign, has_assessment=has_assessments) for campaign in shown],
+        "reference_set_id": reference_set_id,
         "joints": joints,
         "level": CHANGED_LEVEL,
         "note": _write_note(compared, joints, shared),
     }
+
+
+def _describe_campaign(campaign: Campaign, *, has_assessment: bool) -> messages.TrendCampaign:
+    """Return the message of a campaign in a trend; with its whole assessment if `has_assessment` is true."""
+    measured, assessment = campaign.measured, campaign.run.result.assessment
+    return messages.TrendCampaign(
+        run_id=campaign.run_id,
+        measurement_set_id=measured.id,
+        name=measured.name,
+        at=campaign.at,
+        time_source="created_at" if measured.measured_at is None else "measured_at",
+        verdict=assessment.verdict,
+        assessment=assessment if has_assessment else None,
+    )
 
 
 def _drop_before_reference(campaigns: Sequence[Campaign], references: Sequence[str]) -> Sequence[Campaign]:
@@ -610,29 +614,31 @@ class Trends:
         campaigns = [campaign for candidates in runs.values() for campaign in candidates]
         newest = max(campaigns, key=_sorting_time)
         tested, changed = self._test_joints(robot_id, sets, runs)
-        serial_numbers = {campaign.measured.serial_number for campaign in campaigns}
-        arms = [
-            MeasuredArm(
+        arms = list[MeasuredArm]()
+        for serial_number in {campaign.measured.serial_number for campaign in campaigns}:
+            times = [each.at for each in campaigns if each.measured.serial_number == serial_number]
+            changes = [each.change for each in changed if each.serial_number == serial_number]
+            tested_joints = [joint for serial, joint in tested if serial == serial_number]
+            arm = MeasuredArm(
                 serial_number=serial_number,
-                at=max(each.at for each in campaigns if each.measured.serial_number == serial_number),
-                tested=[joint for serial, joint in tested if serial == serial_number],
-                rank=rank_changes(each.change for each in changed if each.serial_number == serial_number),
+                at=max(times),
+                tested=tested_joints,
+                rank=rank_changes(changes),
             )
-            for serial_number in serial_numbers
-        ]
+            arms.append(arm)
         arms.sort(key=lambda arm: (arm.rank, arm.at), reverse=True)
+        newest_number = newest.measured.serial_number
+
+        def order_of_arm(joint: ChangedJoint) -> tuple[bool, str]:
+            """Return the key that sorts joints of the newest measured arm first."""
+            return joint.serial_number != newest_number, joint.serial_number or ""
+
         last = LastCampaign(
             run_id=newest.run_id,
             at=newest.at,
-            serial_number=newest.measured.serial_number,
+            serial_number=newest_number,
             verdict=newest.run.result.assessment.verdict,
-            changed=sorted(
-                changed,
-                key=lambda each: (
-                    each.serial_number != newest.measured.serial_number,
-                    each.serial_number or "",
-                ),
-            ),
+            changed=sorted(changed, key=order_of_arm),
         )
         return CampaignSummary(last, arms)
 

@@ -26,7 +26,13 @@ from sqlalchemy.exc import (
 )
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
-from jointstiff.service.problems import LockedError, QuotaError, StoreError, StoreUnavailableError
+from jointstiff.service.problems import (
+    LockedError,
+    MissingDatabaseError,
+    QuotaError,
+    StoreError,
+    StoreUnavailableError,
+)
 
 Dialect = Literal["sqlite", "postgresql"]
 
@@ -372,11 +378,12 @@ def refuse_missing(url: str, remedy: str = _URLS) -> None:
     """Refuse an SQLite file that does not exist; `remedy` is the remedy of the error.
 
     Raises:
-        StoreError: the file does not exist, or the database is in memory.
+        MissingDatabaseError: the file does not exist.
+        StoreError: the database is in memory.
     """
     parsed = _parse_url(url)
     if _DIALECTS[parsed.drivername] == "sqlite" and not sqlite_path_of(parsed).exists():
-        raise StoreError(f"the database {parsed.database} does not exist", remedy)
+        raise MissingDatabaseError(f"the database {parsed.database} does not exist", remedy)
 
 
 def _is_in_memory(url: sa.URL) -> bool:

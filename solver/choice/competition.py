@@ -51,9 +51,10 @@ from jointstiff.solver.fit.reduced import (
     convert_weight_to_huber,
     list_losses_to_compare,
 )
-from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
+from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.terms import list_stated_terms
 from jointstiff.solver.models import Columns, find_model
 
 _Paths: TypeAlias = dict[tuple[ModelName, Loss], PenaltyPath]

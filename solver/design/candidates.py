@@ -523,6 +523,8 @@ def choose_parameters(
     requested_joints: IndexArray | None,
     nominal: FloatArray,
     link_share: float | None,
+    *,
+    of_weight_step: bool,
 ) -> Parameters:
     """Choose the parameters of a plan: relative compliances of joints, then the nuisance.
 
@@ -541,6 +543,7 @@ def choose_parameters(
         nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
         link_share: root mean square deflection due to links over that due to joints; None if the nuisance is
             not links: then the columns are already in units of their prior uncertainty.
+        of_weight_step: whether two encoders read the joints, without targets.
 
     Raises:
         RequestError: no candidate load twists a wanted joint.
@@ -555,10 +558,8 @@ def choose_parameters(
     not_excited = chosen_joints[~is_excited[chosen_joints]]
     if len(not_excited):
         joints = ", ".join(names[j] for j in not_excited)
-        raise RequestError(
-            f"no candidate load twists {joints}, or no target moves when these joints turn",
-            where="joints",
-            remedy="allow loads in other directions, or omit these joints from `joints`",
+        raise (
+            _refuse_weight_without_torque(joints) if of_weight_step else _refuse_loads_without_motion(joints)
         )
     is_known = np.isfinite(nominal) & (np.nan_to_num(nominal) > 0.0)
     # A joint of unknown compliance is assumed to move the targets as much as a typical joint (the median).
@@ -578,6 +579,26 @@ def choose_parameters(
     prior = np.diag(np.r_[np.zeros(len(columns)), np.ones(nuisance.shape[1])])
     return Parameters(
         chosen_joints, compliance_units, is_known, np.hstack([compliance_columns, nuisance]), prior
+    )
+
+
+def _refuse_loads_without_motion(joints: str) -> RequestError:
+    """Return the refusal of joints that no load twists, or that move no target."""
+    return RequestError(
+        f"no candidate load twists {joints}, or no target moves when these joints turn",
+        where="joints",
+        remedy="allow loads in other directions, or omit these joints from `joints`",
+    )
+
+
+def _refuse_weight_without_torque(joints: str) -> RequestError:
+    """Return the refusal of joints that the weight of a step twists in no posture."""
+    return RequestError(
+        f"the weight twists {joints} in no candidate posture, so both encoders of a joint show the same with "
+        "and without it: a weight twists neither a vertical axis nor an axis through its centre of mass",
+        where="joints",
+        remedy="name in `joints` only joints with two encoders whose axes can be level; for an axis through "
+        "the centre of mass, hang the weight beside the axis and state `load_point`",
     )
 
 
@@ -658,6 +679,7 @@ class Pool:
             request.joints,
             request.nominal,
             request.link_share if request.links else None,
+            of_weight_step=request.step_rows is not None,
         )
         basis, chosen_count = parameters.basis, len(parameters.joints)
         known_rows = known_rows @ basis / ((measured and measured.sigma) or sigma)

@@ -28,6 +28,7 @@ from jointstiff.solver.mechanics.block import (
     fitted_errors,
 )
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE
+from jointstiff.solver.messages import build_messages
 
 CLEAR_GAIN: Final = 2.0
 """Gain of a model with links, in paired standard errors, above which joints alone do not fit."""
@@ -138,10 +139,17 @@ def screen_estimate(rows: Rows, estimate: Estimate, scattered: bool = False) -> 
     tests_of_kept = selection.start
     links_p_value = max(tests_of_all.links_p_value, tests_of_kept.links_p_value)
     base_p_value = max(tests_of_all.base_p_value, tests_of_kept.base_p_value)
-    ordered = sorted(tests_of_kept.p_values.items(), key=lambda item: item[1])
+    p_values = tests_of_kept.p_values
+    suspects = sorted(p_values, key=lambda suspect: p_values[suspect])
+    causes = build_messages(
+        CauseTest,
+        name=[suspect.name for suspect in suspects],
+        first=[suspect.first for suspect in suspects],
+        p_value=[p_values[suspect] for suspect in suspects],
+    )
     screening = Screening(
         links_p_value,
-        tuple(CauseTest(name=suspect.name, first=suspect.first, p_value=p) for suspect, p in ordered),
+        tuple(causes),
         selection.causes,
         wrong=selection.wrong,
         base_p_value=base_p_value,

@@ -17,11 +17,10 @@ from jointstiff.solver.evidence.suspects import MOST_TESTED_OBSERVATIONS
 from jointstiff.solver.evidence.term_tests import join_statements
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.statements import list_stated_terms
 from jointstiff.solver.fit.triangle import Triangle, unit_columns
 from jointstiff.solver.mechanics.block import fitted_errors
 from jointstiff.solver.mechanics.springs import JOINTS
-from jointstiff.solver.mechanics.terms import LOAD_POINT
+from jointstiff.solver.mechanics.terms import LOAD_POINT, list_stated_terms
 from jointstiff.solver.text import figure, length_text
 
 DOUBT_LEVEL: Final = 0.05

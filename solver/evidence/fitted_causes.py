@@ -22,7 +22,6 @@ from jointstiff.solver.evidence.suspects import (
 from jointstiff.solver.evidence.term_tests import TermTests
 from jointstiff.solver.fit.observability import Excitation
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.statements import list_stated_terms
 from jointstiff.solver.fit.triangle import INDEPENDENT, TermsFit, Triangle, solve_nonnegative
 from jointstiff.solver.mechanics.block import (
     CorrectedMeasurements,
@@ -31,6 +30,7 @@ from jointstiff.solver.mechanics.block import (
 )
 from jointstiff.solver.mechanics.measurements import Measurements, Scatter
 from jointstiff.solver.mechanics.springs import JOINTS
+from jointstiff.solver.mechanics.terms import list_stated_terms
 
 _REFITS: Final = 6
 """Largest number of Gauss-Newton steps towards a cause."""

@@ -39,7 +39,6 @@ from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
-from jointstiff.solver.fit.statements import list_stated_terms
 from jointstiff.solver.fit.triangle import (
     INDEPENDENT,
     orthonormal_basis,
@@ -52,6 +51,7 @@ from jointstiff.solver.mechanics.block import (
 )
 from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.springs import JOINTS
+from jointstiff.solver.mechanics.terms import list_stated_terms
 
 SCATTER_LEVEL: Final = 0.01
 """Significance level of the test for shared errors."""

@@ -38,12 +38,11 @@ from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationPro
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import solve
 from jointstiff.solver.fit.stages import Likelihood, student_quantile
-from jointstiff.solver.fit.statements import list_stated_terms
 from jointstiff.solver.fit.triangle import Triangle
 from jointstiff.solver.mechanics.block import BlockRows, Term, build_rows, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS, STRUCTURE
-from jointstiff.solver.mechanics.terms import FORCE_SCALE, LOAD_POINT
+from jointstiff.solver.mechanics.terms import FORCE_SCALE, LOAD_POINT, list_stated_terms
 
 STRUCTURE_LEVEL: Final = 0.05
 """Significance level of the test for structure that bends: of joints whose encoders see all, one campaign in

@@ -20,7 +20,6 @@ from scipy.optimize import brentq
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.evidence.scatter import RestrictedLikelihood
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.statements import list_stated_terms
 from jointstiff.solver.fit.triangle import (
     DISTINCT,
     INDEPENDENT,
@@ -32,6 +31,7 @@ from jointstiff.solver.fit.triangle import (
 from jointstiff.solver.mechanics.block import Term
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, JOINTS
+from jointstiff.solver.mechanics.terms import list_stated_terms
 
 MISTAKE_LEVEL: Final = 1e-5
 """Probability that noise alone makes the test of any cause, or of a bending base, significant."""

@@ -54,7 +54,7 @@ from jointstiff.solver.fit.stages import (
 )
 from jointstiff.solver.fit.statements import FittedStatements
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.text import round_down, stiffness_text
+from jointstiff.solver.text import lower_limit_texts
 
 RADIUS_TOLERANCE = 1e-11
 """Largest relative deviation of an interval end's squared distance from ρ² that is rounding."""
@@ -479,6 +479,11 @@ class JointCompliance:
     limit: str = ""  #: text of the lower limit of the stiffness, with which the reason begins; may be empty
 
     @property
+    def reason_without_limit(self) -> str | None:
+        """Reason without the words on the lower limit of the stiffness."""
+        return None if self.reason is None else self.reason.removeprefix(self.limit)
+
+    @property
     def stiffness(self) -> float | None:
         """Stiffness [N·m/rad]; None for a rigid joint and where the stiffness overflows."""
         return invert_compliance(self.compliance)
@@ -738,10 +743,11 @@ class Evidence:
         reasons = [self.explain_missing_stiffness(j) for j in range(len(self.names))]
         determined_joints = [j for j, reason in enumerate(reasons) if reason is None]
         intervals = self._compute_intervals(determined_joints)
+        limits = self._describe_lower_limits(intervals)
         results = []
         for j, why_missing in enumerate(reasons):
             if why_missing is None:
-                results.append(self.derive_joint_result(j, intervals.get(j)))
+                results.append(self.derive_joint_result(j, intervals.get(j), limits.get(j, "")))
             else:
                 kind = self.observability.kinds[j]
                 results.append(JointCompliance(self.names[j], kind, "not_observable", reason=why_missing))
@@ -778,7 +784,7 @@ class Evidence:
                 intervals[j] = self.profiles[j].join(ends[:, index])
         return intervals
 
-    def derive_joint_result(self, j: int, intervals: FloatArray | None) -> JointCompliance:
+    def derive_joint_result(self, j: int, intervals: FloatArray | None, limit: str) -> JointCompliance:
         """Return the result for a joint j whose compliance the readings determine.
 
         A joint at a constraint is "at_bound", a joint whose compliance may be zero "uncertain". The reason
@@ -788,11 +794,12 @@ class Evidence:
             j: index of the joint.
             intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
                 where sigma is unknown.
+            limit: text of the lower limit of the stiffness; empty if there is none.
         """
         name, uncertainty = self.names[j], self.uncertainty(j)
         status: Literal["identified", "uncertain", "at_bound"] = "identified"
         reasons = []
-        constraint = self.describe_active_constraint(j, intervals)
+        constraint = self.describe_active_constraint(j, limit)
         if constraint is not None:
             status = "at_bound"
             reasons.append(constraint)
@@ -800,7 +807,7 @@ class Evidence:
             reasons.append(_NO_UNCERTAINTY)
         elif uncertainty is not None and intervals[0, 0] <= 0.0 <= intervals[0, 1]:
             status = "uncertain"
-            reasons.append(self._explain_interval_with_zero(j, intervals, uncertainty))
+            reasons.append(self._explain_interval_with_zero(j, limit, uncertainty))
         prior_to_data = float(self.prior_to_data[j])
         if np.isinf(prior_to_data):
             reasons.append(
@@ -821,11 +828,11 @@ class Evidence:
             one_sided=one_sided,
             prior_to_data=None if np.isnan(prior_to_data) else prior_to_data,
             reason="; ".join(reasons) or None,
-            limit=self.describe_lower_limit(j, intervals),
+            limit=limit,
         )
 
-    def _explain_interval_with_zero(self, j: int, intervals: FloatArray, uncertainty: float) -> str:
-        """Return the sentence for a joint j whose compliance may be zero, with its intervals (2, 2).
+    def _explain_interval_with_zero(self, j: int, limit: str, uncertainty: float) -> str:
+        """Return the sentence for a joint j whose compliance may be zero, after the text of its lower limit.
 
         The standard uncertainty of the compliance is in rad/(N·m).
         """
@@ -834,7 +841,7 @@ class Evidence:
         if uncertainty >= abs(self.fit.compliance[j]):
             consequence = "exceeds the compliance itself"
         return (
-            f"{self.describe_lower_limit(j, intervals)}the standard uncertainty of the joint's "
+            f"{limit}the standard uncertainty of the joint's "
             f"compliance, {1e6 * uncertainty:.2g} {units.micro_compliance}, {consequence}: add "
             f"loads with more {units.load} {self.names[j]}"
         )
@@ -857,19 +864,18 @@ class Evidence:
         sigma = self.scale.sigma
         return None if sigma is None else sigma * float(np.sqrt(self.fit.covariance[j, j]))
 
-    def describe_active_constraint(self, j: int, intervals: FloatArray | None) -> str | None:
+    def describe_active_constraint(self, j: int, limit: str) -> str | None:
         """Return a sentence on the constraint that limits the compliance of joint j; None without one.
 
         Args:
             j: index of the joint.
-            intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
-                where sigma is unknown.
+            limit: text of the lower limit of the joint's stiffness; empty if there is none.
         """
         at_least_compliance, at_greatest_compliance = self.fit.active[j] == -1, self.fit.active[j] == 1
         is_at_bound = at_least_compliance or at_greatest_compliance
         if is_at_bound and self.fit.compliance[j] == 0.0:
-            limit = self.describe_lower_limit(j, intervals) or "the estimated compliance is zero: "
-            return f"{limit}these readings cannot distinguish the joint from a rigid joint"
+            beginning = limit or "the estimated compliance is zero: "
+            return f"{beginning}these readings cannot distinguish the joint from a rigid joint"
         if is_at_bound or self.fit.tied[j]:
             tied_names = ", ".join(self.names[other] for other in self._list_tied_joints(j))
             if tied_names:
@@ -895,24 +901,24 @@ class Evidence:
                 tied.append(second if first == j else first)
         return tied
 
-    def describe_lower_limit(self, j: int, intervals: FloatArray | None) -> str:
-        """Return the text of the lower limit of joint j's stiffness, as "stiffer than … at 95 %: ".
-
-        The text is empty if the stiffness has no lower limit.
+    def _describe_lower_limits(self, intervals: Mapping[int, FloatArray | None]) -> dict[int, str]:
+        """Return the text of the lower limit of the stiffness of each joint that has such a limit.
 
         Args:
-            j: index of the joint.
-            intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
-                where sigma is unknown.
+            intervals: (2, 2) two-sided interval, then one-sided bounds, of each joint's compliance
+                [rad/(N·m)]; None where a joint has none.
         """
-        if intervals is None:
-            return ""
-        _two_sided, one_sided_bounds = intervals
-        greatest_compliance = float(one_sided_bounds[1])
-        if greatest_compliance <= 0.0:
-            return ""
-        stiffness = stiffness_text(round_down(1.0 / greatest_compliance), self.observability.kinds[j])
-        return f"stiffer than {stiffness} at {100 * self.confidence:g} %: "
+        joints, compliances = list[int](), list[float]()
+        for j, intervals_of_joint in intervals.items():
+            if intervals_of_joint is None:
+                continue
+            _two_sided, one_sided_bounds = intervals_of_joint
+            greatest_compliance = float(one_sided_bounds[1])
+            if greatest_compliance > 0.0:
+                joints.append(j)
+                compliances.append(greatest_compliance)
+        kinds = [self.observability.kinds[j] for j in joints]
+        return dict(zip(joints, lower_limit_texts(compliances, kinds, self.confidence), strict=True))
 
     def explain_missing_stiffness(self, j: int) -> str | None:
         """Return the reason why joint j has no stiffness; None if joint j has a stiffness.

@@ -46,11 +46,11 @@ from jointstiff.solver.fit.stages import (
     fit_huber,
     fit_method,
 )
-from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
+from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
 from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS, complementary_stiffness
-from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS
+from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS
+from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS, list_stated_terms
 
 MAX_ITERATIONS: Final = 60
 """Maximum number of fits: with K_c alone two or three suffice, with stated errors five to fifteen."""
@@ -208,7 +208,7 @@ def _find_characteristic_length(rows: Rows, settings: Settings, observability: O
 
 def _find_largest_stiffness(rows: Rows) -> FloatArray:
     """Return the greatest |K_c,ij| (n, n) over the observations, in the unloaded postures [N·m/rad]."""
-    largest = [np.abs(complementary_stiffness(block)).max(axis=0) for block in rows.generate_blocks()]
+    largest = [np.abs(block.complementary_stiffness).max(axis=0) for block in rows.generate_blocks()]
     return np.asarray(np.max(largest, axis=0))
 
 

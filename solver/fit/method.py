@@ -424,8 +424,11 @@ class MethodRows:
         sums.readings.rows -= fitted_errors(rows.measurements).determined
         sigma = statements.sigma
         all_readings = _project_out_stated_errors(sums.readings, K, sigma)
-        fitted = [sums.readings] if method.is_plain else sums.fitted
-        stages = [_project_out_stated_errors(triangle, K, sigma) for triangle in fitted]
+        if method.is_plain:  # the method fits all readings as they are
+            fitted, stages = [sums.readings], [all_readings]
+        else:
+            fitted = sums.fitted
+            stages = [_project_out_stated_errors(triangle, K, sigma) for triangle in fitted]
         rows_of_statements = np.eye(n + K)[n:] * sigma  # each error is 0 ± 1
         return cls(
             method=method,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +28,8 @@ from jointstiff.solver.mechanics.robot import Robot
 class Rows:
     """Readings of N observations as rows of least-squares problems, at one linearisation.
 
-    Kinematics and columns of small sets are computed once and kept; those of large sets are computed block by
-    block, so that memory stays flat.
+    Kinematics and columns of sets of one block are computed once and kept; those of large sets are computed
+    block by block, so that memory stays flat.
     """
 
     robot: Robot  #: n joints
@@ -39,7 +41,11 @@ class Rows:
     independent: Measurements | None = None  #: the same readings before they got other sizes of shared errors
 
     def __len__(self) -> int:
-        return len(self.measurements)
+        return len(self.measurements.joints)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: the fields alone, as another process computes the kinematics again."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def __getitem__(self, observations: IndexArray | slice) -> Rows:
         """Return the rows of some observations."""
@@ -47,6 +53,8 @@ class Rows:
 
     def at(self, balanced: FloatArray | None) -> Rows:
         """Return the rows with the loads in balance at other compliances (n,) [rad/(N·m)]."""
+        if balanced is None and self.balanced is None:
+            return self
         return Rows(self.robot, self.measurements, balanced, independent=self.independent)
 
     def of(self, measurements: Measurements) -> Rows:
@@ -69,9 +77,11 @@ class Rows:
 
     def select_evenly(self, most: int) -> Rows:
         """Return the rows of at most so many observations, evenly spread over the set."""
+        if len(self) <= most:
+            return self
         return self.of(self.measurements.select_evenly(most))
 
-    @property
+    @cached_property
     def block(self) -> RegressorBlock:
         """Kinematics and regressors of all observations.
 

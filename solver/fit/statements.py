@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -16,9 +17,8 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.mechanics.block import BlockRows, Term, fitted_errors
-from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
-from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS
+from jointstiff.solver.mechanics.block import BlockRows, Term
+from jointstiff.solver.mechanics.measurements import CommonUncertainty
 
 LEAST_STATED_SIGMA: Final = 1e-8
 """Least sigma [m] by which statements are weighted: exact readings would make their rows vanish."""
@@ -77,10 +77,18 @@ class Statements:
             before: terms of the columns A, whose unknowns keep their own units.
             whitened: whether the rows are scaled, so that the noise of each row has variance sigma².
         """
+        if not self.terms:  # all unknowns keep their own units
+            yield from rows.generate(before, self.compliance, whitened=whitened)
+            return
         terms = [*before, *self.terms]
         for block_rows in rows.generate(terms, self.compliance, whitened=whitened):
             units = self._list_units(block_rows.widths)
             yield block_rows.scale(units)
+
+    @cached_property
+    def _uncertainties(self) -> dict[str, tuple[float, ...]]:
+        """Standard uncertainties of the unknowns of each term, by the term's name."""
+        return {term.name: term.prior(self.common) for term in self.terms}
 
     def _list_units(self, widths: Mapping[str, int]) -> FloatArray:
         """Return the unit of each unknown: its standard uncertainty if its term is among these, else 1.
@@ -88,10 +96,9 @@ class Statements:
         `widths` has the number of unknowns of each term by the term's name, K together. The result (K + 1,)
         ends with 1 for the column of readings.
         """
-        uncertainties = {term.name: term.prior(self.common) for term in self.terms}
         units = list[FloatArray]()
         for name, width in widths.items():
-            uncertainty_of_term = uncertainties.get(name, (1.0,))
+            uncertainty_of_term = self._uncertainties.get(name, (1.0,))
             units.append(np.resize(uncertainty_of_term, width))  # repeated over the term's unknowns
         return np.concatenate([*units, np.ones(1)])
 
@@ -144,19 +151,3 @@ class FittedStatements:
         before_errors = rows[..., : -1 - len(self.unknowns)]
         remaining_readings = rows[..., -1] - self._move(rows)
         return np.concatenate([before_errors, remaining_readings[..., None]], axis=-1)
-
-
-def list_stated_terms(measurements: Measurements) -> tuple[Term, ...]:
-    """List the systematic errors that are fitted together with the compliances.
-
-    These are the errors whose standard uncertainty is stated. Left out are errors that an earlier fit has
-    already estimated, and the common scale of all loads: readings cannot distinguish it from the compliances.
-    """
-    left_out = {FORCE_SCALE.name}
-    left_out.update(term.name for term in fitted_errors(measurements).terms)
-    stated_terms = list[Term]()
-    for term in TERMS.values():
-        uncertainties = term.prior(measurements.common_uncertainty)  # of its unknowns; 0 where not stated
-        if any(uncertainties) and term.name not in left_out:
-            stated_terms.append(term)
-    return tuple(stated_terms)

@@ -208,7 +208,7 @@ class Triangle:
         scaled_R[:, columns] *= uncertainty  # each unknown in units of its standard uncertainty
         further_rows = np.zeros((len(columns), self.R.shape[1]))
         further_rows[np.arange(len(columns)), columns] = sigma
-        all_rows = np.concatenate([scaled_R, compute_triangular_factor(further_rows)])
+        all_rows = np.concatenate([scaled_R, further_rows])
         with_statements = copy(self)
         with_statements.R = compute_triangular_factor(all_rows)
         return with_statements

@@ -18,6 +18,8 @@ _UNKNOWNS: Final = 2
 """Unknowns of a joint that is read from both sides: compliance and offset."""
 _UPPER: Final = 0.975
 """Probability below the upper end of an interval of 95 %."""
+_ROUNDING: Final = 1e-9
+"""Torque of a joint, relative to the greatest torque of all joints, that counts as rounding."""
 _OFFSET: Final = 1e-3
 """Standard uncertainty of the offset of a joint between the states, before any reading [rad]."""
 
@@ -45,6 +47,8 @@ class PlannedStepRows:
         """
         positions = self.robot.joint_map.model_angles(joints)
         all_torques = compute_holding_torques(self.robot, positions, self.load, self.gravity)
+        greatest = np.abs(all_torques[0]).max(initial=0.0)
+        all_torques[0][np.abs(all_torques[0]) < _ROUNDING * greatest] = 0.0
         torques = np.moveaxis(all_torques[:, :, self.joints], 0, 2)  # (N, J, 4)
         load = self.load
         uncertainties = np.array([load.mass_uncertainty / load.mass, *[load.point_uncertainty] * PLACE])

@@ -14,10 +14,10 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.design.optimum import AOptimality, compute_uncertainties
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.statements import Statements, list_stated_terms
+from jointstiff.solver.fit.statements import Statements
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.terms import DRIFT
+from jointstiff.solver.mechanics.terms import DRIFT, list_stated_terms
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from jointstiff.schemas.plan import DecisionGoal, Goal, JointsGoal
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import Equipment
-from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.scatter import Posterior
 from jointstiff.solver.fit.estimate import stiffness_interval
@@ -312,11 +312,18 @@ class Progress:
 
     @cached_property
     def _present_candidates(self) -> CandidateReadings:
-        """Candidate readings with the hook of the last reading: whoever moves the hook goes on with it."""
+        """Candidate readings with the hook of the last reading: whoever moves the hook goes on with it.
+
+        The hook is the declared one if no further reading is feasible with that of the last reading, which is
+        then hardly where the reading states it.
+        """
         m = self.so_far.measurements
         if m is None or self.weight is not None:
             return self.candidates
-        return self.candidates.with_load_point(m.load_point[-1])
+        try:
+            return self.candidates.with_load_point(m.load_point[-1])
+        except RequestError:
+            return self.candidates
 
     def _choose_next(
         self, candidates: CandidateReadings, present_posture: FloatArray | None

@@ -113,6 +113,17 @@ class LoadedJoints:
     softened: FloatArray
 
     @classmethod
+    def of_block(cls, block: RegressorBlock, compliance: FloatArray) -> LoadedJoints:
+        """Return the joints in the configurations of a block, whose torques are known, without own weight.
+
+        Raises:
+            CasesError: a load has no equilibrium, as it softens a joint completely.
+        """
+        stiffness = block.complementary_stiffness
+        softened = _invert_softening(compliance[:, None] * stiffness)
+        return cls(block.postures, block.torque, stiffness, softened)
+
+    @classmethod
     def compute(
         cls,
         robot: Robot,
@@ -401,6 +412,17 @@ class RegressorBlock:
         return target_motions, wrench[:, :, 0], to_load_point
 
     @cached_property
+    def complementary_stiffness(self) -> FloatArray:
+        """Complementary stiffness ``K_c,jk = ∂τ_j/∂θ_k`` (B, n, n) in these configurations [N·m/rad].
+
+        a_j and o_j are axis and origin of joint j, p_W the load point, F and M force and moment. With
+        v_j = a_j × (p_W − o_j), a joint k before j turns a_j and v_j, and a joint k after j moves p_W by v_k:
+        ``K_c,jk = F · (a_min(j,k) × v_max(j,k)) + [k < j] M · (a_k × a_j)``.
+        """
+        loads, axes = self.measurements, self.postures.angular_jacobian
+        return wrench_stiffness(axes, self.load_jacobian, loads.force, loads.moment)
+
+    @cached_property
     def shared_motion(self) -> tuple[FloatArray, FloatArray]:
         """Compute the motion of the targets by errors that all T targets of each of B postures share.
 
@@ -563,13 +585,17 @@ def get_whole_block(
     Raises:
         SolverError: a load has no equilibrium with joints of this compliance.
     """
-    is_large = len(measurements) > _MOST_CACHED_OBSERVATIONS
-    if is_large:
+    if _is_large(measurements):
         return _compute_block(robot, measurements, compliance)
     hashable = None if compliance is None else tuple(compliance.tolist())
     if independent is None:
         return _get_cached_block(robot, measurements, hashable)
     return _get_cached_block_with_shared_errors(robot, measurements, hashable, independent)
+
+
+def _is_large(measurements: Measurements) -> bool:
+    """Return whether a set is too large for the blocks that are cached."""
+    return len(measurements) > _MOST_CACHED_OBSERVATIONS
 
 
 @lru_cache(maxsize=_BLOCKS_CACHED)
@@ -594,8 +620,7 @@ def _get_cached_block_with_shared_errors(
 
 def unloaded_postures(robot: Robot, measurements: Measurements) -> Postures:
     """Return the kinematics of the unloaded configurations of a set; kinematics of small sets are cached."""
-    is_large = len(measurements) > _MOST_CACHED_OBSERVATIONS
-    if is_large:
+    if _is_large(measurements):
         return Postures(robot, robot.joint_map.model_angles(measurements.joints))
     return get_whole_block(robot, measurements).postures
 
@@ -625,9 +650,11 @@ def _compute_block(robot: Robot, part: Measurements, compliance: FloatArray | No
     if compliance is None:
         postures = Postures(robot, robot.joint_map.model_angles(part.joints))
         return unloaded_block(robot, postures, part)
-    unloaded = unloaded_postures(robot, part)
+    unloaded, start = unloaded_postures(robot, part), None
     try:
-        equilibrium = find_balance(robot, compliance, part, None, unloaded)
+        if not _is_large(part):  # Newton's method starts from torques that do not depend on the compliances
+            start = LoadedJoints.of_block(get_whole_block(robot, part), compliance)
+        equilibrium = find_balance(robot, compliance, part, None, unloaded, start)
     except RequestError:
         raise SolverError(
             "with joints as soft as these, there is no equilibrium under the load near the unloaded posture",

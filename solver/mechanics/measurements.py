@@ -10,6 +10,7 @@ of sight and grows with the distance.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -307,6 +308,16 @@ LEAST_OF_GROUND: Final[dict[str, float]] = {"tracker": 1e-3, "drawing": 3e-3, "h
 """Least standard uncertainty of each coordinate of a load point [m], by how the point is known."""
 ASSUMED_FORCE_SCALE: Final = 0.01
 """Relative standard uncertainty of all forces and moments without a stated uncertainty."""
+FORCE_BEYOND_PULLEY: Final = 0.95
+"""Force at the hook over the force measured beyond a pulley, whose friction takes 5 ± 3 % of it."""
+PULLEY_SCALE: Final = 0.03 / FORCE_BEYOND_PULLEY
+"""Relative standard uncertainty of the force at the hook, if it is measured beyond a pulley."""
+CATALOGUE_SCALE: Final = 0.03
+"""Least relative standard uncertainty of a weight by its catalogue: a casting is within some 5 % of it."""
+ROPE_ZERO_OF_CELL: Final = 60.0 / math.sqrt(3.0)
+"""Standard uncertainty of the zero of a cell in the rope [N]: it is within 60 N, each value as probable."""
+ROPE_ZERO_IF_TARED: Final = 2.0
+"""Standard uncertainty of the zero of a cell in the rope that was tared before each reading [N]."""
 ASSUMED_LIVE_DRIFT: Final = 1e-6
 """Standard uncertainty of the drift from one observation to the next [m] that live campaigns assume, which is
 20 µm over 20 observations."""
@@ -326,6 +337,8 @@ class CommonUncertainty:
 
     scale: float = 0.0  #: standard uncertainty of ε, dimensionless
     direction: float = 0.0  #: standard uncertainty of each component of φ [rad]
+    #: standard uncertainty of a force along each rope, one for all loads: the zero of a load cell [N]
+    rope_zero: float = 0.0
     load_point: float = 0.0  #: standard uncertainty of each coordinate of the load point [m]
     #: standard uncertainty of each coordinate of a target's place, independent of other targets [m]
     target_places: float = 0.0
@@ -356,6 +369,7 @@ class CommonUncertainty:
         value_of_field = {
             "force.scale": self.scale,
             "force.direction": self.direction,
+            "force.zero": self.rope_zero,
             "load_point": self.load_point,
             "target_places": self.target_places,
             "axes.position": self.axis_position,

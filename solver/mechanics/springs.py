@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.mechanics.block import Motion, RegressorBlock, Term, wrench_stiffness
+from jointstiff.solver.mechanics.block import Motion, RegressorBlock, Term
 
 
 def _bend_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
@@ -126,20 +126,6 @@ def build_links_term(frames: tuple[int, ...]) -> Term:
     return Term("links", "m/N, rad/(N·m)", partial(_bend_links, frames))
 
 
-def complementary_stiffness(block: RegressorBlock) -> FloatArray:
-    """Return the complementary stiffness ``K_c,jk = ∂τ_j/∂θ_k`` in the configurations of the block.
-
-    a_j and o_j are axis and origin of joint j, p_W the load point, F and M force and moment. With
-    v_j = a_j × (p_W − o_j), a joint k before j turns a_j and v_j, and a joint k after j moves p_W by v_k:
-    ``K_c,jk = F · (a_min(j,k) × v_max(j,k)) + [k < j] M · (a_k × a_j)``.
-
-    Returns:
-        K_c (B, n, n) [N·m/rad].
-    """
-    measurements, axes = block.measurements, block.postures.angular_jacobian
-    return wrench_stiffness(axes, block.load_jacobian, measurements.force, measurements.moment)
-
-
 def _compute_neglected_motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Return the motion that the linear model neglects, ``e = (A(c) − A) c``, in unloaded configurations.
 
@@ -148,7 +134,7 @@ def _compute_neglected_motion(block: RegressorBlock, compliance: FloatArray) -> 
     ``e = J diag(c) K_c δθ + Σ_k Ω_k × J_k δθ_k``.
     """
     joint_turns = compliance * block.torque  # δθ (B, n)
-    stiffness_turns = compliance * np.einsum("bjk,bk->bj", complementary_stiffness(block), joint_turns)
+    stiffness_turns = compliance * np.einsum("bjk,bk->bj", block.complementary_stiffness, joint_turns)
     turns = block.postures.angular_jacobian * joint_turns[:, None]
     axis_turns = np.cumsum(turns, axis=2) - 0.5 * turns  # Ω_k
     # For readings along a direction, the block's Jacobian has that component only: compute all of it.

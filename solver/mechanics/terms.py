@@ -20,6 +20,7 @@ from jointstiff.solver.mechanics.block import (
     Motion,
     RegressorBlock,
     Term,
+    fitted_errors,
     move_by_torque,
     unloaded_postures,
 )
@@ -162,6 +163,7 @@ ROPE_ZERO = Term(
     "rope_zero",
     "N",
     _add_rope_force,
+    partial(_read_uncertainties, ("rope_zero",)),
     suspected=True,
     change_loads=_load_along_ropes,
     words="a force of {} along the rope added to every load",
@@ -548,3 +550,19 @@ TERMS: Final[dict[str, Term]] = {
     )
 }
 """Errors by name. A budget lists an error if the readings state its uncertainty."""
+
+
+def list_stated_terms(measurements: Measurements) -> tuple[Term, ...]:
+    """List the systematic errors that are fitted together with the compliances.
+
+    These are the errors whose standard uncertainty is stated. Left out are errors that an earlier fit has
+    already estimated, and the common scale of all loads: readings cannot distinguish it from the compliances.
+    """
+    left_out = {FORCE_SCALE.name}
+    left_out.update(term.name for term in fitted_errors(measurements).terms)
+    stated_terms = list[Term]()
+    for term in TERMS.values():
+        uncertainties = term.prior(measurements.common_uncertainty)  # of its unknowns; 0 where not stated
+        if any(uncertainties) and term.name not in left_out:
+            stated_terms.append(term)
+    return tuple(stated_terms)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -63,7 +63,7 @@ def build_run_result(
     """
     return RunResult(
         assessment=build_assessment_message(assessment, numbers.joints),
-        joints=list(build_joint_results(assessment, numbers.joints)),
+        joints=build_joint_results(assessment, numbers.joints),
         compensation=numbers.compensation,
         rms_residual=numbers.rms_residual,
         sigma=numbers.sigma,
@@ -145,32 +145,30 @@ def _list_warnings(found: Found, assessment: Assessment, noticed: Sequence[Findi
     return [finding for finding in noticed if finding.code != "residual_outlier"]
 
 
-def build_joint_results(
-    assessment: Assessment, joints: Sequence[JointCompliance]
-) -> Iterator[runs.JointResult]:
-    """Yield the message of each joint's result.
+def build_joint_results(assessment: Assessment, joints: Sequence[JointCompliance]) -> list[runs.JointResult]:
+    """Build the message of each joint's result.
 
     If the assessment says not to use the result, the reason does not state the lower limit of the stiffness.
     """
+    reasons = [joint.reason for joint in joints]
     limit_is_meaningless = assessment.verdict == "do_not_use"
-    for joint, verdict in zip(joints, assessment.joints, strict=True):
-        reason = joint.reason
-        if reason is not None and limit_is_meaningless:
-            reason = reason.removeprefix(joint.limit)  # the reason begins with the limit in words
-        yield runs.JointResult(
-            name=joint.name,
-            kind=joint.kind,
-            status=joint.status,
-            verdict=verdict,
-            compliance=joint.compliance,
-            stiffness=joint.stiffness,
-            standard_uncertainty=joint.standard_uncertainty,
-            compliance_interval=joint.compliance_interval,
-            stiffness_interval=joint.stiffness_interval,
-            stiffness_at_least=joint.stiffness_at_least,
-            prior_to_data=finite_or_none(joint.prior_to_data),
-            reason=reason,
-        )
+    if limit_is_meaningless:
+        reasons = [joint.reason_without_limit for joint in joints]
+    return build_messages(
+        runs.JointResult,
+        name=[joint.name for joint in joints],
+        kind=[joint.kind for joint in joints],
+        status=[joint.status for joint in joints],
+        verdict=assessment.joints,
+        compliance=[joint.compliance for joint in joints],
+        stiffness=[joint.stiffness for joint in joints],
+        standard_uncertainty=[joint.standard_uncertainty for joint in joints],
+        compliance_interval=[joint.compliance_interval for joint in joints],
+        stiffness_interval=[joint.stiffness_interval for joint in joints],
+        stiffness_at_least=[joint.stiffness_at_least for joint in joints],
+        prior_to_data=[joint.prior_to_data for joint in joints],
+        reason=reasons,
+    )
 
 
 def build_assessment_message(assessment: Assessment, joints: Sequence[JointCompliance]) -> StatedAssessment:

@@ -36,7 +36,7 @@ from jointstiff.solver.fit.estimate import JointCompliance
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import Certificate
 from jointstiff.solver.fit.stages import student_quantile
-from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements, list_stated_terms
+from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
 from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.geometry.poses import (
     PoseReadings,
@@ -48,7 +48,7 @@ from jointstiff.solver.geometry.poses import (
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Body, Robot
 from jointstiff.solver.mechanics.springs import JOINTS
-from jointstiff.solver.mechanics.terms import FORCE_SCALE
+from jointstiff.solver.mechanics.terms import FORCE_SCALE, list_stated_terms
 from jointstiff.solver.outcome.rules import report_no_identified_joint
 from jointstiff.solver.own_weight.masses import (
     find_contradicted_mass,

@@ -29,7 +29,7 @@ from jointstiff.solver.fit.cone import Block
 from jointstiff.solver.fit.conic import MassCones
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
-from jointstiff.solver.fit.statements import Statements, list_stated_terms
+from jointstiff.solver.fit.statements import Statements
 from jointstiff.solver.geometry.poses import (
     Motion,
     PoseReadings,
@@ -43,7 +43,7 @@ from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, Term
 from jointstiff.solver.mechanics.measurements import Measurements, check_array
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, Robot
-from jointstiff.solver.mechanics.terms import AXES, FORCE_SCALE, TARGET_PLACES
+from jointstiff.solver.mechanics.terms import AXES, FORCE_SCALE, TARGET_PLACES, list_stated_terms
 
 _GEOMETRY: Final = 0.01
 """Prior standard uncertainty of axes and targets [m and rad]: that of a nominal arm."""

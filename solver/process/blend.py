@@ -25,8 +25,8 @@ _LENGTHS: Final = (0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.016, 0.024)
 """Lengths over which a correction may change [m], in the order in which they are tried."""
 _AIM: Final = 0.99
 """Part of a limit up to which a line is not too fast: on a part of the line joints are a bit faster."""
-_OWN: Final = 0.02
-"""Motion by the correction alone, relative to the limit, up to which the correction is not the cause."""
+UNBLENDED: Final = 0.02
+"""Motion by the correction alone, relative to the limit, up to which the correction is not blended."""
 _FASTER: Final = 1.05
 """Motion of a corrected line, relative to the wanted one, where this alone is too fast."""
 _TURNED: Final = 0.01
@@ -236,7 +236,7 @@ class _Blending:
         limits = self._limits * steps[:, None]
         wanted = self._wanted * (steps / np.where(moves, self._steps, 1.0))[:, None]
         allowed = np.where(wanted > limits, _FASTER * wanted, _AIM * limits)
-        is_fast = (motion > allowed) & (motion - wanted > _OWN * limits)
+        is_fast = (motion > allowed) & (motion - wanted > UNBLENDED * limits)
         return np.asarray(is_fast.any(axis=1) & moves)
 
     def _average(self, lengths: FloatArray) -> LoadCases:

@@ -33,6 +33,7 @@ class Inspection:
     """Needs of a motion along a path of m points, on the line to each point."""
 
     motion: FloatArray  #: (m, n) greatest motion of each of the model's joints for a length [rad/m or m/m]
+    added: FloatArray  #: (m, n) what the correction adds to it, unless it is blended [rad/m or m/m]
     turn: FloatArray  #: (m,) turn about the spindle for a length [rad/m]
     beyond: (
         BoolArray  #: (m,) mask: a joint is beyond its limits, the arm near a singularity, or a line is left
@@ -64,6 +65,12 @@ class Inspector:
         regularity = compute_regularity(self.inverse, Postures(self.model.robot, angles))
         free = np.isnan(path.given[:, 0])
         beyond = ~self._are_within(angles) | (np.abs(regularity) < self.clearance)
+        added = np.zeros_like(angles)
+        if self.corrects:
+            corrected = self._correct(angles)
+            corrected_regularity = compute_regularity(self.inverse, corrected)
+            beyond |= ~self._are_within(corrected.q) | (np.abs(corrected_regularity) < self.clearance)
+            added = self._find_added(angles, corrected)
         beyond &= free
         rests = np.flatnonzero(path.continuous[1:] & (path.steps[1:] == 0.0)) + 1
         beyond[rests] |= np.abs(angles[rests] - angles[rests - 1]).max(axis=1, initial=0.0) > _RESTS
@@ -79,21 +86,34 @@ class Inspector:
             motion[np.ix_(lines, self.inverse.revolute)] = needed
             crossed = np.sign(regularity[lines]) != np.sign(regularity[lines - 1])
             beyond[lines] |= (is_left | crossed) & free[lines] & free[lines - 1]
-        return Inspection(motion, turned, beyond)
+        return Inspection(motion, added, turned, beyond)
 
     def _are_within(self, angles: FloatArray) -> BoolArray:
-        """Return a mask (m,) of points whose postures keep the limits; if corrected, the clearance, too."""
+        """Return a mask (m,) of points whose joints (m, n) keep their limits."""
+        low, high = self.model.robot.limits.T
+        return np.asarray(((angles >= low) & (angles <= high)).all(axis=1))
+
+    def _correct(self, angles: FloatArray) -> Postures:
+        """Return the m corrected postures, with which the tool under load is where angles (m, n) place it."""
         robot, path = self.model.robot, self.path
-        low, high = robot.limits.T
-        within = ((angles >= low) & (angles <= high)).all(axis=1)
-        if self.corrects:
-            cases = path.cases(np.arange(len(path)), robot.joint_map.controller_angles(angles))
-            goal = Postures(robot, angles)
-            commanded = self.model.compute_commands(cases, goal, np.ones(len(path)))
-            within &= ((commanded >= low) & (commanded <= high)).all(axis=1)
-            regularity = compute_regularity(self.inverse, Postures(robot, commanded))
-            within &= np.abs(regularity) >= self.clearance
-        return np.asarray(within)
+        cases = path.cases(np.arange(len(path)), robot.joint_map.controller_angles(angles))
+        commanded = self.model.compute_commands(cases, Postures(robot, angles), np.ones(len(path)))
+        return Postures(robot, commanded)
+
+    def _find_added(self, angles: FloatArray, corrected: Postures) -> FloatArray:
+        """Return what the correction adds to the mean motion (m, n) for a length of each line [rad/m or m/m].
+
+        The controller leads the tool at the same feed along the corrected line, which is longer or shorter.
+        """
+        path = self.path
+        centres = corrected.to_base(path.place[:, None])[:, 0]
+        lengths = np.append(0.0, np.linalg.norm(np.diff(centres, axis=0), axis=1))
+        lines = np.flatnonzero((path.steps > 0.0) & (lengths > 0.0))
+        motion = np.abs(angles[lines] - angles[lines - 1]) / path.steps[lines, None]
+        corrected_motion = np.abs(corrected.q[lines] - corrected.q[lines - 1]) / lengths[lines, None]
+        added = np.zeros_like(angles)
+        added[lines] = np.maximum(corrected_motion - motion, 0.0)
+        return added
 
     @cached_property
     def _parts(self) -> IndexArray:

@@ -34,6 +34,8 @@ _SPREAD: Final = 1.2
 """Distance of the spline's knots, relative to that of the knots of the choice."""
 _ROUNDS, _ROUNDS_AGAIN = 5, 3
 """Programs, each about the turn of the one before: of a first turn, and of one whose limits were lowered."""
+_ROUNDS_TO_COMPARE: Final = 2
+"""Programs after which two routes are compared: the better one then needs `_ROUNDS_AGAIN` more."""
 _STEP: Final = float(np.radians(2.0))
 """Turn by which a parabola is stated [rad]."""
 _TRUST: Final = float(np.radians(15.0))
@@ -94,6 +96,9 @@ class SmoothTurn:
 
     turn: FloatArray  #: (m,) turn about the spindle axis [rad]
     angles: FloatArray  #: (m, 6) start of the search for the arm's joints [rad]
+    size: (
+        float  #: root mean square, or greatest, of the deflections at places, to first order in the load [m]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +130,23 @@ class TurnSmoother:
             parts: parts of the limits that may be used.
             again: whether the start is a smooth turn, which exceeds limits by little.
         """
+        trust, rounds = (_TRUST_AGAIN, _ROUNDS_AGAIN) if again else (_TRUST, _ROUNDS)
+        return self._improve(turn, angles, roughness, parts, trust, rounds)
+
+    def begin(self, turn: FloatArray, angles: FloatArray) -> SmoothTurn | None:
+        """Return a smooth turn near another after the first programs alone; None if none is found.
+
+        Args:
+            turn: (m,) turns where the search starts, without jumps along a line [rad].
+            angles: (m, 6) the arm's joints there [rad].
+        """
+        parts = Parts.full(len(self.path))
+        return self._improve(turn, angles, ROUGHNESS[0], parts, _TRUST, _ROUNDS_TO_COMPARE)
+
+    def _improve(
+        self, turn: FloatArray, angles: FloatArray, roughness: float, parts: Parts, trust: float, rounds: int
+    ) -> SmoothTurn | None:
+        """Solve programs, each about the turn of the one before and with half of its trust [rad]."""
         from jointstiff.solver.fit.programs import solve_turns
 
         places = self._places
@@ -132,8 +154,8 @@ class TurnSmoother:
         q, reached = self.inverse.refine(places.turn(np.arange(len(places)), here), self._between(angles))
         if not reached.all():
             return None
-        trust, found = _TRUST_AGAIN if again else _TRUST, False
-        for _ in range(_ROUNDS_AGAIN if again else _ROUNDS):
+        found = False
+        for _ in range(rounds):
             program = self._state(turn, here, q, roughness, parts, trust)
             x = None if program is None else solve_turns(program, greatest=self.greatest)
             if x is None and (found or trust > _MOST_TRUST):
@@ -156,7 +178,14 @@ class TurnSmoother:
         if not found:
             return None
         shift = self._at_points(q - self._between(angles))
-        return SmoothTurn(self._snap(turn), angles + shift)
+        return SmoothTurn(self._snap(turn), angles + shift, self._measure(q))
+
+    def _measure(self, q: FloatArray) -> float:
+        """Return the deflection of joints q (k, 6) at the places, to first order in the load [m]."""
+        sizes = self._sizes(q)
+        if self.greatest:
+            return float(sizes[self._weights > 0.0].max())
+        return float(np.sqrt(self._weights @ np.square(sizes)))
 
     def _snap(self, turn: FloatArray) -> FloatArray:
         """Return turns (m,) whose ends of the range are exact: a program's tolerance misses them."""

@@ -18,7 +18,7 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.forward import ForwardModel
-from jointstiff.solver.process.blend import find_corners
+from jointstiff.solver.process.blend import UNBLENDED, find_corners
 from jointstiff.solver.process.candidates import CLEARANCE_ROOM, Candidates, keep_room, list_candidates
 from jointstiff.solver.process.inspection import Inspection, Inspector
 from jointstiff.solver.process.knots import find_knots, find_spacing
@@ -26,7 +26,7 @@ from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import ProcessPath
 from jointstiff.solver.process.roll import steady_roll, wrap_turns
 from jointstiff.solver.process.sequence import LineLimits, Trellis
-from jointstiff.solver.process.smooth import ROUGHNESS, Parts, TurnSmoother
+from jointstiff.solver.process.smooth import ROUGHNESS, Parts, SmoothTurn, TurnSmoother
 
 NO_GAIN: Final = 0.02
 """Relative difference of the fixed turns' deflections up to which turning gains nothing."""
@@ -40,8 +40,14 @@ _DIGITS: Final = 10
 """Decimal places of squares relative to their mean that are compared."""
 _KEPT: Final = 1.0 + 1e-6
 """Part of a limit that counts as kept: rounding."""
+_NEARLY_KEPT: Final = _KEPT + UNBLENDED
+"""Need, relative to a limit, of a motion that would keep the limit without a correction."""
 _DOUBT: Final = 1.01
 """Relative error of the deflection at the knots: fixed turns within it are compared at all points."""
+_FAR: Final = float(np.radians(45.0))
+"""Difference of two turns beyond which they belong to different routes [rad]."""
+_NEAR_BEST: Final = 1.03
+"""Deflection of another route at the knots, relative to the best one's, up to which smooth turns decide."""
 _ATTEMPTS: Final = 4
 """Smooth turns of one roughness that are tried, each with lower limits where the one before exceeds them."""
 _MOST_FIXED: Final = 8
@@ -106,7 +112,7 @@ class TurnedMotion:
     turn: FloatArray  #: (m,) turn about the spindle axis [rad]
     size: float  #: root mean square, or greatest, of the exact deflections under load [m]
     inspection: Inspection
-    excess: float  #: greatest need of speed or rate, relative to its limit
+    excess: float  #: greatest need of speed or rate, also as corrected, relative to its limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,6 +252,26 @@ class Lattice:
         """Return the candidates (k,) of the sequence with the least deflection; None if there is none."""
         return self._find(self.trellis, self.value)
 
+    def find_other(self, sequence: IndexArray) -> IndexArray | None:
+        """Return the best sequence (k,) whose turn halfway is far from that of another one; None without any.
+
+        Sequences that lead round the spindle on different sides are nearly as good as each other. Which of
+        them is the best at the knots depends on where the knots are.
+        """
+        candidates, lengths = self.trellis.candidates, self.path.lengths
+        halfway = int(np.argmin(np.abs(lengths - 0.5 * lengths[-1])))
+        turns = np.where(candidates.turn < 0, 0.0, self.task.angles[candidates.turn])
+        difference = turns - turns[sequence[halfway]]
+        if self.task.closed:
+            difference = np.remainder(difference + np.pi, 2.0 * np.pi) - np.pi
+        is_halfway = candidates.point == halfway
+        is_far = np.abs(difference) > _FAR
+        if not (is_halfway & is_far).any():
+            return None
+        kept = ~is_halfway | is_far
+        found = self._find(self.trellis.restrict(kept), self.value[kept])
+        return None if found is None else np.asarray(np.flatnonzero(kept)[found])
+
     def find_fixed(self) -> dict[int, IndexArray]:
         """Return the candidates (k,) of the best sequence of each fixed turn, by the turn's index."""
         candidates, found = self.trellis.candidates, dict[int, IndexArray]()
@@ -305,6 +331,15 @@ def _compute_values(candidates: Candidates, weights: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
+class _Start:
+    """Start of a smooth turn along a path of m points."""
+
+    turn: FloatArray  # (m,) turns, without jumps along a line [rad]
+    angles: FloatArray  # (m, 6) the arm's joints there [rad]
+    is_smooth: bool = False  # whether it is a smooth turn already
+
+
+@dataclass(frozen=True, eq=False)
 class _Choice:
     """The choice of a motion along a path, from the sequences of a lattice."""
 
@@ -326,14 +361,17 @@ class _Choice:
         sizes = {k: self.lattice.measure(each) for k, each in fixed_sequences.items()}
         free = self.lattice.find_free() if len(self.task.angles) > 1 else None
         motions = list[TurnedMotion]()
-        if free is not None and self._may_gain(free, sizes):
-            motions += self._smooth(*self._expand(self.lattice.turns(free), free))
+        for start in self._list_starts(free, sizes):
+            motions += self._smooth(start)
+            if motions:
+                break
         best = min((each.size for each in motions if each.excess <= _KEPT), default=np.inf)
         followed = self._follow_fixed(fixed_sequences, sizes, best)
-        legal = {k: each for k, each in followed.items() if each.excess <= _KEPT}
-        if not any(each.excess <= _KEPT for each in motions) and legal and len(self.task.angles) > 1:
-            start = min(legal.values(), key=lambda each: each.size)
-            motions += self._smooth(start.turn, self.inverse.select_arm_joints(start.angles))
+        nearly = [each for each in followed.values() if each.excess <= _NEARLY_KEPT]
+        if not any(each.excess <= _KEPT for each in motions) and nearly and len(self.task.angles) > 1:
+            best_fixed = min(nearly, key=lambda each: each.size)
+            arm = self.inverse.select_arm_joints(best_fixed.angles)
+            motions += self._smooth(_Start(best_fixed.turn, arm))
         motions += followed.values()
         if free is not None and not any(each.excess <= _KEPT for each in motions):
             motions += self._follow(*self._expand(self.lattice.turns(free), free))
@@ -387,6 +425,36 @@ class _Choice:
         given = ~np.isnan(self.path.given[:, 0])
         return np.where(given[:, None], self.path.given, joints)
 
+    def _list_starts(self, free: IndexArray | None, sizes: dict[int, float]) -> list[_Start]:
+        """List the starts of smooth turns: the best free sequence, or two routes, the better one first.
+
+        Routes that are nearly as good as each other at the knots are compared by a beginning of their smooth
+        turns. Without a free sequence, or with one that gains nothing, there is no start.
+        """
+        if free is None or not self._may_gain(free, sizes):
+            return []
+        routes = [free, *self._find_others(free, sizes)]
+        starts = [_Start(*self._expand(self.lattice.turns(each), each)) for each in routes]
+        if len(starts) == 1:
+            return starts
+        begun, not_begun = list[SmoothTurn](), list[_Start]()
+        for start in starts:
+            found = self._smoother.begin(start.turn, start.angles)
+            if found is None:
+                not_begun.append(start)
+            else:
+                begun.append(found)
+        begun.sort(key=lambda each: each.size)
+        return [*(_Start(each.turn, each.angles, is_smooth=True) for each in begun), *not_begun]
+
+    def _find_others(self, free: IndexArray, sizes: dict[int, float]) -> list[IndexArray]:
+        """Return another route (k,) that is nearly as good at the knots as the free sequence (k,), if any."""
+        other = self.lattice.find_other(free)
+        if other is None or not self._may_gain(other, sizes):
+            return []
+        is_near = self.lattice.measure(other) <= _NEAR_BEST * self.lattice.measure(free)
+        return [other] if is_near else []
+
     def _may_gain(self, free: IndexArray, sizes: dict[int, float]) -> bool:
         """Return whether the free sequence is better at the knots than each fixed turn."""
         return self.lattice.measure(free) < (1.0 - 1e-6) * min(sizes.values(), default=np.inf)
@@ -439,27 +507,34 @@ class _Choice:
         columns = [np.interp(at, at[knots], each) for each in (turns, *angles.T)]
         return columns[0], np.stack(columns[1:], axis=1)
 
-    def _smooth(self, turn: FloatArray, angles: FloatArray) -> list[TurnedMotion]:
-        """Return the first smooth turn near another that keeps all limits; [] if there is none."""
+    def _smooth(self, start: _Start) -> list[TurnedMotion]:
+        """Return the first smooth turn near a start that keeps all limits; [] if there is none."""
+        turn, angles, is_smooth = start.turn, start.angles, start.is_smooth
         for roughness in ROUGHNESS:
             parts = Parts.full(len(self.path))
-            for attempt in range(_ATTEMPTS):
-                found = self._smoother.smooth(turn, angles, roughness, parts, again=attempt > 0)
+            for _ in range(_ATTEMPTS):
+                found = self._smoother.smooth(turn, angles, roughness, parts, again=is_smooth)
                 if found is None:
                     break
-                turn, angles = found.turn, found.angles  # what is nearly legal is a good start
+                turn, angles, is_smooth = found.turn, found.angles, True  # nearly legal is a good start
                 motion = next(self._follow(found.turn, found.angles), None)
                 if motion is None:
                     break
                 if motion.excess <= _KEPT:
                     return [motion]
                 parts = parts.lower(*self._find_needs(motion.inspection))
+            is_smooth = False  # a rougher turn may be far from a smoother one
         return []
 
     def _find_needs(self, inspection: Inspection) -> tuple[FloatArray, FloatArray]:
-        """Return what the lines (m,) of a motion need of the joints' speeds, and of the rate of turn."""
+        """Return what the lines (m,) of a motion need of the joints' speeds, and of the rate of turn.
+
+        The joints need room for the correction, too: up to the part of their limits beyond which the
+        correction is blended.
+        """
+        added = np.minimum(inspection.added, UNBLENDED * self._limits)
         with np.errstate(invalid="ignore"):
-            speed = np.nan_to_num(inspection.motion / self._limits).max(axis=1, initial=0.0)
+            speed = np.nan_to_num((inspection.motion + added) / self._limits).max(axis=1, initial=0.0)
         return speed, inspection.turn / self.task.pace.rate
 
     def _follow(self, turn: FloatArray, near: FloatArray) -> Iterator[TurnedMotion]:

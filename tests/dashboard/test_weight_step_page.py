@@ -39,17 +39,23 @@ def plan(api, robot):
     return made
 
 
-def fill_posture(page: Page, posture: dict, *, loaded: bool) -> None:
-    """Type both angles of each joint from both sides, as springs have them."""
+def fill_posture(page: Page, posture: dict, *, loaded: bool, of_link: float = 1.0) -> None:
+    """Type both angles of each joint from both sides, as springs have them; the link's times a factor."""
     stepped = SteppedArm(ARM, ARM_LOAD, PLACE, np.zeros(6))
     motor = np.array([posture["joints"]])
     link = stepped.link_angles(motor, loaded=loaded)
     for joint in JOINTS:
         index = ARM.joint_names.index(joint)
         for side in "+−":
-            for encoder, angle in (("Motor", motor[0, index]), ("Link", link[0, index])):
+            for encoder, angle in (("Motor", motor[0, index]), ("Link", of_link * link[0, index])):
                 box = page.get_by_label(f"{joint} {side}, {encoder} [°]", exact=True)
                 box.fill(f"{np.degrees(angle):.7f}")
+
+
+def go_to(page: Page, posture: dict, state: str) -> None:
+    """Choose a posture in a state."""
+    page.get_by_role("button", name=re.compile(f"^{posture['label']}, {state}")).click()
+    page.get_by_role("heading", name=f"Posture {posture['label']}", exact=True).wait_for()
 
 
 def widest(page: Page) -> int:
@@ -92,6 +98,7 @@ def test_a_planned_weight_step_is_read_posture_after_posture(visit, api, plan, s
                 expect(identify).to_be_enabled(enabled=index >= 3)
             if not is_last or state == "Without the load":
                 page.get_by_role("button", name=re.compile("^Next: ")).click()
+        expect(page.get_by_text("Nothing doubtful so far")).to_be_visible()
         if state == "Without the load":
             page.reload()  # what was typed is kept
             expect(page.get_by_role("button", name=f"{first}, Without the load: read")).to_be_visible()
@@ -115,6 +122,32 @@ def test_an_angle_that_is_missing_or_no_number_is_marked(visit, plan):
     expect(box).to_have_attribute("aria-invalid", "true")
     expect(page.get_by_text("Missing: joint_3 −.")).to_be_visible()
     expect(page.get_by_role("button", name=f"{posture['label']}, Without the load: 3 of 4")).to_be_visible()
+
+
+def test_what_is_doubtful_is_said_at_the_reading_and_nothing_is_stored(visit, api, plan):
+    """A reversed sign shows in the second posture, exchanged states when the load hangs."""
+    page = visit("phone", view=f"#/gearboxes?plan={plan['id']}").page
+    stored_before = api.get("/v1/jobs?kind=gearbox").json()["items"]
+    doubts = page.get_by_role("region", name="Doubtful so far")
+    postures = plan["result"]["readings"]
+    expect(doubts).to_have_count(0)
+    fill_posture(page, postures[0], loaded=True)
+    expect(doubts).to_contain_text("Nothing doubtful so far")
+    go_to(page, postures[1], "Without the load")
+    fill_posture(page, postures[1], loaded=True, of_link=-1.0)
+    expect(doubts).to_contain_text("no gearbox twists as much")
+    expect(doubts).to_contain_text("the sign of the angle")
+    fill_posture(page, postures[1], loaded=True)
+    expect(doubts).to_contain_text("Nothing doubtful so far")
+    for state in ("Without the load", "With the load"):
+        for posture in postures:
+            go_to(page, posture, state)
+            fill_posture(page, posture, loaded=state == "Without the load")
+    for joint in JOINTS:
+        expect(doubts).to_contain_text(f"{joint}: it twists against the load")
+    expect(doubts).to_contain_text("the states or the signs")
+    assert widest(page) <= 0
+    assert api.get("/v1/jobs?kind=gearbox").json()["items"] == stored_before
 
 
 def test_a_plan_of_targets_has_no_weight_step_to_read(visit, stored):

@@ -40,7 +40,6 @@ from jointstiff.solver.mechanics.chain import ChainJoint
 from jointstiff.solver.mechanics.measurements import whitener
 from jointstiff.solver.mechanics.postures import Postures, find_wrist
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.springs import complementary_stiffness
 from jointstiff.solver.predict.models import JointModel
 
 FANUC_STIFFNESS = (861071.8805, 2743390.9984, 2069594.5785, 359217.0978, 444155.9142, 137986.3549)
@@ -376,7 +375,7 @@ def test_complementary_stiffness_is_the_derivative_of_the_efforts(arm):
         ],
         axis=-1,
     )
-    found = complementary_stiffness(get_whole_block(robot, measurements))
+    found = get_whole_block(robot, measurements).complementary_stiffness
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
 
 

@@ -9,6 +9,7 @@ from support.cases import campaign as read_campaign
 
 from jointstiff import identify
 from jointstiff.service.problems import CampaignError
+from jointstiff.solver.fit.self_check import check_solver
 
 LIES = {
     "factor": lambda values, _: 1.01 * values,
@@ -44,9 +45,7 @@ def test_an_honest_solver_is_not_accused(campaign, options):
     assert not is_named_or_refused(campaign, options)
 
 
-@pytest.mark.parametrize("lie", LIES)
-@pytest.mark.parametrize(("campaign", "options"), REQUESTS, ids=str)
-def test_a_lying_solver_is_named_or_refused(monkeypatch, campaign, options, lie):
+def lie_by(monkeypatch, lie):
     honest, generator = clarabel.DefaultSolver, np.random.default_rng(0)
 
     class Lying:
@@ -59,6 +58,24 @@ def test_a_lying_solver_is_named_or_refused(monkeypatch, campaign, options, lie)
             return SimpleNamespace(x=x, z=z, status=found.status)
 
     monkeypatch.setattr(clarabel, "DefaultSolver", Lying)
+
+
+def test_an_honest_solver_passes_the_self_check():
+    witness = check_solver()
+    assert witness.agrees
+    assert witness.distance < 1e-7
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_a_lying_solver_fails_the_self_check(monkeypatch, lie):
+    lie_by(monkeypatch, lie)
+    assert not check_solver().agrees
+
+
+@pytest.mark.parametrize("lie", LIES)
+@pytest.mark.parametrize(("campaign", "options"), REQUESTS, ids=str)
+def test_a_lying_solver_is_named_or_refused(monkeypatch, campaign, options, lie):
+    lie_by(monkeypatch, lie)
     assert is_named_or_refused(campaign, options)
 
 

@@ -163,14 +163,15 @@ def answers(client: httpx2.Client) -> dict[str, Any]:
     return {address: answer.json() for address, answer in found.items()}
 
 
-def ask_again(client: httpx2.Client, kept_addresses: Iterable[str]) -> dict[str, Any]:
+def ask_again(client: httpx2.Client, kept_addresses: Iterable[str], number: str) -> dict[str, Any]:
     """Return address → answer of today to the same question.
 
-    A trend of earlier layouts took the force's scale for the same in all campaigns.
+    A trend of layouts before 0021 took the force's scale for the same in all campaigns.
     """
     found = {}
     for address in kept_addresses:
-        query = "?same_cell=true" if address.endswith("/trend") else ""
+        is_of_same_cell = address.endswith("/trend") and number < "0021"
+        query = "?same_cell=true" if is_of_same_cell else ""
         found[address] = client.get(f"{address}{query}").json()
     return found
 

@@ -38,6 +38,17 @@ def trim(count: int) -> tuple[np.ndarray, np.ndarray]:
     return places, np.tile([0.0, -np.sin(np.pi / 6), -np.cos(np.pi / 6)], (count, 1))
 
 
+def spiral(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two and a half rounds of a radius of 50 to 150 mm, points as far apart as each other, spindle down."""
+    u = np.linspace(0.0, 1.0, 20_001)
+    angle, radius = 5.0 * np.pi * u, 0.05 + 0.1 * u
+    fine = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), -0.01 * u])
+    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1)))
+    wanted = np.linspace(0.0, lengths[-1], count)
+    places = np.column_stack([np.interp(wanted, lengths, column) for column in fine.T])
+    return places, np.tile([0.0, 0.0, -1.0], (count, 1))
+
+
 SHAPES = {"pocket": pocket, "blade": blade, "trim": trim}
 
 

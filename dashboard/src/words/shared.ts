@@ -298,6 +298,7 @@ export const en = {
     "noise.force": "uncertainty of the load",
     "noise.force.scale": "scale of the force",
     "noise.grounds": "what the statements rest on",
+    "noise.grounds.force": "what the force is known by",
     "noise.grounds.load_point": "how the load point is known",
     "noise.load_point": "uncertainty of the load point",
     "noise.repeatability": "repeatability of a joint",

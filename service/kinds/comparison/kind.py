@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from jointstiff.schemas.comparison import (
+    AvoidedDeflection,
     CampaignComparison,
     ComparedRun,
     ComparedSide,
@@ -89,46 +90,61 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
     run_by_id = {entry.run_id: entry for entry in result.entries}
     # The leading run of each side, from which the ratios were computed.
     first_run, second_run = (run_by_id[side.run_id] for side in result.sides)
-    joints = result.joints
-    is_same_method = _method_abbreviation(first_run) == _method_abbreviation(second_run)
-    parts: list[Part] = [
-        Table(
-            [
-                Column("joint", [joint.name for joint in joints], text=True),
-                Column("first", [unit.show_joint(joint) for joint in first_run.joints], show_cell),
-                Column("second", [unit.show_joint(joint) for joint in second_run.joints], show_cell),
-                Column("ratio", [_show_ratio(joint) for joint in joints], show_cell),
-                Column(
-                    "p", [joint.p_value for joint in joints], lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}"
-                ),
-            ],
-            title=f"Two sides, {METHOD_NAMES[first_run.method]}" if is_same_method else "Two sides",
-            caption=f"{unit.quantity} in {unit.label_of(first_run.joints)} and ratio of the stiffnesses, "
-            f"second to first; in brackets: {100 * result.confidence:g} % interval; p: p-value of equal "
-            "stiffnesses",
-        ),
-        *joint_reason_lines((joint.name, joint.reason) for joint in joints),
-    ]
+    parts: list[Part] = [_ratio_table(result, first_run, second_run, unit)]
+    parts += joint_reason_lines((joint.name, joint.reason) for joint in result.joints)
     if result.differences:
         parts += [Line(""), _differences_table(result, unit)]
     if result.gearboxes:
         parts.append(parts_table(result, result.confidence, unit))
     if result.ordered is not None:
         parts.append(_ordered_table(result.ordered, unit))
-    avoided = result.avoided
-    if avoided is not None:
-        measured_text = "no observation is common to both sides"
-        if avoided.measured is not None:
-            percentage_text = _percentage_text(avoided.measured)
-            measured_text = f"measured {percentage_text} in {avoided.matching} observations on both sides"
-        predicted_text = format_percent(avoided.predicted)
-        parts.append(
-            Line(
-                f"  deflection avoided by the second side: {measured_text}; predicted {predicted_text} in "
-                "all observations"
-            )
-        )
+    if result.avoided is not None:
+        parts.append(_describe_avoided_deflection(result.avoided))
     return parts
+
+
+def _ratio_table(
+    result: ComparisonResult, first_run: ComparedRun, second_run: ComparedRun, unit: StiffnessUnit
+) -> Table:
+    """Return the table with the stiffness of each joint on both sides, and the ratio of the stiffnesses.
+
+    `first_run` and `second_run` are the leading runs of the sides.
+    """
+    joints = result.joints
+    columns = [
+        Column("joint", [joint.name for joint in joints], text=True),
+        Column("first", [unit.show_joint(joint) for joint in first_run.joints], show_cell),
+        Column("second", [unit.show_joint(joint) for joint in second_run.joints], show_cell),
+        Column("ratio", [_show_ratio(joint) for joint in joints], show_cell),
+        Column("p", [joint.p_value for joint in joints], _format_p_value),
+    ]
+    title = "Two sides"
+    if _method_abbreviation(first_run) == _method_abbreviation(second_run):
+        title = f"Two sides, {METHOD_NAMES[first_run.method]}"
+    caption = (
+        f"{unit.quantity} in {unit.label_of(first_run.joints)} and ratio of the stiffnesses, "
+        f"second to first; in brackets: {100 * result.confidence:g} % interval; p: p-value of equal "
+        "stiffnesses"
+    )
+    return Table(columns, title=title, caption=caption)
+
+
+def _format_p_value(p_value: float) -> str:
+    """Format a p-value with two digits; a very small one as an upper limit."""
+    return "< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
+
+
+def _describe_avoided_deflection(avoided: AvoidedDeflection) -> Line:
+    """Return a line on how much less the targets deflect on the second side, as measured and as predicted."""
+    measured_text = "no observation is common to both sides"
+    if avoided.measured is not None:
+        percentage_text = _percentage_text(avoided.measured)
+        measured_text = f"measured {percentage_text} in {avoided.matching} observations on both sides"
+    predicted_text = format_percent(avoided.predicted)
+    return Line(
+        f"  deflection avoided by the second side: {measured_text}; predicted {predicted_text} in "
+        "all observations"
+    )
 
 
 def _differences_table(result: ComparisonResult, unit: StiffnessUnit) -> Table:
@@ -326,46 +342,30 @@ def _joint_table(
     """
     runs_by_row: dict[tuple[SideName, bool], dict[str, ComparedRun]] = {}
     for entry in sorted(compared_runs, key=lambda each: (each.side, each.positive)):
-        runs_by_row.setdefault((entry.side, entry.positive), {}).setdefault(
-            _method_abbreviation(entry), entry
-        )
+        run_by_method = runs_by_row.setdefault((entry.side, entry.positive), {})
+        run_by_method.setdefault(_method_abbreviation(entry), entry)
     methods = list(dict.fromkeys(map(_method_abbreviation, compared_runs)))
     has_two_sides = len({entry.side for entry in compared_runs}) > 1
-    rows = [
-        (j, joint, row)
-        for j, joint in enumerate(compared_runs[0].joints)
-        for row in runs_by_row
-        if shows_repeated or not _has_numbers_of_free_row(runs_by_row, row, j, format_cell)
+    joint_names, row_names = list[str](), list[str]()
+    cells = {method: list[Line]() for method in methods}
+    for j, joint in enumerate(compared_runs[0].joints):
+        shown_name = joint.name  # only the first row of a joint has the joint's name
+        for row, run_by_method in runs_by_row.items():
+            if not shows_repeated and _has_numbers_of_free_row(runs_by_row, row, j, format_cell):
+                continue
+            side, positive = row
+            joint_names.append(shown_name)
+            row_names.append(_row_name(side, positive, with_side=has_two_sides))
+            for method in methods:
+                run = run_by_method.get(method)
+                cells[method].append(Line("") if run is None else format_cell(run, j))
+            shown_name = ""
+    columns = [
+        Column("joint", joint_names, text=True, widest=_LONGEST_NAME),
+        Column("side" if has_two_sides else "sign", row_names, text=True),
+        *(Column(method, cells[method], as_line) for method in methods),
     ]
-    # Only the first row of a joint has the joint's name.
-    first_lines = {j: number for number, (j, _, _) in reversed(list(enumerate(rows)))}
-
-    def make_column(method: str) -> Column:
-        cells = [
-            format_cell(runs_by_row[row][method], j) if method in runs_by_row[row] else Line("")
-            for j, _, row in rows
-        ]
-        return Column(method, cells, as_line)
-
-    return Table(
-        [
-            Column(
-                "joint",
-                [joint.name if first_lines[j] == number else "" for number, (j, joint, _) in enumerate(rows)],
-                text=True,
-                widest=_LONGEST_NAME,
-            ),
-            Column(
-                "side" if has_two_sides else "sign",
-                [_row_name(side, positive, with_side=has_two_sides) for _, _, (side, positive) in rows],
-                text=True,
-            ),
-            *map(make_column, methods),
-        ],
-        title=title,
-        caption=caption,
-        plain=True,
-    )
+    return Table(columns, title=title, caption=caption, plain=True)
 
 
 def _row_name(side: SideName, positive: bool, *, with_side: bool) -> str:
@@ -432,18 +432,7 @@ def _fits_table(compared_runs: Sequence[ComparedRun], *, shows_repeated: bool) -
     Unless `shows_repeated` is true, a fit with the constraint of positive stiffness is omitted if its numbers
     equal those of the fit without the constraint.
     """
-    cells_of_free_run = {
-        (entry.side, _method_abbreviation(entry)): _fit_cells(entry)
-        for entry in compared_runs
-        if not entry.positive
-    }
-    shown_runs = [
-        entry
-        for entry in compared_runs
-        if shows_repeated
-        or not entry.positive
-        or cells_of_free_run.get((entry.side, _method_abbreviation(entry))) != _fit_cells(entry)
-    ]
+    shown_runs = list(compared_runs) if shows_repeated else _omit_repeated_fits(compared_runs)
     has_two_sides = len({entry.side for entry in shown_runs}) > 1
     names = [
         f"{_method_abbreviation(entry)} {_row_name(entry.side, entry.positive, with_side=has_two_sides)}"
@@ -460,6 +449,21 @@ def _fits_table(compared_runs: Sequence[ComparedRun], *, shows_repeated: bool) -
         columns.append(Column("explained, drawn", [explained for explained, _ in cells]))
         columns.append(Column("any negative", [negative for _, negative in cells]))
     return Table(columns, title="Fits as a whole", plain=True)
+
+
+def _omit_repeated_fits(compared_runs: Sequence[ComparedRun]) -> list[ComparedRun]:
+    """Return runs without those whose constraint changes no number of the same fit without constraint."""
+    cells_of_free_run = {
+        (entry.side, _method_abbreviation(entry)): _fit_cells(entry)
+        for entry in compared_runs
+        if not entry.positive
+    }
+    kept_runs = list[ComparedRun]()
+    for entry in compared_runs:
+        cells_without_constraint = cells_of_free_run.get((entry.side, _method_abbreviation(entry)))
+        if not entry.positive or cells_without_constraint != _fit_cells(entry):
+            kept_runs.append(entry)
+    return kept_runs
 
 
 def _fit_cells(entry: ComparedRun) -> tuple[object, ...]:
@@ -493,27 +497,35 @@ def _legend(
         shows_repeated: whether rows are shown that repeat the numbers of free fits.
     """
     methods = {_METHOD_ABBREVIATIONS[entry.method]: METHOD_NAMES[entry.method] for entry in compared_runs}
+    sentences = [f"{short}: {name}" for short, name in methods.items()]
+    sentences += _explain_weights(compared_runs)
+    if len({entry.side for entry in compared_runs}) > 1:
+        sentences.append("1: first side; 2: second side")
+    sentences.append("free: unconstrained")
+    if any(entry.positive for entry in compared_runs):
+        where = "" if shows_repeated else ", where the constraint acts"
+        sentences.append(f"≥ 0: compliances zero or positive{where}")
+    if resampled:
+        sentences.append(
+            "drawn: explained share of all configurations, mean & standard deviation over the drawn fits"
+        )
+    else:
+        sentences.append("in brackets: the interval")
+    if hides_constrained:
+        sentences.append("≥ 0 gives the same numbers as free: no constraint is active")
+    return "; ".join(sentences)
+
+
+def _explain_weights(compared_runs: Sequence[ComparedRun]) -> list[str]:
+    """Return an explanation for each abbreviation of weights other than those by covariance, once each."""
     lengths = {f"{entry.characteristic_length:.3g}" for entry in compared_runs if entry.characteristic_length}
     of_lengths = f" of {', '.join(sorted(lengths))} m" if lengths else ""
-    weights = {
+    explanations = {
         "characteristic_length": f"/L: translations divided by a length{of_lengths}",
         "uniform": "/u: uniform weights",
     }
     weightings = dict.fromkeys(entry.weighting for entry in compared_runs)
-    sentences = [
-        *(f"{short}: {name}" for short, name in methods.items()),
-        *(weights[weighting] for weighting in weightings if weighting in weights),
-        "1: first side; 2: second side" if len({entry.side for entry in compared_runs}) > 1 else "",
-        "free: unconstrained",
-        f"≥ 0: compliances zero or positive{'' if shows_repeated else ', where the constraint acts'}"
-        if any(entry.positive for entry in compared_runs)
-        else "",
-        ("drawn: explained share of all configurations, mean & standard deviation over the drawn fits")
-        if resampled
-        else "in brackets: the interval",
-        "≥ 0 gives the same numbers as free: no constraint is active" if hides_constrained else "",
-    ]
-    return "; ".join(line for line in sentences if line)
+    return [explanations[weighting] for weighting in weightings if weighting in explanations]
 
 
 def _failure_lines(entries: Sequence[ComparedRun]) -> list[Line]:

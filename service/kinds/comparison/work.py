@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import inf
@@ -66,6 +66,17 @@ _OTHER_MODEL: Final = Finding(
 UNCONSTRAINED: Final[Mapping[str, Any]] = {"positive": False, "stiffness_bounds": {}, "stiffness_order": []}
 """Values of a run's options that remove all constraints."""
 _SIDES: Final[tuple[SideName, SideName]] = ("first", "second")
+_NO_NUMBERS: Final[Mapping[str, Any]] = {
+    "characteristic_length": None,
+    "assessment": None,
+    "joints": [],
+    "compensation": None,
+    "rms_residual": None,
+    "condition_number": None,
+    "resampling": None,
+    "left": [],
+}
+"""Fields of a compared run that has failed, and so has no numbers."""
 
 
 def prepare_comparison(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
@@ -90,11 +101,14 @@ def prepare_comparison(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
             remedy="give runs of one set or of two; the trend of the robot shows all sets",
         )
     options = request.model_dump_json(exclude={"run_ids"})
+    hashes_of_runs = [each.run.provenance.input_hash for each in runs]
+    first_set_id = sets[0]
+    second_set_id = sets[1] if len(sets) > 1 else None
     return QuickWork(
         result=partial(compare_runs, inputs, request, runs),
-        input_hash=hash_texts(*(each.run.provenance.input_hash for each in runs), options),
+        input_hash=hash_texts(*hashes_of_runs, options),
         robot_id=runs[0].prepared.robot_id,
-        details={"measurement_set_id": sets[0], "second_set_id": sets[1] if len(sets) > 1 else None},
+        details={"measurement_set_id": first_set_id, "second_set_id": second_set_id},
     )
 
 
@@ -118,26 +132,32 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
         for side_name, side_runs in runs_by_side.items()
     ]
     side_of_set = {side.measurement_set_id: side for side in sides}
-    assessments = [compared.run.result.assessment for compared in runs if compared.run.result is not None]
+    entries = list[ComparedRun]()
+    assessments = list[Assessment]()
     # Only the first warning of each code and place is kept.
     warnings: dict[tuple[str, str | None], Finding] = {}
-    for finding in (finding for compared in runs for finding in _list_warnings(compared.run)):
-        warnings.setdefault((finding.code, finding.where), finding)
+    for compared in runs:
+        run = compared.run
+        entries.append(_make_entry(run, side_of_set[run.request.measurement_set_id]))
+        if run.result is not None:
+            assessments.append(run.result.assessment)
+        for finding in _list_warnings(run):
+            warnings.setdefault((finding.code, finding.where), finding)
+    if not assessments:
+        assessments.append(Assessment(verdict="do_not_use", reasons=[_NO_FIT]))
     result = ComparisonResult(
-        assessment=combine_assessments(assessments or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
+        assessment=combine_assessments(assessments),
         confidence=request.confidence or runs[0].run.request.confidence,
         sides=sides,
-        entries=[
-            _make_entry(compared.run, side_of_set[compared.run.request.measurement_set_id])
-            for compared in runs
-        ],
+        entries=entries,
         joints=[],
         avoided=None,
         ordered=None,
         warnings=list(warnings.values()),
     )
     if len(runs_by_side) == 1:
-        return result.model_copy(update={"assessment": assess_with_run("comparison", [], result.assessment)})
+        assessment = assess_with_run("comparison", [], result.assessment)
+        return result.model_copy(update={"assessment": assessment})
     return _add_comparison_of_sides(inputs, request, runs_by_side, leading_runs, result)
 
 
@@ -152,23 +172,29 @@ def _make_entry(run: Run, side: ComparedSide) -> ComparedRun:
     Its field `left` has the mean length of the residual in each configuration of the side [m].
     """
     result, request = run.result, run.request
-    residuals = {} if result is None else result.mean_lengths("residual")
+    identity: dict[str, Any] = {
+        "run_id": run.id,
+        "side": side.side,
+        "method": request.method,
+        "weighting": request.weighting,
+        "positive": request.positive,
+        "draws": request.resampling,
+    }
+    if result is None:
+        return ComparedRun(**identity, **_NO_NUMBERS, error=run.error)
+    residuals = result.mean_lengths("residual")
+    left = [residuals.get(label) for label in side.configurations] if residuals else []
     return ComparedRun(
-        run_id=run.id,
-        side=side.side,
-        method=request.method,
-        weighting=request.weighting,
-        characteristic_length=result.characteristic_length if result else None,
-        positive=request.positive,
+        **identity,
         error=run.error,
-        assessment=result.assessment if result else None,
-        joints=result.joints if result else [],
-        compensation=result.compensation if result else None,
-        rms_residual=result.rms_residual if result else None,
-        condition_number=result.identifiability.condition_number if result else None,
-        draws=request.resampling,
-        resampling=result.resampling if result else None,
-        left=[residuals.get(label) for label in side.configurations] if residuals else [],
+        characteristic_length=result.characteristic_length,
+        assessment=result.assessment,
+        joints=result.joints,
+        compensation=result.compensation,
+        rms_residual=result.rms_residual,
+        condition_number=result.identifiability.condition_number,
+        resampling=result.resampling,
+        left=left,
     )
 
 
@@ -264,14 +290,10 @@ def _add_comparison_of_sides(
     Raises:
         RequestError: a leading run has failed, or the runs cannot be compared.
     """
-    leading_runs = [(name, each.run, each.run.result) for name, each in leading_run_of_side.items()]
-    failed_side = next((name for name, _, run_result in leading_runs if run_result is None), None)
-    if failed_side is not None:
-        raise RequestError(
-            f"the run of the {failed_side} measurement set has failed",
-            where="run_ids",
-            remedy="read the `error` of the run, and give a run that succeeded",
-        )
+    warnings, assessments = list[Finding](), list[Assessment]()
+    for name, leading_run in leading_run_of_side.items():
+        assessments.append(_get_assessment_of_side(leading_run.run, name))
+        warnings += [_add_side_to_place(finding, name) for finding in _list_warnings(leading_run.run)]
     sides = [_make_solver_side(inputs, leading_run_of_side[name], runs_by_side[name]) for name in _SIDES]
     side_comparison = compare_sides(
         *sides,
@@ -279,33 +301,20 @@ def _add_comparison_of_sides(
         ordered=request.ordered,
         shared=SharedErrors(load=request.same_load, cell=request.same_cell),
     )
-    warnings = [
-        _add_side_to_place(finding, name) for name, run, _ in leading_runs for finding in _list_warnings(run)
-    ]
     if models_differ(sides[0].robot, sides[1].robot):
         warnings.append(_OTHER_MODEL)
     warnings += _report_unlike_observations(side_comparison)
-    run_assessments = {
-        name: run_result.assessment for name, _, run_result in leading_runs if run_result is not None
-    }
-    assessments = [
-        each.model_copy(update={"reasons": [_add_side_to_place(reason, name) for reason in each.reasons]})
-        for name, each in run_assessments.items()
-    ]
     names, apart = sides[0].robot.joint_names, side_comparison.apart
     reasons = [*_list_comparison_reasons(side_comparison), *_report_differing_encoders(apart, names)]
     assessment = assess_with_run("comparison", reasons, combine_assessments(assessments))
-    gearboxes, structures = (
-        [_limit_verdict(each, assessment.verdict) for each in build_parts(apart, part, names)]
-        for part in range(2)
-    )
+    gearboxes, structures = build_parts(apart, 0, names), build_parts(apart, 1, names)
     return result.model_copy(
         update={
             "assessment": assessment,
             "joints": side_comparison.joints,
-            "differences": [_limit_verdict(each, assessment.verdict) for each in side_comparison.differences],
-            "gearboxes": gearboxes,
-            "structures": structures,
+            "differences": _limit_verdicts(side_comparison.differences, assessment.verdict),
+            "gearboxes": _limit_verdicts(gearboxes, assessment.verdict),
+            "structures": _limit_verdicts(structures, assessment.verdict),
             "avoided": side_comparison.avoided,
             "ordered": side_comparison.ordered,
             "warnings": warnings,
@@ -313,11 +322,31 @@ def _add_comparison_of_sides(
     )
 
 
-def _limit_verdict(joint: JointResult, verdict: Verdict) -> JointResult:
-    """Return a result whose verdict is not better than that of the whole comparison."""
+def _get_assessment_of_side(leading_run: Run, name: SideName) -> Assessment:
+    """Return the assessment of the leading run of a side; its reasons name the side.
+
+    Raises:
+        RequestError: the run has failed.
+    """
+    if leading_run.result is None:
+        raise RequestError(
+            f"the run of the {name} measurement set has failed",
+            where="run_ids",
+            remedy="read the `error` of the run, and give a run that succeeded",
+        )
+    assessment = leading_run.result.assessment
+    reasons = [_add_side_to_place(reason, name) for reason in assessment.reasons]
+    return assessment.model_copy(update={"reasons": reasons})
+
+
+def _limit_verdicts(joints: Iterable[JointResult], verdict: Verdict) -> list[JointResult]:
+    """Return results whose verdicts are not better than that of the whole comparison."""
     order: list[Verdict] = ["use", "use_with_care", "do_not_use"]
-    worst = max(joint.verdict, verdict, key=order.index)
-    return joint.model_copy(update={"verdict": worst})
+    limited = list[JointResult]()
+    for joint in joints:
+        worst = max(joint.verdict, verdict, key=order.index)
+        limited.append(joint.model_copy(update={"verdict": worst}))
+    return limited
 
 
 def _add_side_to_place(finding: Finding, side: SideName) -> Finding:

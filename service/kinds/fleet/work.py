@@ -5,25 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Final, get_args
 
 import numpy as np
 
-from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.fleet import MAX_SETS, FleetOutcome, FleetRequest, FleetResult, FleetRow
-from jointstiff.schemas.run import RunRequest, RunResult
+from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_texts
+from jointstiff.service.kinds.run.one_of_many import identify_one_of_many
 from jointstiff.service.kinds.run.work import prepare_identification
-from jointstiff.service.kinds.work import (
-    Arrays,
-    Span,
-    Work,
-    compute_outcome,
-    concatenate_steps,
-    cut_into_spans,
-)
+from jointstiff.service.kinds.work import Arrays, Span, Work, concatenate_steps, cut_into_spans
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.resources.inputs import Inputs, NamedSet
 from jointstiff.solver.errors import JointstiffError, RequestError
@@ -117,26 +110,19 @@ class FleetWork(Work):
     def _takes_steps(self, named_set: NamedSet) -> bool:
         """Return whether the identification of a set takes steps."""
         try:
-            return bool(self._prepare_run(named_set).steps())
+            return bool(prepare_identification(self._inputs, self._make_request(named_set)).steps())
         except JointstiffError:  # `compute` makes a row of this error
             return False
 
-    def _prepare_run(self, named_set: NamedSet) -> Work:
-        """Return the work that identifies a set with the options of the fleet."""
-        request = RunRequest(measurement_set_id=named_set.id, **self._options)
-        return prepare_identification(self._inputs, request)
-
-    def _identify_set(self, named_set: NamedSet) -> RunResult:
-        """Identify a set, with all steps in this process, and return the result."""
-        run = self._prepare_run(named_set)
-        result = run.conclude([run.compute(span) for span in run.steps()])
-        assert isinstance(result, RunResult)  # noqa: S101 - for mypy: a run has no other result
-        return result
+    def _make_request(self, named_set: NamedSet) -> RunRequest:
+        """Return the request that identifies a set with the options of the fleet."""
+        return RunRequest(measurement_set_id=named_set.id, **self._options)
 
     def _identify_as_row(self, named_set: NamedSet) -> FleetRow:
         """Identify a set; return its row, with the result or the error."""
-        result, error = compute_outcome(partial(self._identify_set, named_set), _RETRIED_ERRORS)
-        return _make_row(named_set, result if isinstance(result, RunResult) else None, error)
+        request = self._make_request(named_set)
+        run = identify_one_of_many(self._inputs, request, Run, retried=_RETRIED_ERRORS)
+        return _make_row(named_set, run)
 
 
 class _SetsInMemory:
@@ -169,8 +155,9 @@ class _SetsInMemory:
         return set_or_error
 
 
-def _make_row(named_set: NamedSet, result: RunResult | None, error: Problem | None) -> FleetRow:
-    """Return the row of a set, with its result, or with the error if the result is None."""
+def _make_row(named_set: NamedSet, run: Run) -> FleetRow:
+    """Return the row of a set: numbers of its run, or the error of a failed run."""
+    result = run.result
     joints = () if result is None else result.joints
     return FleetRow(
         measurement_set_id=named_set.id,
@@ -181,7 +168,7 @@ def _make_row(named_set: NamedSet, result: RunResult | None, error: Problem | No
         joint_kinds={} if result is None else result.joint_kinds,
         stiffness={joint.name: joint.stiffness for joint in joints},
         stiffness_interval={joint.name: joint.stiffness_interval for joint in joints},
-        error=error,
+        error=run.error,
     )
 
 

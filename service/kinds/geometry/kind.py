@@ -96,18 +96,16 @@ def _make_evidence_parts(result: GeometryResult) -> list[Part]:
 def _make_axes_table(result: GeometryResult) -> Table:
     """Return a table with a point on each joint axis, the direction of the axis, and uncertainties."""
     axes = result.axes
-    points = [axis.point for axis in axes]
+    columns = [Column("axis", [axis.name for axis in axes], text=True)]
+    for i, x in enumerate("xyz"):
+        columns.append(Column(x, [axis.point[i] for axis in axes], number_formatter(".3f", _MILLI)))
+    place_widths = [half_width(axis.position_uncertainty, _MICRO) for axis in axes]
+    turn_widths = [half_width(axis.direction_uncertainty, _MICRO) for axis in axes]
+    columns.append(Column("direction", [axis.direction for axis in axes], _format_direction))
+    columns.append(Column("place", place_widths, unit="µm"))
+    columns.append(Column("turn", turn_widths, unit="µrad"))
     return Table(
-        [
-            Column("axis", [axis.name for axis in axes], text=True),
-            *(
-                Column(x, [point[i] for point in points], number_formatter(".3f", _MILLI))
-                for i, x in enumerate("xyz")
-            ),
-            Column("direction", [axis.direction for axis in axes], _format_direction),
-            Column("place", [half_width(axis.position_uncertainty, _MICRO) for axis in axes], unit="µm"),
-            Column("turn", [half_width(axis.direction_uncertainty, _MICRO) for axis in axes], unit="µrad"),
-        ],
+        columns,
         title="Axes at model angle zero, in R0",
         caption="points in mm; ±: half of the 95 % interval, of the place across the axis and of the "
         "direction, where it is largest",
@@ -124,16 +122,22 @@ def _format_direction(direction: Sequence[float]) -> str:
 def _make_sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
     """Return a table of the sweeps of single joints: arc, number of positions, scale and residuals."""
     format_micro = vector_formatter(".3g", _MICRO, " ")
+    arcs = [f"{degrees(sweep.arc):.1f}°" for sweep in sweeps]
+    scales = [sweep.angle_scale for sweep in sweeps]
+    variance_factors = [sweep.variance_factor for sweep in sweeps]
+    radial = [list(sweep.radial_rms.values()) for sweep in sweeps]
+    axial = [list(sweep.axial_rms.values()) for sweep in sweeps]
+    columns = [
+        Column("joint", [sweep.joint for sweep in sweeps], text=True),
+        Column("arc", arcs),
+        Column("positions", [sweep.positions for sweep in sweeps]),
+        Column("scale", scales, number_formatter(".5f")),
+        Column("χ²/dof", variance_factors, number_formatter(".2f")),
+        Column("radial", radial, format_micro),
+        Column("axial", axial, format_micro),
+    ]
     return Table(
-        [
-            Column("joint", [sweep.joint for sweep in sweeps], text=True),
-            Column("arc", [sweep.arc for sweep in sweeps], lambda arc: f"{degrees(arc):.1f}°"),
-            Column("positions", [sweep.positions for sweep in sweeps]),
-            Column("scale", [sweep.angle_scale for sweep in sweeps], number_formatter(".5f")),
-            Column("χ²/dof", [sweep.variance_factor for sweep in sweeps], number_formatter(".2f")),
-            Column("radial", [list(sweep.radial_rms.values()) for sweep in sweeps], format_micro),
-            Column("axial", [list(sweep.axial_rms.values()) for sweep in sweeps], format_micro),
-        ],
+        columns,
         title="Sweeps, each fitted separately",
         caption="residuals by target, root mean square in µm; scale: rotation of the joint divided by "
         "the rotation that the controller shows",
@@ -146,15 +150,17 @@ def _make_tracker_frame_table(result: GeometryResult) -> Table:
     # Standard uncertainties of the translation along x, y, z [m], then of the rotation about x, y, z [rad].
     uncertainties = [None] * 6 if covariance is None else [sqrt(covariance[i][i]) for i in range(6)]
     half_widths = [half_width(each, _MICRO) for each in uncertainties]
+    columns = [
+        Column("", list("xyz"), text=True),
+        Column("R", transform.rotation, vector_formatter("+.7f", 1.0, " ")),
+        Column("t", transform.translation, number_formatter(".3f", _MILLI)),
+        Column("shift", half_widths[:3], unit="µm"),
+        Column("turn", half_widths[3:], unit="µrad"),
+    ]
+    source = "the nominal model" if result.base == "nominal" else "the axes"
     return Table(
-        [
-            Column("", list("xyz"), text=True),
-            Column("R", transform.rotation, vector_formatter("+.7f", 1.0, " ")),
-            Column("t", transform.translation, number_formatter(".3f", _MILLI)),
-            Column("shift", half_widths[:3], unit="µm"),
-            Column("turn", half_widths[3:], unit="µrad"),
-        ],
-        title=f"Tracker to R0, placed by {'the nominal model' if result.base == 'nominal' else 'the axes'}",
+        columns,
+        title=f"Tracker to R0, placed by {source}",
         caption="y = R x + t, with x in the tracker's frame and y in R0; t in mm; ±: half of the 95 % "
         "interval of a shift and of a turn, axes of R0",
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import degrees, isfinite
+from math import degrees, isfinite, nan
 from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.deflection import (
@@ -16,7 +16,13 @@ from jointstiff.schemas.deflection import (
 )
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import File, Kind
-from jointstiff.service.tables.estimate import model_error_text, show_cell, show_estimate, style_for
+from jointstiff.service.tables.estimate import (
+    ShownEstimate,
+    model_error_text,
+    show_cell,
+    show_estimate,
+    style_for,
+)
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import (
     Area,
@@ -110,31 +116,34 @@ def _extremes_table(
 
     `style` is that of the deflections.
     """
-    micro, joints = number_formatter(".3g", 1e6), [each.joints for each in places]
-    # A map that was stored without the kinds of the joints is of a robot with revolute joints only.
-    posture = Column(
-        "controller's angles", [[*map(degrees, each)] for each in joints], vector_formatter(".1f"), "°"
-    )
-    if kinds:
-        posture = Column("controller's joints", [posture_text(each, kinds, 1) for each in joints], text=True)
-    deflections = [
-        show_estimate(each.deflection, each.with_model_error or each.readings_only, 1e6, style=style)
-        for each in places
-    ]
+    micro = number_formatter(".3g", 1e6)
+    deflections = list[ShownEstimate]()
+    for place in places:
+        interval = place.with_model_error or place.readings_only
+        deflections.append(show_estimate(place.deflection, interval, 1e6, style=style))
     included = [model_error_text(each.with_model_error is not None) for each in places]
-    return Table(
-        [
-            Column("", ["worst place", "stiffest place"], text=True),
-            Column("place", [each.position for each in places], vector_formatter(".0f", 1e3), "mm"),
-            posture,
-            Column("deflection", deflections, show_cell, "µm"),
-            Column("model error", included),
-            Column("compliance along", [each.compliance_along for each in places], micro, "µm/N"),
-            Column("compliance across", [each.compliance_across for each in places], micro, "µm/N"),
-        ],
-        caption=f"deflection with its {100 * confidence:g} % interval",
-        upright=True,
-    )
+    columns = [
+        Column("", ["worst place", "stiffest place"], text=True),
+        Column("place", [each.position for each in places], vector_formatter(".0f", 1e3), "mm"),
+        _posture_column([each.joints for each in places], kinds),
+        Column("deflection", deflections, show_cell, "µm"),
+        Column("model error", included),
+        Column("compliance along", [each.compliance_along for each in places], micro, "µm/N"),
+        Column("compliance across", [each.compliance_across for each in places], micro, "µm/N"),
+    ]
+    return Table(columns, caption=f"deflection with its {100 * confidence:g} % interval", upright=True)
+
+
+def _posture_column(postures: Sequence[Sequence[float]], kinds: Sequence[JointKind]) -> Column:
+    """Return a column of postures [rad or m].
+
+    A map that was stored without the kinds of the joints is of a robot with revolute joints only.
+    """
+    if kinds:
+        texts = [posture_text(posture, kinds, 1) for posture in postures]
+        return Column("controller's joints", texts, text=True)
+    angles = [[degrees(position) for position in posture] for posture in postures]
+    return Column("controller's angles", angles, vector_formatter(".1f"), "°")
 
 
 def make_charts(result: MapResult) -> list[Chart]:
@@ -151,18 +160,19 @@ def make_area_map(sheet: Sheet) -> Area:
 
     The plane has the greatest deflection, and is normal to the axis of R0 along which the grid is shortest.
     """
-    places = {axis: [1e3 * float(value) for value in sheet.columns[f"{axis} [m]"]] for axis in "xyz"}
-    values = [float("nan") if value is None else float(value) for value in sheet.columns["deflection [m]"]]
+    places = {axis: [1e3 * float(value) for value in sheet.columns[f"{axis} [m]"]] for axis in "xyz"}  # mm
+    deflections = [nan if value is None else float(value) for value in sheet.columns["deflection [m]"]]
     normal = min("zyx", key=lambda axis: len(set(places[axis])))
-    reached = [i for i, value in enumerate(values) if isfinite(value)]
-    height = places[normal][max(reached, key=lambda i: values[i])] if reached else places[normal][0]  # in mm
-    in_plane = [i for i, value in enumerate(places[normal]) if value == height]
+    heights = places[normal]
+    reached = [i for i, deflection in enumerate(deflections) if isfinite(deflection)]
+    worst = max(reached, key=lambda i: deflections[i], default=0)
+    in_plane = [i for i, height in enumerate(heights) if height == heights[worst]]
     first, second = (axis for axis in "xyz" if axis != normal)
     return Area(
-        f"Deflection at {normal} = {height:.0f} mm",
+        f"Deflection at {normal} = {heights[worst]:.0f} mm",
         [places[first][i] for i in in_plane],
         [places[second][i] for i in in_plane],
-        [values[i] for i in in_plane],
+        [deflections[i] for i in in_plane],
         (f"{first} [mm]", f"{second} [mm]", "deflection [µm]"),
         1e6,
     )

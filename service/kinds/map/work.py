@@ -142,16 +142,13 @@ class MapWork(Work):
             header = f"joint {name} [m]" if kind == "prismatic" else f"{name} [rad]"
             columns[header] = table.joints[:, j]
         columns |= {f"d{axis} [m]": table.displacement[:, i] for i, axis in enumerate("xyz")}
-        columns |= {
-            "deflection [m]": table.length,
-            "readings only low [m]": table.readings[:, 0],
-            "readings only high [m]": table.readings[:, 1],
-            "with model error low [m]": table.with_model_error[:, 0],
-            "with model error high [m]": table.with_model_error[:, 1],
-            "compliance along [m/N]": table.along,
-            "compliance across [m/N]": table.across,
-            "extrapolation [1]": np.where(np.isinf(table.extrapolation), np.nan, table.extrapolation),
-        }
+        columns["deflection [m]"] = table.length
+        columns["readings only low [m]"], columns["readings only high [m]"] = table.readings.T
+        columns["with model error low [m]"], columns["with model error high [m]"] = table.with_model_error.T
+        columns["compliance along [m/N]"] = table.along
+        columns["compliance across [m/N]"] = table.across
+        is_extrapolation_known = np.isfinite(table.extrapolation)
+        columns["extrapolation [1]"] = np.where(is_extrapolation_known, table.extrapolation, np.nan)
         return Sheet(columns, texts=frozenset({"status"}), digits=".10g")
 
     def _blocks(self) -> tuple[Span, ...]:
@@ -222,6 +219,38 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
             where="direction",
             remedy="give `direction`, or a force that is not zero",
         )
+    limits = _read_limits(request, robot)
+    near = None
+    if request.near is not None:
+        refuse_wrong_joint_count(robot, request.near, "near")
+        near = np.array(request.near)
+    tool_axis = _unit_vector(request.tool_axis, "tool_axis")
+    tool_directions = [_unit_vector(each, f"directions[{i}]") for i, each in enumerate(request.directions)]
+    rotation = compute_tool_rotations(tool_axis, np.array(tool_directions), request.turns)
+    stated_direction = tuple(force) if request.direction is None else request.direction
+    direction = _unit_vector(stated_direction, "direction")
+    # Load and direction are given along the axes of the flange, or of R0.
+    load_axes = rotation if request.axes == "flange" else np.broadcast_to(np.eye(3), rotation.shape)
+    load_point = request.place if request.load_point is None else request.load_point
+    return MapTask(
+        rotation=rotation,
+        force=load_axes @ force,
+        moment=load_axes @ moment,
+        direction=load_axes @ direction,
+        place=np.array(request.place),
+        load_point=np.array(load_point),
+        limits=limits,
+        near=near,
+        confidence=request.confidence,
+    )
+
+
+def _read_limits(request: MapOptions, robot: Robot) -> FloatArray:
+    """Return the least and the greatest position (n, 2) of each joint [rad or m]; infinite if not stated.
+
+    Raises:
+        RequestError: the robot has no joint of a name, or the lower limit exceeds the upper one.
+    """
     limits = np.tile([-np.inf, np.inf], (robot.n, 1))
     for name, (least, greatest) in request.limits.items():
         if least > greatest:
@@ -231,27 +260,7 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
                 remedy="give the lower limit first",
             )
         limits[robot.joint_index(name, f"limits.{name}")] = least, greatest
-    if request.near is not None:
-        refuse_wrong_joint_count(robot, request.near, "near")
-    rotation = compute_tool_rotations(
-        _unit_vector(request.tool_axis, "tool_axis"),
-        np.array([_unit_vector(each, f"directions[{i}]") for i, each in enumerate(request.directions)]),
-        request.turns,
-    )
-    direction = _unit_vector(tuple(force) if request.direction is None else request.direction, "direction")
-    # Load and direction are given along the axes of the flange, or of R0.
-    load_axes = rotation if request.axes == "flange" else np.broadcast_to(np.eye(3), rotation.shape)
-    return MapTask(
-        rotation=rotation,
-        force=load_axes @ force,
-        moment=load_axes @ moment,
-        direction=load_axes @ direction,
-        place=np.array(request.place),
-        load_point=np.array(request.place if request.load_point is None else request.load_point),
-        limits=limits,
-        near=None if request.near is None else np.array(request.near),
-        confidence=request.confidence,
-    )
+    return limits
 
 
 def _unit_vector(vector: Sequence[float], where: str) -> FloatArray:

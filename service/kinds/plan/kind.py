@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import product
 from math import degrees, hypot
 from typing import TYPE_CHECKING, Any, Final
@@ -149,46 +149,46 @@ def _readings_table(job: Plan, result: PlanResult, *, has_tick_boxes: bool) -> T
     `has_tick_boxes` adds two columns of boxes to tick on paper: measured without load, and with load.
     """
     readings = result.readings
-    has_gauges = any(each.direction is not None for each in readings)
-    prismatic = _prismatic_joints(result)
-    blocks = max((each.block for each in readings), default=1)
-    postures = [
-        Column(name, [1e3 * each.joints[j] for each in readings], number_formatter(".1f"), "mm")
-        if j in prismatic
-        else Column(name, [degrees(each.joints[j]) for each in readings], number_formatter(".1f"), "°")
-        for j, name in enumerate(_joint_names(result))
-    ]
-    tick_boxes = [Column(name, ["[   ]"] * len(readings), text=True) for name in ("unloaded", "loaded")]
-    caption = (
-        "Readings v1, v2, … validate the model, and are not fitted. Targets: "
-        f"{', '.join(result.targets)}. Load point in the flange frame: {_position_text(result.load_point)} mm"
-    )
     is_step = job.request.weight_step is not None
+    columns = [Column("reading", [each.label for each in readings], text=True)]
+    if any(each.block > 1 for each in readings):
+        columns.append(Column("block", [str(each.block) for each in readings], text=True))
+    columns += _list_posture_columns(result)
+    forces = [hypot(*each.force) for each in readings]
+    columns.append(Column("force", forces, number_formatter(".0f"), "N"))
+    columns.append(Column("direction", [_force_direction_text(job, each) for each in readings], text=True))
+    if any(each.direction is not None for each in readings):
+        columns.append(Column("read along", [_gauge_direction_text(each) for each in readings], text=True))
     if is_step:
-        caption = (
+        columns.append(Column("approach", ["+ and -"] * len(readings), text=True))
+    if has_tick_boxes:
+        columns += [Column(name, ["[   ]"] * len(readings), text=True) for name in ("unloaded", "loaded")]
+    caption = _describe_readings(result, is_step=is_step)
+    return Table(columns, title="Readings, in order", caption=caption, plain=True)
+
+
+def _list_posture_columns(result: PlanResult) -> Iterator[Column]:
+    """Yield a column for each joint, with its position in each reading in mm or degrees."""
+    prismatic = _prismatic_joints(result)
+    for j, name in enumerate(_joint_names(result)):
+        positions = [each.joints[j] for each in result.readings]  # [m or rad]
+        if j in prismatic:
+            yield Column(name, [1e3 * each for each in positions], number_formatter(".1f"), "mm")
+        else:
+            yield Column(name, [degrees(each) for each in positions], number_formatter(".1f"), "°")
+
+
+def _describe_readings(result: PlanResult, *, is_step: bool) -> str:
+    """Return what to know when the readings are taken; `is_step` is true for readings of a weight step."""
+    load_point = f"Load point in the flange frame: {_position_text(result.load_point)} mm"
+    if is_step:
+        return (
             "Read motor and link angle at rest, first in all postures without the load, then with it. "
             "Come to each posture twice: by turning the joints in the positive and in the negative sense. "
-            f"Load point in the flange frame: {_position_text(result.load_point)} mm"
+            f"{load_point}"
         )
-    return Table(
-        [
-            Column("reading", [each.label for each in readings], text=True),
-            *([Column("block", [str(each.block) for each in readings], text=True)] if blocks > 1 else []),
-            *postures,
-            Column("force", [hypot(*each.force) for each in readings], number_formatter(".0f"), "N"),
-            Column("direction", [_force_direction_text(job, each) for each in readings], text=True),
-            *(
-                [Column("read along", [_gauge_direction_text(each) for each in readings], text=True)]
-                if has_gauges
-                else []
-            ),
-            *([Column("approach", ["+ and -"] * len(readings), text=True)] if is_step else []),
-            *(tick_boxes if has_tick_boxes else []),
-        ],
-        title="Readings, in order",
-        caption=caption,
-        plain=True,
-    )
+    targets = ", ".join(result.targets)
+    return f"Readings v1, v2, … validate the model, and are not fitted. Targets: {targets}. {load_point}"
 
 
 def _prismatic_joints(result: PlanResult) -> list[int]:
@@ -249,52 +249,59 @@ def readings_sheet(plan: Plan) -> Sheet:
         return Sheet({})
     if plan.request.weight_step is not None:
         return _step_sheet(result)
-    prismatic = _prismatic_joints(result)
-    names = [
-        f"joint_{j + 1} [{'mm' if j in prismatic else 'deg'}]" for j in range(len(result.readings[0].joints))
-    ]
-    point_names = [f"load point {axis} [mm]" for axis in "xyz"]
-    # Only gauges along an axis of R0 have a column; any other direction is in the column `remark`.
-    gauge_axes = {
-        axis for each in result.readings if (axis := _gauge_direction_text(each)) in ("x", "y", "z")
-    }
     has_gauges = any(each.direction is not None for each in result.readings)
-    states = ("along",) if has_gauges else ("unloaded", "loaded")
-    columns_to_fill_in = [
-        f"{target} {state} {axis} [mm]"
-        for target in result.targets
-        for state in states
-        for axis in (sorted(gauge_axes) if has_gauges else "xyz")
-    ]
-    return Sheet.from_rows(
-        {
-            "label": each.label,
-            **{
-                name: round(1e3 * value if j in prismatic else degrees(value), 3)
-                for j, (name, value) in enumerate(zip(names, each.joints, strict=True))
-            },
-            **{f"F{axis} [N]": round(part, 1) for axis, part in zip("xyz", each.force, strict=True)},
-            **{name: round(1e3 * part, 3) for name, part in zip(point_names, result.load_point, strict=True)},
-            "anchor": None if each.anchor is None else each.anchor + 1,
-            "validation": int(each.held_out),
-            **({"remark": f"read along {_gauge_direction_text(each)}"} if has_gauges else {}),
-            **dict.fromkeys(columns_to_fill_in),
-        }
-        for each in result.readings
-    )
+    load_point = {
+        f"load point {axis} [mm]": round(1e3 * part, 3)
+        for axis, part in zip("xyz", result.load_point, strict=True)
+    }
+    columns_to_fill_in = _list_columns_to_fill_in(result, has_gauges=has_gauges)
+    rows = list[dict[str, Any]]()
+    for each in result.readings:
+        row: dict[str, Any] = {"label": each.label}
+        row |= _make_joint_cells("joint_", each, _prismatic_joints(result))
+        row |= {f"F{axis} [N]": round(part, 1) for axis, part in zip("xyz", each.force, strict=True)}
+        row |= load_point
+        row["anchor"] = None if each.anchor is None else each.anchor + 1
+        row["validation"] = int(each.held_out)
+        if has_gauges:
+            row["remark"] = f"read along {_gauge_direction_text(each)}"
+        rows.append(row | dict.fromkeys(columns_to_fill_in))
+    return Sheet.from_rows(rows)
+
+
+def _make_joint_cells(prefix: str, reading: PlannedReading, prismatic: Collection[int]) -> dict[str, float]:
+    """Return the cells of a posture by their headers, such as `joint_1 [deg]` with the prefix `joint_`.
+
+    `prismatic` has the indices of the prismatic joints, whose cells are in mm.
+    """
+    cells = dict[str, float]()
+    for j, position in enumerate(reading.joints):
+        if j in prismatic:
+            cells[f"{prefix}{j + 1} [mm]"] = round(1e3 * position, 3)
+        else:
+            cells[f"{prefix}{j + 1} [deg]"] = round(degrees(position), 3)
+    return cells
+
+
+def _list_columns_to_fill_in(result: PlanResult, *, has_gauges: bool) -> list[str]:
+    """Return the headers of the columns in which the user writes what tracker or gauges read.
+
+    Only gauges along an axis of R0 have a column; any other direction is in the column `remark`.
+    """
+    if has_gauges:
+        directions = {_gauge_direction_text(each) for each in result.readings}
+        parts = [f"along {axis}" for axis in "xyz" if axis in directions]
+    else:
+        parts = [f"{state} {axis}" for state in ("unloaded", "loaded") for axis in "xyz"]
+    return [f"{target} {part} [mm]" for target in result.targets for part in parts]
 
 
 def _step_sheet(result: PlanResult) -> Sheet:
     """Return the table of a weight step to fill in: a row for each state, posture, approach and joint."""
     prismatic = _prismatic_joints(result)
-    count = len(result.readings[0].joints)
-    units = ["mm" if j in prismatic else "deg" for j in range(count)]
     rows = []
     for state, each in product(("unloaded", "loaded"), result.readings):
-        posture = {
-            f"J{j + 1} [{unit}]": round(1e3 * value if unit == "mm" else degrees(value), 3)
-            for j, (unit, value) in enumerate(zip(units, each.joints, strict=True))
-        }
+        posture = _make_joint_cells("J", each, prismatic)
         # In words: a spreadsheet takes a cell that begins with a sign for a formula.
         for approach, joint in product(("plus", "minus"), result.joints):
             reading = {"joint": joint.name, "state": state, "approach": approach}
@@ -314,33 +321,37 @@ def make_campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> di
     refuse_step_plan(plan)
     robot = source.robot if isinstance(source, Campaign) else source
     encoders = source.measurement_set.encoders if isinstance(source, Campaign) else "motor"
+    readings = [] if result is None else result.readings
     targets = {} if result is None else result.targets
-    observations = [
-        {
-            "label": each.label,
-            "joints": each.joints,
-            "force": each.force,
-            "readings": [
-                {"target": target, "unloaded": None, "loaded": None}
-                if each.direction is None
-                else {"target": target, "displacement": None, "direction": each.direction}
-                for target in targets
-            ],
-        }
-        for each in ([] if result is None else result.readings)
-    ]
+    measurement_set: dict[str, Any] = {
+        "name": f"planned for {robot.name}"[:200],
+        "units": {"length": "m", "angle": "rad", "force": "N"},
+        "encoders": encoders,
+    }
+    if options.directions:
+        measurement_set["flange_targets"] = targets
+    noise = _describe_noise(source, options.sigma)
+    if noise:
+        measurement_set["noise"] = noise
+    measurement_set["load_point"] = (0.0, 0.0, 0.0) if result is None else result.load_point
+    measurement_set["observations"] = [_make_observation_to_fill_in(each, targets) for each in readings]
     return {
         "robot": robot.model_dump(mode="json", exclude_none=True),
-        "measurement_set": {
-            "name": f"planned for {robot.name}"[:200],
-            "units": {"length": "m", "angle": "rad", "force": "N"},
-            "encoders": encoders,
-            **({"flange_targets": targets} if options.directions else {}),
-            **({"noise": noise} if (noise := _describe_noise(source, options.sigma)) else {}),
-            "load_point": (0.0, 0.0, 0.0) if result is None else result.load_point,
-            "observations": observations,
-        },
+        "measurement_set": measurement_set,
         "run": {"method": "partial_pose"},
+    }
+
+
+def _make_observation_to_fill_in(planned: PlannedReading, targets: Iterable[str]) -> dict[str, Any]:
+    """Return the JSON object of an observation in which the numbers that are read are still null."""
+    to_fill_in: dict[str, Any] = {"unloaded": None, "loaded": None}
+    if planned.direction is not None:
+        to_fill_in = {"displacement": None, "direction": planned.direction}
+    return {
+        "label": planned.label,
+        "joints": planned.joints,
+        "force": planned.force,
+        "readings": [{"target": target, **to_fill_in} for target in targets],
     }
 
 

@@ -27,7 +27,7 @@ from jointstiff.service.conversion.units import to_instrument
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import assess_with_run, make_reason, refuse_unaccepted
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
 from jointstiff.solver.errors import RequestError
@@ -262,7 +262,7 @@ def _state_plan(
     """
     plan_result = to_plan_result(request, plan_campaign(robot, request), robot, targets, so_far)
     if request.step_rows is not None:  # a weight cannot twist a vertical axis, whatever is planned
-        reasons = _list_uncertain_joints(plan_result)
+        reasons = _list_uncertain_joints(plan_result, _MORE_TWIST)
     else:
         reasons = _list_reasons(plan_result)
     plan_assessment = assess_with_run("plan", reasons, so_far)
@@ -279,20 +279,24 @@ def _list_reasons(result: PlanResult) -> list[Finding]:
             "need in `joints`"
         )
         reasons.append(make_reason("joint_left_out", "use_with_care", message, remedy))
-    return [*reasons, *_list_uncertain_joints(result)]
+    return [*reasons, *_list_uncertain_joints(result, _MORE_DEFLECTION)]
 
 
-def _list_uncertain_joints(result: PlanResult) -> list[Finding]:
+def _list_uncertain_joints(result: PlanResult, remedy: str) -> list[Finding]:
     """Return the reason to use a plan with care that joints stay uncertain, if there are such joints."""
     uncertain = [each.name for each in result.joints if (each.relative or 0.0) > _UNCERTAIN]
     if not uncertain:
         return []
     names = ", ".join(uncertain)
     message = f"after this plan {names} would still be uncertain by over {100 * _UNCERTAIN:.0f} %"
-    remedy = "plan more readings, a larger load, or targets farther from the flange"
     return [make_reason("joint_stays_uncertain", "use_with_care", message, remedy)]
 
 
+_MORE_DEFLECTION: Final = "plan more readings, a larger load, or targets farther from the flange"
+_MORE_TWIST: Final = (
+    "plan more readings or a larger mass, or hang the load farther from the axes of these joints"
+)
+"""What makes joints less uncertain that targets, or that two encoders read."""
 _UNCERTAIN: Final = 0.5
 """Greatest standard uncertainty, relative to the compliance, with which a plan determines a joint."""
 
@@ -373,6 +377,8 @@ _OF_TARGETS: Final = (
     "goal",
 )
 """Fields that a plan of a weight step does not support: they concern targets, or a campaign so far."""
+_OF_WORK_AREA: Final = ("work_area", "worst_place")
+"""Criteria that need a work area."""
 
 
 def _refuse_unsupported_weight_step(request: plans.PlanRequest) -> None:
@@ -388,6 +394,12 @@ def _refuse_unsupported_weight_step(request: plans.PlanRequest) -> None:
             f"a weight step is read by encoders, without targets, but the plan has {names}",
             where=stated[0],
             remedy=f"omit {names}, or omit `weight_step`",
+        )
+    if request.criterion in _OF_WORK_AREA:
+        raise RequestError(
+            f"`{request.criterion}` is about deflections, but a weight step shows gearboxes alone",
+            where="criterion",
+            remedy="omit `criterion`, or give relative_a, d or e",
         )
     if request.readings < LEAST_POSTURES:
         raise RequestError(
@@ -428,22 +440,25 @@ def to_step_design_request(request: plans.PlanRequest, robot: Robot, step: plans
     """
     nominal, prior_uncertainty = _add_stated_compliances(request, robot, np.full(robot.n, np.nan))
     joints = np.array(_list_step_joints(request, robot), dtype=np.intp)
-    stated = step.mass_uncertainty
+    mass_uncertainty = step.mass_uncertainty
+    if mass_uncertainty is None:
+        mass_uncertainty = ASSUMED_MASS * step.mass
     load = Load(
         mass=step.mass,
-        mass_uncertainty=ASSUMED_MASS * step.mass if stated is None else stated,
+        mass_uncertainty=mass_uncertainty,
         point=_choose_load_point(request, None),
         point_uncertainty=step.point_uncertainty,
     )
     planned = PlannedStepRows(robot, load, np.array(_GRAVITY), joints, np.nan_to_num(nominal))
     weight = step.mass * -_GRAVITY[2]
+    equipment = Equipment(
+        targets=np.empty((0, 3)),
+        load_point=load.point,
+        loads=Loads("dead_weight", weight, _convert_torque_limits(request, robot)),
+        sigma=step.noise * find_widening(request.readings),
+    )
     return PlanRequest(
-        equipment=Equipment(
-            targets=np.empty((0, 3)),
-            load_point=load.point,
-            loads=Loads("dead_weight", weight, _convert_torque_limits(request, robot)),
-            sigma=step.noise * find_widening(request.readings),
-        ),
+        equipment=equipment,
         readings=request.readings,
         nominal=nominal,
         prior=prior_uncertainty,
@@ -486,51 +501,95 @@ def to_design_request(
     nominal, prior_uncertainty = _add_stated_compliances(request, robot, nominal)
     names, targets = choose_targets(request, robot, campaign_readings)
     own_weight = request.load if isinstance(request.load, OwnWeight) else None
+    own_weight_rows = None
     if own_weight is not None:
         _refuse_unsupported_own_weight(request, robot, own_weight, nominal)
-    planned_sigma = request.sigma or sigma or _SIGMA
-    requested_joints = [robot.joint_index(name, "joints") for name in request.joints]
-    area, directions = request.work_area, _convert_gauge_directions(request)
-    lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
+        burden = Burden(robot.bodies, gravity=np.array(own_weight.gravity))
+        own_weight_rows = make_planned_rows_function(
+            robot, burden, targets, np.nan_to_num(nominal), free_base=not own_weight.rigid_base
+        )
+    area = request.work_area
+    default_criterion: plans.PlanCriterion = "relative_a" if area is None else "work_area"
+    plans_links, link_share = _choose_links(request, unexplained)
     return PlanRequest(
-        equipment=Equipment(
-            targets=targets,
-            load_point=_choose_load_point(request, campaign_readings),
-            loads=_choose_loads(request, robot, campaign_readings),
-            sigma=planned_sigma,
-            instrument=None if request.tracker is None else to_instrument(request.tracker, 1.0),
-            scatter=_choose_scatter(
-                request, campaign_readings, (sigma or planned_sigma) / planned_sigma, planned_sigma
-            ),
-        ),
+        equipment=_choose_equipment(request, robot, targets, sigma, campaign_readings),
         readings=request.readings,
         nominal=nominal,
         prior=prior_uncertainty,
         cell=_order_reflector_directions(request.surroundings, names),
-        criterion=request.criterion or ("relative_a" if area is None else "work_area"),
+        criterion=request.criterion or default_criterion,
         postures=_convert_candidate_postures(request, robot),
         candidates=request.candidates,
-        joints=np.array(requested_joints, dtype=np.intp) if requested_joints else None,
+        joints=_find_requested_joints(request, robot),
         work_area=None if area is None else np.array(area),
-        directions=directions,
-        links=lack_of_fit if request.elastic_links is None else request.elastic_links,
-        # Joints explain the share 1 − `unexplained` of the deflection; links are assumed to cause the rest.
-        link_share=unexplained / (1.0 - unexplained) if unexplained and lack_of_fit else _LINK_SHARE,
+        directions=_convert_gauge_directions(request),
+        links=plans_links,
+        link_share=link_share,
         angle=request.distinct_angle,
         validation=request.validation,
         so_far=campaign_readings,
-        own_weight_rows=None
-        if own_weight is None
-        else make_planned_rows_function(
-            robot,
-            Burden(robot.bodies, gravity=np.array(own_weight.gravity)),
-            targets,
-            np.nan_to_num(nominal),
-            free_base=not own_weight.rigid_base,
-        ),
+        own_weight_rows=own_weight_rows,
         seed=request.seed,
         goal=None if isinstance(request.goal, DecisionGoal) else request.goal,
     )
+
+
+def _choose_equipment(
+    request: plans.PlanRequest,
+    robot: Robot,
+    targets: FloatArray,
+    sigma: float | None,
+    campaign_readings: Measurements | None,
+) -> Equipment:
+    """Return what the plan reads with: targets (T, 3), loads, and the noise of an instrument.
+
+    Args:
+        request: the request as it was posted.
+        robot: n joints.
+        targets: (T, 3) positions of the targets in the flange frame [m].
+        sigma: standard deviation of a coordinate of the campaign's readings [m]; None if it is unknown.
+        campaign_readings: readings of the campaign so far; None if the plan begins a campaign.
+
+    Raises:
+        RequestError: a load is missing, or options contradict each other.
+    """
+    planned_sigma = request.sigma or sigma or _SIGMA
+    campaign_sigma = sigma or planned_sigma
+    instrument = None if request.tracker is None else to_instrument(request.tracker, 1.0)
+    scatter = _choose_scatter(request, campaign_readings, campaign_sigma / planned_sigma, planned_sigma)
+    return Equipment(
+        targets=targets,
+        load_point=_choose_load_point(request, campaign_readings),
+        loads=_choose_loads(request, robot, campaign_readings),
+        sigma=planned_sigma,
+        instrument=instrument,
+        scatter=scatter,
+    )
+
+
+def _choose_links(request: plans.PlanRequest, unexplained: float | None) -> tuple[bool, float]:
+    """Return whether the plan allows for elastic links, and their deflection relative to that of the joints.
+
+    `unexplained` is the share of the campaign's mean deflection that elastic joints do not explain; None if
+    it is unknown. Joints explain the share 1 − `unexplained`; links are assumed to cause the rest.
+    """
+    lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
+    plans_links = lack_of_fit if request.elastic_links is None else request.elastic_links
+    if unexplained is None or not lack_of_fit:
+        return plans_links, _LINK_SHARE
+    return plans_links, unexplained / (1.0 - unexplained)
+
+
+def _find_requested_joints(request: plans.PlanRequest, robot: Robot) -> IndexArray | None:
+    """Return the indices of the joints that the request names; None if it names no joints.
+
+    Raises:
+        RequestError: the robot has no joint of this name.
+    """
+    if not request.joints:
+        return None
+    indices = [robot.joint_index(name, "joints") for name in request.joints]
+    return np.array(indices, dtype=np.intp)
 
 
 def to_plan_result(
@@ -549,61 +608,82 @@ def to_plan_result(
         names: names of the targets.
         assessment: verdict on the campaign so far; None if the plan begins a campaign.
     """
-    parameters = plan.pool.parameters
-    joint_indices = parameters.joints
-    # Compliances to which the plan's uncertainties are relative
-    compliance = parameters.nominal[joint_indices]
-    # True if the compliance is known, false for a guess of its size
-    is_known = parameters.known[joint_indices]
-    digits = len(str(len(plan.joints)))  # of the greatest number in a label
+    deflection, worst_deflection = plan.deflection or (None, None)
+    considered = plan.pool.feasible + sum(plan.pool.struck_out.values())
+    places = request.equipment.targets.tolist()
     return plans.PlanResult(
         efficiency=plan.efficiency,
         efficiencies=dict(plan.efficiencies),
         goal_share=plan.goal_share,
         assessment=assessment,
         joint_kinds=joint_kinds_by_name(robot),
-        readings=build_messages(
-            plans.PlannedReading,
-            # Labels such as v03 for readings that validate the model, and p03 for readings to fit.
-            label=[
-                f"{'v' if validates else 'p'}{number:0{digits}d}"
-                for number, validates in enumerate(plan.validation, 1)
-            ],
-            joints=plan.joints,
-            force=plan.force,
-            anchor=[None if anchor < 0 else anchor for anchor in plan.anchor.tolist()],
-            direction=[None] * len(plan.joints) if plan.along is None else plan.along,
-            held_out=plan.validation,
-            block=plan.block + 1,
-        ),
-        targets=dict(zip(names, request.equipment.targets.tolist(), strict=True)),
+        readings=_list_planned_readings(plan),
+        targets=dict(zip(names, places, strict=True)),
         load_point=request.equipment.load_point,
-        joints=build_messages(
-            plans.PlannedJoint,
-            name=[robot.joint_names[j] for j in joint_indices],
-            kind=[robot.joint_kinds[j] for j in joint_indices],
-            standard_uncertainty=compliance * plan.uncertainty,
-            relative=np.where(is_known, plan.uncertainty, np.nan),
-            before=compliance * plan.uncertainty_before,
-            random=compliance * plan.random_plans.uncertainty,
-            one_at_a_time=compliance * plan.one_at_a_time.uncertainty,
-        ),
-        left_out=[
-            name
-            for j, name in enumerate(robot.joint_names)
-            if request.joints is None and j not in joint_indices
-        ],
+        joints=_list_planned_joints(plan, robot),
+        left_out=_list_joints_left_out(request, plan, robot),
         criterion=request.criterion,
         elastic_links=request.links,
         weights_gap=max(plan.weights_gap, 0.0),
         random_efficiency=plan.random_plans.efficiency,
         one_at_a_time_efficiency=plan.one_at_a_time.efficiency,
-        deflection_uncertainty=plan.deflection and plan.deflection[0],
-        worst_deflection_uncertainty=plan.deflection and plan.deflection[1],
-        considered=plan.pool.feasible + sum(plan.pool.struck_out.values()),
+        deflection_uncertainty=deflection,
+        worst_deflection_uncertainty=worst_deflection,
+        considered=considered,
         feasible=plan.pool.feasible,
         struck_out=plan.pool.struck_out,
     )
+
+
+def _list_planned_readings(plan: CampaignPlan) -> list[plans.PlannedReading]:
+    """Return the readings to take, in order; labels such as p03 are of readings to fit.
+
+    Labels such as v03 are of readings that are held out, to validate the model.
+    """
+    digits = len(str(len(plan.joints)))  # of the greatest number in a label
+    labels = list[str]()
+    for number, validates in enumerate(plan.validation, 1):
+        letter = "v" if validates else "p"
+        labels.append(f"{letter}{number:0{digits}d}")
+    directions = [None] * len(plan.joints) if plan.along is None else plan.along
+    return build_messages(
+        plans.PlannedReading,
+        label=labels,
+        joints=plan.joints,
+        force=plan.force,
+        anchor=[None if anchor < 0 else anchor for anchor in plan.anchor.tolist()],
+        direction=directions,
+        held_out=plan.validation,
+        block=plan.block + 1,
+    )
+
+
+def _list_planned_joints(plan: CampaignPlan, robot: Robot) -> list[plans.PlannedJoint]:
+    """Return the uncertainty of each joint that the plan determines, and those of simpler plans."""
+    parameters = plan.pool.parameters
+    joint_indices = parameters.joints
+    # Compliances to which the plan's uncertainties are relative
+    compliance = parameters.nominal[joint_indices]
+    # True if the compliance is known, false for a guess of its size
+    is_known = parameters.known[joint_indices]
+    return build_messages(
+        plans.PlannedJoint,
+        name=[robot.joint_names[j] for j in joint_indices],
+        kind=[robot.joint_kinds[j] for j in joint_indices],
+        standard_uncertainty=compliance * plan.uncertainty,
+        relative=np.where(is_known, plan.uncertainty, np.nan),
+        before=compliance * plan.uncertainty_before,
+        random=compliance * plan.random_plans.uncertainty,
+        one_at_a_time=compliance * plan.one_at_a_time.uncertainty,
+    )
+
+
+def _list_joints_left_out(request: PlanRequest, plan: CampaignPlan, robot: Robot) -> list[str]:
+    """Return the names of the joints that the plan cannot determine; none if the request names the joints."""
+    if request.joints is not None:
+        return []
+    planned_joints = set(plan.pool.parameters.joints.tolist())
+    return [name for j, name in enumerate(robot.joint_names) if j not in planned_joints]
 
 
 def choose_targets(

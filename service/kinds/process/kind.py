@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import degrees, inf, isfinite, nan
 from typing import TYPE_CHECKING, Any, Final
 
@@ -194,7 +195,7 @@ def _deflection_table(result: ProcessResult, title: str, confidence: float) -> T
     )
 
 
-def _band_columns(bands: list[DeflectionBand | None], style: Style) -> list[Column]:
+def _band_columns(bands: Sequence[DeflectionBand | None], style: Style) -> list[Column]:
     """Return columns of values with their intervals, in µm, and whether these include the model error.
 
     `style` is that of the values.
@@ -229,29 +230,27 @@ def _describe_model_error(band: DeflectionBand) -> str:
 def _place_parts(result: ProcessResult) -> list[Part]:
     """Return a table of the best places, and how flat the deflection is around them."""
     places = result.places
-    table = Table(
-        [
-            Column(
-                "centre of the path", [each.centre for each in places], vector_formatter(".0f", 1e3), "mm"
-            ),
-            Column("turn about z", [degrees(each.turn) for each in places], number_formatter(".0f"), "°"),
-            *_band_columns([each.deflection for each in places], style_for(result.assessment.verdict)),
-            Column("than the best", [_order(each) for each in places], text=True),
-        ],
-        title="Best places of the workpiece",
-    )
-    parts: list[Part] = [table]
-    lines = [f"at {result.places_reached} of {result.places_tried} places the robot can follow the path"]
+    centres = [each.centre for each in places]
+    turns = [degrees(each.turn) for each in places]
+    bands = [each.deflection for each in places]
+    columns = [
+        Column("centre of the path", centres, vector_formatter(".0f", 1e3), "mm"),
+        Column("turn about z", turns, number_formatter(".0f"), "°"),
+        *_band_columns(bands, style_for(result.assessment.verdict)),
+        Column("than the best", [_order(each) for each in places], text=True),
+    ]
+    parts: list[Part] = [Table(columns, title="Best places of the workpiece")]
+    reached = f"at {result.places_reached} of {result.places_tried} places the robot can follow the path"
+    parts.append(Line(reached))
     if result.flat_low is not None and result.flat_high is not None:
         extent = [
             f"{axis} {1e3 * low:.0f} to {1e3 * high:.0f}"
             for axis, low, high in zip("xyz", result.flat_low, result.flat_high, strict=True)
         ]
         count = "1 place" if result.flat_places == 1 else f"{result.flat_places} places"
-        lines.append(
-            f"{count} of the search with a deflection within 5 % of the best: {', '.join(extent)} mm"
-        )
-    return parts + [Line(each) for each in lines]
+        equal = f"{count} of the search with a deflection within 5 % of the best: {', '.join(extent)} mm"
+        parts.append(Line(equal))
+    return parts
 
 
 def _order(place: ProcessPlace) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -21,9 +22,27 @@ _LENGTH_DECIMALS: Final = 7
 """Decimals of lengths [mm]."""
 
 
+@dataclass(frozen=True)
+class Deflections:
+    """Deflections of the m points of a path with their intervals [m]."""
+
+    length: FloatArray  # (m,)
+    by_readings: FloatArray  # (m, 2) ends of the interval by the errors of readings and forces
+    with_model_error: FloatArray  # (m, 2) ends of the interval that also has the model's error
+
+    @classmethod
+    def unknown(cls, count: int) -> Deflections:
+        """Return deflections of `count` points that are not known: NaN."""
+        return cls(np.full(count, np.nan), np.full((count, 2), np.nan), np.full((count, 2), np.nan))
+
+    def to_columns(self) -> FloatArray:
+        """Return the columns (m, 5) of a table: deflection, then the ends of both intervals."""
+        return np.column_stack([self.length, self.by_readings, self.with_model_error])
+
+
 def pack_choice(
     turn: FloatArray,
-    ways: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]],
+    ways: Mapping[str, Deflections],
     joints: Mapping[str, FloatArray],
     places: FloatArray,
     remarks: Sequence[str],
@@ -34,30 +53,31 @@ def pack_choice(
 
     Args:
         turn: (m,) turns of all points [rad]; NaN where the joints are given.
-        ways: deflections (m,) and their intervals (m, 2) by readings and forces, and with the model error
-            [m], by the names of `WAYS`; names that are unknown are left out.
+        ways: deflections by the names of `WAYS`; names that are unknown are left out.
         joints: joints of the arm (m, 6) [rad] by the end of their headers.
         places: (P, 5) places that were tried: position [m], turn [rad], deflection [m].
         remarks: P remarks on these places.
         of_grid: number of the places that are those of the grid, in its order; the others come behind.
         speeds: parts (m, 6) of the greatest speeds of the arm's joints; NaN if unknown.
     """
-    unknown = np.full(len(turn), np.nan), *np.full((2, len(turn), 2), np.nan)
-    lengths, headers = [], []
+    unknown = Deflections.unknown(len(turn))
+    lengths = np.column_stack([ways.get(name, unknown).to_columns() for name in WAYS])  # [m]
+    headers = list[str]()
     for name in WAYS:
-        length, near, far = ways.get(name, unknown)
-        lengths += [length[:, None], near, far]
-        ends = [f"{name} {end}, {by}" for by in ("readings", "with model error") for end in ("low", "high")]
-        headers += [f"{each} [mm]" for each in (name, *ends)]
+        headers.append(f"{name} [mm]")
+        for interval in ("readings", "with model error"):
+            headers += [f"{name} low, {interval} [mm]", f"{name} high, {interval} [mm]"]
+    degrees = np.degrees(np.hstack(list(joints.values())))
+    joint_headers = [f"J{j}{suffix} [deg]" for suffix in joints for j in range(1, 7)]
     content = io.BytesIO()
     np.savez(
         content,
         allow_pickle=False,
         turn=np.degrees(turn),
-        lengths=(1e3 * np.column_stack(lengths)).astype(np.float32),
-        joints=np.round(np.degrees(np.hstack(list(joints.values()))) / _JOINT_UNIT).astype(np.int32),
+        lengths=(1e3 * lengths).astype(np.float32),
+        joints=np.round(degrees / _JOINT_UNIT).astype(np.int32),
         headers=np.array("|".join(headers)),
-        joint_headers=np.array("|".join(f"J{j}{suffix} [deg]" for suffix in joints for j in range(1, 7))),
+        joint_headers=np.array("|".join(joint_headers)),
         places=places.astype(np.float32),
         remarks=np.array("|".join(remarks)),
         of_grid=np.array(of_grid),

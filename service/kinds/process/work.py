@@ -22,7 +22,7 @@ from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.process.feeds import unload_approaches
 from jointstiff.service.kinds.process.path import ProgramToTurn, make_turn_task
-from jointstiff.service.kinds.process.tables import pack_choice
+from jointstiff.service.kinds.process.tables import Deflections, pack_choice
 from jointstiff.service.kinds.process.unseen import advise_load, assume_unseen
 from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.path import ProgramPath, find_feeds, find_wanted_postures
@@ -683,29 +683,43 @@ class ProcessWork(ProgramWork):
 
     def _describe_choice(self) -> dict[str, Any]:
         """Return the fields of the result that a compensated program does not have."""
-        request, choice, placed = self._request, self._placed.choice, self._placed
-        confidence = request.confidence
-        flat = placed.flat
-        fixed = np.where(np.isfinite(choice.fixed), choice.fixed, np.nan)
+        confidence, placed = self._request.confidence, self._placed
+        before = None if self._before is None else _band_message(self._before.band(confidence))
+        difference = None if self._ranking is None else _band_message(self._ranking.difference)
+        frames = self._list_frames() if len(placed.places) else []
         return {
-            "objective": request.objective,
+            "objective": self._request.objective,
             "gain": self._gain(),
-            "before": None if self._before is None else _band_message(self._before.band(confidence)),
+            "before": before,
             "turned": _band_message(self._after.band(confidence)),
             "remaining": _band_message(self._remaining(confidence)),
-            "difference": None if self._ranking is None else _band_message(self._ranking.difference),
-            "fixed_turns": self._task.angles.tolist() if len(fixed) == len(self._task.angles) else [0.0],
-            "fixed_deflections": [None if np.isnan(each) else each for each in fixed.tolist()],
+            "difference": difference,
+            **self._describe_fixed_turns(),
             **self._describe_speeds(),
             "places": self._make_place_messages(placed),
             "places_tried": len(self._sizes),
             "places_reached": int(np.isfinite(self._sizes).sum()),
-            "flat_low": None if flat is None else point(flat.low[:3]),
-            "flat_high": None if flat is None else point(flat.high[:3]),
-            "flat_places": 0 if flat is None else flat.count,
-            "frames": self._list_frames() if len(placed.places) else [],
+            **self._describe_equal_places(),
+            "frames": frames,
             "choice": compress_file("choice", self._pack_choice()),
         }
+
+    def _describe_fixed_turns(self) -> dict[str, Any]:
+        """Return the fields about one turn of the tool for the whole path, and the deflection with each."""
+        turns, deflections = self._task.angles, self._placed.choice.fixed
+        are_all_turns_tried = len(deflections) == len(turns)
+        return {
+            "fixed_turns": turns.tolist() if are_all_turns_tried else [0.0],
+            "fixed_deflections": [each if np.isfinite(each) else None for each in deflections.tolist()],
+        }
+
+    def _describe_equal_places(self) -> dict[str, Any]:
+        """Return the fields about the box of the places that are as good as the best one."""
+        flat = self._placed.flat
+        if flat is None:
+            return {"flat_low": None, "flat_high": None, "flat_places": 0}
+        low, high = point(flat.low[:3]), point(flat.high[:3])
+        return {"flat_low": low, "flat_high": high, "flat_places": flat.count}
 
     def _describe_speeds(self) -> dict[str, Any]:
         """Return the fields of the result about speeds."""
@@ -793,31 +807,45 @@ class ProcessWork(ProgramWork):
 
     def _pack_choice(self) -> bytes:
         """Return the tables of turns and places as bytes."""
-        first, after, before = self._visits.first, self._after, self._before
-        confidence, left = self._request.confidence, self._residual
-        bands = after.bands(confidence)
-        ways = {
-            "turned": (after.length, *bands),
-            "remaining": (
-                left,
-                *(after.remaining_bands(left, self._share, confidence) if self.corrects else bands),
-            ),
-        }
-        if before is not None:
-            ways["before"] = (before.length, *before.bands(confidence))
         joints = {
             "": self._arm(self._path.cases.joints),
             ", command": self._arm(self._commanded),
         }
         tried = self._placed.tried
-        places = np.column_stack([tried.places, tried.sizes])
-        shares = np.full((len(first), self._shares.shape[1]), -np.inf)
-        np.fmax.at(shares, self._visits.number, self._shares)
-        shares = np.where(np.isinf(shares), np.nan, shares)
-        speeds = self._arm(shares)
         return pack_choice(
-            self._placed.choice.turn[first], ways, joints, places, tried.remarks, len(self._sizes), speeds
+            turn=self._placed.choice.turn[self._visits.first],
+            ways=self._collect_deflections(),
+            joints=joints,
+            places=np.column_stack([tried.places, tried.sizes]),
+            remarks=tried.remarks,
+            of_grid=len(self._sizes),
+            speeds=self._find_greatest_shares(),
         )
+
+    def _collect_deflections(self) -> dict[str, Deflections]:
+        """Return the deflections of all points as sent, after the turns, and after the correction."""
+        after, before = self._after, self._before
+        confidence, left = self._request.confidence, self._residual
+        bands = after.bands(confidence)
+        remaining_bands = bands
+        if self.corrects:
+            remaining_bands = after.remaining_bands(left, self._share, confidence)
+        ways = {
+            "turned": Deflections(after.length, *bands),
+            "remaining": Deflections(left, *remaining_bands),
+        }
+        if before is not None:
+            ways["before"] = Deflections(before.length, *before.bands(confidence))
+        return ways
+
+    def _find_greatest_shares(self) -> FloatArray:
+        """Return the greatest share (v, 6) of its speed that each joint of the arm needs at each target.
+
+        NaN where the speed of a joint is unknown.
+        """
+        greatest = np.full((len(self._visits.first), self._shares.shape[1]), -np.inf)
+        np.fmax.at(greatest, self._visits.number, self._shares)
+        return self._arm(np.where(np.isinf(greatest), np.nan, greatest))
 
     def _arm(self, joints: FloatArray) -> FloatArray:
         """Return the arm's joints (m, 6) [rad] of all joints (m, n)."""

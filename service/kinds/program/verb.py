@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
@@ -83,10 +84,23 @@ def compensate(
     def make_request(backend: Backend) -> Request:
         """Return the run and the files, with the options."""
         request: dict[str, Any] = {"run_id": backend.prepare_run(run, executor)}
-        contents, named_options = gather_files(list(map(Path, files)), fields)
+        contents, named_options = gather_files(list(map(_read_path, files)), fields)
         return Request(request | merge_options(ProgramOptions, options, named_options), contents)
 
     return carry_out_verb(backend, PROGRAM, JobMonitor(on_progress, cancel, executor), make_request)
+
+
+def _read_path(file: File) -> Path:
+    """Return an argument of `compensate` as a path.
+
+    Raises:
+        TypeError: the argument is no path.
+    """
+    if not isinstance(file, str | PathLike):
+        raise TypeError(
+            f"a program is a file, not a {type(file).__name__}: give the file's name, such as 'drill.src'"
+        )
+    return Path(file)
 
 
 @naming_missing_file()

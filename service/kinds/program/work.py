@@ -234,9 +234,13 @@ class WrittenPoints:
         """Return at most `MAX_WORST` points with the greatest deflections, greatest first."""
         corrections, targets = self.corrections, self.path.program.targets
         deflections = _vector_lengths(corrections.uncorrected[:, :3])
-        worst = np.argsort(-deflections, kind="stable")[:MAX_WORST]  # rows of the corrections
+        # Of each worst point: its row among the corrections, its number on the path, its target.
+        worst = np.argsort(-deflections, kind="stable")[:MAX_WORST]
         points = corrections.points[worst]
         target_indices = self.path.targets[points]
+        uncorrected = corrections.uncorrected[worst]  # (w, 6) [m and rad]
+        correction = corrections.correction[worst]
+        residual = self.residual[worst]
         interval, interval_with_error = self._intervals[:, worst]
         residual_interval, residual_interval_with_error = self._remaining_intervals[:, worst]
         names = [_replace_unprintable(targets.names[index]) for index in target_indices.tolist()]
@@ -246,15 +250,15 @@ class WrittenPoints:
             name=names,
             line=targets.line[target_indices],
             place=self.place[points],
-            deflection=_vector_lengths(corrections.uncorrected[worst, :3]),
-            deflection_rotation=_vector_lengths(corrections.uncorrected[worst, 3:]),
-            correction=_vector_lengths(corrections.correction[worst, :3]),
-            correction_rotation=_vector_lengths(corrections.correction[worst, 3:]),
+            deflection=_vector_lengths(uncorrected[:, :3]),
+            deflection_rotation=_vector_lengths(uncorrected[:, 3:]),
+            correction=_vector_lengths(correction[:, :3]),
+            correction_rotation=_vector_lengths(correction[:, 3:]),
             standard_uncertainty=corrections.uncertainty[worst],
             interval=interval,
             interval_with_model_error=interval_with_error,
-            residual=_vector_lengths(self.residual[worst, :3]),
-            residual_rotation=_vector_lengths(self.residual[worst, 3:]),
+            residual=_vector_lengths(residual[:, :3]),
+            residual_rotation=_vector_lengths(residual[:, 3:]),
             residual_interval=residual_interval,
             residual_interval_with_model_error=residual_interval_with_error,
             rounding=self.rounding[worst],
@@ -931,11 +935,10 @@ class ProgramWork(Work):
     ) -> ProgramResult:
         """Return the result message of the corrected points and written files."""
         corrections, program = points.corrections, self._program
-        uncorrected_targets: dict[LeftAlone, int] = {
-            "no_load": len(points.path.targets) - int(points.counted.sum()),
-            "uncertain": int(corrections.uncertain.sum()),
-            "not_used": len(program.targets) - len(points.path.targets),
-        }
+        deflections = _vector_lengths(corrections.uncorrected[:, :3])
+        correction_sizes = _vector_lengths(corrections.correction[:, :3])
+        residuals = _vector_lengths(points.residual[:, :3])
+        remarks = [*self._describe_blend(points), *self.list_remarks()]
         kind: ProgramFormat = program.format  # type: ignore[assignment]
         return ProgramResult(
             joint_kinds=joint_kinds_by_name(self._run_model.model.robot),
@@ -946,20 +949,30 @@ class ProgramWork(Work):
             moves_left=len(program.left_moves),
             corrected=int(points.changed.sum()),
             capped=int(corrections.capped.sum()),
-            left_alone={reason: count for reason, count in uncorrected_targets.items() if count},
-            deflection=points.summarize_sizes(_vector_lengths(corrections.uncorrected[:, :3])),
-            correction=points.summarize_sizes(_vector_lengths(corrections.correction[:, :3])),
-            residual=points.summarize_sizes(_vector_lengths(points.residual[:, :3])),
+            left_alone=self._count_uncorrected_targets(points),
+            deflection=points.summarize_sizes(deflections),
+            correction=points.summarize_sizes(correction_sizes),
+            residual=points.summarize_sizes(residuals),
             deflection_ends=points.summarize_intervals("deflection"),
             residual_ends=points.summarize_intervals("residual"),
             with_model_error=points.has_model_error,
             rounding=points.summarize_sizes(points.rounding),
             confidence=self._request.confidence,
             worst=points.list_worst_points(),
-            remarks=[*self._describe_blend(points), *self.list_remarks()],
+            remarks=remarks,
             files=files,
             table=compress_file("points", points.pack_table()),
         )
+
+    def _count_uncorrected_targets(self, points: WrittenPoints) -> dict[LeftAlone, int]:
+        """Return reason → number of the targets that are not corrected for this reason, if there are any."""
+        path_length = len(points.path.targets)
+        counts: dict[LeftAlone, int] = {
+            "no_load": path_length - int(points.counted.sum()),
+            "uncertain": int(points.corrections.uncertain.sum()),
+            "not_used": len(self._program.targets) - path_length,
+        }
+        return {reason: count for reason, count in counts.items() if count}
 
     def _describe_blend(self, points: WrittenPoints) -> list[str]:
         """Return a remark on corrections that cannot follow the loads; none if all can.

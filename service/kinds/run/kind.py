@@ -343,6 +343,7 @@ _UNCERTAINTY_SOURCES = {
     "readings": "readings",
     "force_scale": "scale of the force",
     "force_direction": "direction of the force",
+    "rope_zero": "zero of the load cell",
     "load_point": "load point",
     "assumed_load_point": "load point, 10 mm assumed",
     "assumed_force_scale": "scale of the force, 1 % assumed",

@@ -77,19 +77,29 @@ def identify(
     """
 
     def make_request(backend: Backend) -> Request:
-        """Return the set to identify, with the options.
-
-        The campaign's own options apply, unless the caller gives `options`; but observations that the
-        campaign leaves out are left out in any case.
-        """
-        set_id, campaign_options = backend.prepare_set(campaign)
-        request: dict[str, Any] = {"measurement_set_id": set_id}
-        if campaign_options is not None:
-            defaults = campaign_options.model_dump(mode="json", exclude_unset=True) if options is None else {}
-            request = defaults | request | {"leave_out": campaign_options.leave_out}
-        return Request(request | merge_options(RunOptions, options, fields))
+        """Return the set to identify, with the options."""
+        return Request(make_run_request(backend, campaign, options, fields))
 
     return carry_out_verb(backend, RUN, JobMonitor(on_progress, cancel, executor), make_request)
+
+
+def make_run_request(
+    backend: Backend, campaign: Source, options: RunOptions | None, fields: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Prepare a campaign; return the request that identifies it.
+
+    The campaign's own options apply, unless the caller gives `options`; but observations that the campaign
+    leaves out are left out in any case. `fields` replace options of the same name.
+
+    Raises:
+        CampaignError: the campaign or an option cannot be used.
+    """
+    set_id, campaign_options = backend.prepare_set(campaign)
+    request: dict[str, Any] = {"measurement_set_id": set_id}
+    if campaign_options is not None:
+        defaults = campaign_options.model_dump(mode="json", exclude_unset=True) if options is None else {}
+        request = defaults | request | {"leave_out": campaign_options.leave_out}
+    return request | merge_options(RunOptions, options, fields)
 
 
 describe_verb(identify, RUN)

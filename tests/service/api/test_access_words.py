@@ -170,6 +170,7 @@ def test_an_open_service_needs_no_sign_in_and_issues_no_keys(store):
         "access": "loopback",
         "stuck": [],
         "queue": {"waiting": 0, "oldest_s": 0},
+        "solver": None,
     }
 
 

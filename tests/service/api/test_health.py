@@ -23,12 +23,14 @@ from support.jobs import run_request, runs_of, stored_set
 from support.processes import Service, until
 
 from jointstiff.schemas.access import Health
+from jointstiff.service import solver_check
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.health import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
 from jointstiff.service.problems import StoreUnavailableError, problem_from_error
 from jointstiff.service.process import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
 from jointstiff.service.server import _gauge_values
+from jointstiff.service.solver_check import SolverWatch, describe_check
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import Queue
 
@@ -100,6 +102,55 @@ def test_a_file_that_can_only_be_read_is_not_ready_until_it_can_be_written(tmp_p
 
         until(is_ready)
         assert httpx2.post(f"{service.url}/v1/robots", json=ROBOT).status_code == 201
+    finally:
+        service.stop()
+
+
+@pytest.mark.parametrize(
+    ("distance", "error", "why"),
+    [
+        (0.03, "", "Clarabel's answer to a known program is off by 0.03, more than 2e-05: "),
+        (None, "ImportError", "Clarabel did not solve a known program (ImportError): "),
+    ],
+)
+def test_a_solver_that_fails_a_known_program_degrades_the_health(distance, error, why):
+    """The service still answers: runs prove their numbers whatever the solver says."""
+    with Store.open("sqlite://") as store:
+        client = Client(store)
+        client._app.state.solver = SolverWatch(lambda: describe_check(distance, 2e-5, error))
+        assert client.get("/health").json()["solver"] is None
+        client._app.state.solver.start().join()
+        answer = client.get("/health")
+        health = Health.model_validate_json(answer.content)
+        assert (answer.status_code, health.status) == (200, "degraded")
+        assert health.solver is not None
+        assert not health.solver.agrees
+        assert health.solver.why == (
+            f"{why}results are still proved, or refused; install `clarabel` again, and restart the service"
+        )
+
+
+def test_a_check_that_the_system_does_not_start_is_a_failed_check(monkeypatch):
+    def refuse(_module):
+        raise BlockingIOError
+
+    monkeypatch.setattr(solver_check, "ask_child", refuse)
+    found = solver_check.ask_solver()
+    assert (found.agrees, found.distance) == (False, None)
+    assert "did not solve a known program (BlockingIOError)" in found.why
+
+
+@pytest.mark.process
+def test_a_service_checks_its_solver_when_it_starts(tmp_path):
+    service = Service(f"sqlite:///{tmp_path / 'jointstiff.db'}", "--workers", "0")
+    try:
+        until(lambda: httpx2.get(f"{service.url}/health").json()["solver"] is not None)
+        health = Health.model_validate_json(httpx2.get(f"{service.url}/health").content)
+        assert health.status == "ok"
+        assert health.solver is not None
+        assert health.solver.agrees
+        assert health.solver.distance is not None
+        assert health.solver.distance < 1e-7
     finally:
         service.stop()
 

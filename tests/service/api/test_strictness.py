@@ -214,3 +214,10 @@ def test_a_formula_behind_a_sign_that_parts_cells_elsewhere_is_guarded(sign):
     cells = [cell.strip().strip('"') for line in text.splitlines()[1:] for cell in line.split(sign)]
     assert not any(cell.startswith(("=", "+", "-", "@")) for cell in cells), text
     assert f"a{sign}b" in text
+
+
+def test_a_query_parameter_that_is_given_twice_is_refused_by_name(client):
+    """The last one would count, and the first would be ignored."""
+    answer = client.get("/v1/robots?limit=1&limit=2")
+    assert (answer.status_code, answer.json()["errors"][0]["where"]) == (422, "query.limit")
+    assert "more than once" in answer.json()["errors"][0]["reason"]

@@ -220,7 +220,7 @@ class TestEqual:
         restore_archive(archived(old, tmp_path / "old.zip"), url)
         before = json.loads(kept.read_kept("0018", "answers.json"))
         with Store.open(url) as store, kept.client_of(store) as client:
-            now = kept.ask_again(client, before)
+            now = kept.ask_again(client, before, "0018")
             changes = [
                 change
                 for change in kept.list_changes(before, now)

@@ -10,7 +10,13 @@ from support import kept
 from support.terminal import terminal
 
 run = partial(terminal, width=160)
-LAYOUTS = "0018_actions_name_targets", "0019_expand_readable", "0020_expand_arms", "0021_expand_loads"
+LAYOUTS = (
+    "0018_actions_name_targets",
+    "0019_expand_readable",
+    "0020_expand_arms",
+    "0021_expand_loads",
+    "0022_expand_grounds",
+)
 
 
 @pytest.fixture(autouse=True)
@@ -39,6 +45,7 @@ def test_a_database_is_upgraded_by_hand(folder: Path) -> None:
         "upgrade is jointstiff.db.before-0019",
         f"upgraded the database from layout {LAYOUTS[1]} to {LAYOUTS[2]}",
         f"upgraded the database from layout {LAYOUTS[2]} to {LAYOUTS[3]}",
+        f"upgraded the database from layout {LAYOUTS[3]} to {LAYOUTS[4]}",
         "documents of an earlier form: 0 left",
         f"layout {LAYOUTS[-1]}; documents of an earlier form: 0",
     ]

@@ -169,7 +169,9 @@ def test_positions_of_targets_and_their_deviations_are_poses_of_a_geometry(folde
     assert json.loads(run("geometry", "poses.json", "--json").stdout)["result"]["sigma"] < 1e-8
 
 
-@pytest.mark.parametrize("command", [["import", "one.csv", "--robot"], ["plan"]])
+@pytest.mark.parametrize(
+    ("command", "place"), [(["import", "one.csv", "--robot"], "--robot"), (["plan"], "robot")]
+)
 @pytest.mark.parametrize(
     ("name", "said"),
     [
@@ -185,11 +187,11 @@ def test_positions_of_targets_and_their_deviations_are_poses_of_a_geometry(folde
         ),
     ],
 )
-def test_an_arm_of_the_catalogue_is_named_by_one_name(folder, command, name, said):
+def test_an_arm_of_the_catalogue_is_named_by_one_name(folder, command, place, name, said):
     (folder / "one.csv").write_text("J1 [deg]\n0\n")
     refused = run(*command, name)
     assert refused.exit_code == 2
-    assert words(refused.stderr) == f"--robot: there is no file '{name}', and {said}"
+    assert words(refused.stderr) == f"{place}: there is no file '{name}', and {said}"
 
 
 def test_readings_that_do_not_fit_the_robot_are_written_only_despite_errors(folder):

@@ -68,7 +68,7 @@ def test_a_key_is_shown_once_and_kept_until_it_is_revoked(folder, place):
         (["create", "x"], "Missing option '--role'. Choose from: viewer, operator, admin"),
         (
             ["create", "x", "--role", "owner"],
-            "Invalid value for '--role': Value error, 'owner' is not one of 'viewer', 'operator', 'admin'.",
+            "Invalid value for '--role': 'owner' is not one of 'viewer', 'operator', 'admin'.",
         ),
         (
             ["create", " ", "--role", "viewer"],

@@ -12,11 +12,21 @@ a,0,0,0,0,30,0,0,0,-500
 """
 
 
+AREA = {
+    "area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]],
+    "grid": [2, 2, 1],
+    "place": [0, 0, 0.25],
+    "force": [0, 0, -500],
+}
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mistakes")
     (folder / "pull.json").write_text(json.dumps(campaign("pull", 8, 2)))
     (folder / "postures.csv").write_text(POSTURES)
+    (folder / "bounds.json").write_text(json.dumps({"stiffness_bounds": {"joint_2": [1e6, None]}}))
+    (folder / "map.json").write_text(json.dumps(AREA))
     return folder
 
 
@@ -33,6 +43,27 @@ def folder(tmp_path_factory):
             "identify pull.json --confidence 0.95",
         ),
         ("identify pull.json --leave-out c99", "no observation 'c99'", "identify pull.json --leave-out c08"),
+        (
+            "identify pull.json --confidence 95%",
+            "'95%' must be a number",
+            "identify pull.json --confidence 0.95",
+        ),
+        ("identify pull.json --alpha 0.05", "--confidence", "identify pull.json --confidence 0.95"),
+        (
+            "identify pull.json --bounds joint_2=1e6",
+            "State `stiffness_bounds` in a JSON file, and give the file by --options",
+            "identify pull.json --options bounds.json",
+        ),
+        (
+            "map pull.json --area 1400,-200,600",
+            "State `area` in a JSON file, and give the file by --options",
+            "map pull.json --options map.json",
+        ),
+        (
+            "plan pull.json --readings many --candidates 50",
+            "'many' must be a whole number",
+            "plan pull.json --readings 1 --candidates 50",
+        ),
         ("identify pull.json --resample many", "many", "identify pull.json --resample 6:10"),
         ("identify pull.json --weight 3", "No such option", "identify pull.json --weighting uniform"),
         (

@@ -161,7 +161,21 @@ def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
     bare = TABLE.decode().replace(" [rad]", "").replace(" [m]", "")
     lines = (line.replace(";", ";night;" if i else ";shift;", 1) for i, line in enumerate(bare.splitlines()))
     Path("cell.csv").write_text("\n".join(lines) + "\n")
-    answers = ["", "rad", "mm in", "m", "", "0,0", "0,0,120", "", "robot.json", "drawing", "still"]
+    answers = [
+        "",
+        "rad",
+        "mm in",
+        "m",
+        "",
+        "0,0",
+        "0,0,120",
+        "",
+        "robot.json",
+        "drawing",
+        "cell",
+        "false",
+        "still",
+    ]
     said = typed("import cell.csv --output asked.json", input="\n".join(answers) + "\n")
     assert_said(
         said,
@@ -185,7 +199,12 @@ def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
     assert stored["units"] == {"length": "m", "angle": "rad", "force": "N"}
     assert stored["load_point"] == pytest.approx([0.0, 0.0, 0.12])
     assert stored["encoders"] == "motor"
-    assert stored["noise"]["grounds"] == {"load_point": "drawing", "between": "still"}
+    assert stored["noise"]["grounds"] == {
+        "load_point": "drawing",
+        "force": "cell",
+        "tared": False,
+        "between": "still",
+    }
 
 
 @pytest.mark.usefixtures("asking")
@@ -193,7 +212,7 @@ def test_words_of_states_and_a_far_load_point_are_asked_for():
     Path("pre.csv").write_text(CAMPAIGN.replace("unloaded", "pre").replace("loaded", "post"))
     said = typed(
         "import pre.csv --output asked.json",
-        input="\n".join(["", "0,0,6000", "", "y", "none", "", ""]) + "\n",
+        input="\n".join(["", "0,0,6000", "", "y", "none", "", "", ""]) + "\n",
     )
     assert_said(
         said,
@@ -213,7 +232,7 @@ def test_words_of_states_and_a_far_load_point_are_asked_for():
 def test_a_ground_that_an_option_states_is_not_asked_for():
     Path("pre.csv").write_text(CAMPAIGN)
     options = "--load-point 0,0,120 --encoders motor --sigma 0.02 --ground load_point=tracker"
-    said = typed(f"import pre.csv {options} --output stated.json", input="none\n\n")
+    said = typed(f"import pre.csv {options} --output stated.json", input="none\n\n\n")
     assert "How the load point is known" not in said
     noise = json.loads(Path("stated.json").read_text())["noise"]
     assert (noise["sigma"], noise["grounds"]) == (0.02, {"load_point": "tracker"})
@@ -223,7 +242,7 @@ def test_a_ground_that_an_option_states_is_not_asked_for():
 def test_the_target_at_the_hook_answers_the_question_about_the_load_point():
     """Its ground is then no question: the reading shows the load point."""
     Path("pre.csv").write_text(CAMPAIGN)
-    said = typed("import pre.csv --encoders motor --output hook.json", input="P10\nnone\n\n")
+    said = typed("import pre.csv --encoders motor --output hook.json", input="P10\nnone\n\n\n")
     assert "How the load point is known" not in said
     stored = json.loads(Path("hook.json").read_text())
     assert (stored["load_point_target"], stored.get("load_point")) == ("P10", None)
@@ -236,6 +255,38 @@ def test_readings_of_a_load_that_the_controller_knew_of_are_not_written(between)
     said = typed(f"import pre.csv {options}", status=2)
     assert_said(said, "the readings without and under load", "measure again with", "`still`")
     assert not Path("known.json").exists()
+
+
+@pytest.mark.usefixtures("asking")
+def test_only_a_load_cell_has_the_question_whether_it_was_tared():
+    Path("pre.csv").write_text(CAMPAIGN)
+    options = "--load-point 0,0,120 --encoders motor --ground load_point=hand"
+    question = "Whether the load cell was tared before each reading (true, false, unknown)"
+    said = typed(f"import pre.csv {options} --output pulley.json", input="none\npulley\n\n")
+    assert "What the force is known by (scales, cell, pulley, catalogue, unknown)" in said
+    assert question not in said
+    said = typed(f"import pre.csv {options} --ground force=cell --output cell.json", input="none\ntrue\n\n")
+    assert question in said
+    grounds = [
+        json.loads(Path(f"{name}.json").read_text())["noise"]["grounds"] for name in ("pulley", "cell")
+    ]
+    assert grounds == [
+        {"load_point": "hand", "force": "pulley"},
+        {"load_point": "hand", "force": "cell", "tared": True},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("option", "where", "words"),
+    [
+        ("force=guess", "--ground.force", "'scales', 'cell', 'pulley' or 'catalogue'"),
+        ("force=cell --ground tared=maybe", "--ground.tared", "must be true or false"),
+        ("tared=true", "--ground", "state `force` as `cell`"),
+    ],
+)
+def test_a_ground_of_the_force_that_cannot_be_used_is_refused_with_a_remedy(option, where, words):
+    Path("pre.csv").write_text(CAMPAIGN)
+    assert_said(typed(f"import pre.csv --ground {option}", status=2), where, words)
 
 
 def test_an_unknown_ground_is_refused_with_the_known_ones():

@@ -20,7 +20,12 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observ
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
-from jointstiff.service.conversion.readings import ReadingArrays, compute_content_hash, to_common_uncertainty
+from jointstiff.service.conversion.readings import (
+    ReadingArrays,
+    compute_content_hash,
+    to_common_uncertainty,
+    to_measurements,
+)
 from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in, readings_sheet
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.resources.inputs import InMemoryInputs
@@ -523,6 +528,49 @@ def test_a_load_point_counts_with_at_least_the_uncertainty_of_its_ground(noise, 
     assert common.doubtful_load_point == (None if doubtful is None else pytest.approx(doubtful))
 
 
+@pytest.mark.parametrize(
+    ("noise", "scale", "zero", "is_assumed"),
+    [
+        ({"sigma": 2e-2}, 0.01, 0.0, True),  # nothing is stated: today's assumption
+        ({"grounds": {"load_point": "hand"}}, 0.01, 0.0, True),
+        ({"force": {"scale": 0.002}}, 0.002, 0.0, False),
+        ({"grounds": {"force": "scales"}}, 0.01, 0.0, True),
+        ({"force": {"scale": 0.002}, "grounds": {"force": "scales"}}, 0.002, 0.0, False),
+        ({"force": {"scale": 0.002}, "grounds": {"force": "cell"}}, 0.002, 60.0 / 3.0**0.5, False),
+        ({"grounds": {"force": "cell", "tared": False}}, 0.01, 60.0 / 3.0**0.5, True),
+        ({"grounds": {"force": "cell", "tared": True}}, 0.01, 2.0, True),
+        ({"grounds": {"force": "pulley"}}, 0.03 / 0.95, 0.0, False),
+        (
+            {"force": {"scale": 0.04}, "grounds": {"force": "pulley"}},
+            (0.04**2 + (0.03 / 0.95) ** 2) ** 0.5,
+            0.0,
+            False,
+        ),
+        ({"grounds": {"force": "catalogue"}}, 0.03, 0.0, False),
+        ({"force": {"scale": 0.002}, "grounds": {"force": "catalogue"}}, 0.03, 0.0, False),
+        ({"force": {"scale": 0.05}, "grounds": {"force": "catalogue"}}, 0.05, 0.0, False),
+    ],
+)
+def test_a_force_counts_with_the_uncertainty_of_its_ground(noise, scale, zero, is_assumed):
+    common = to_common_uncertainty(Noise.model_validate(noise), 1e-3)
+    assert (common.scale, common.rope_zero) == pytest.approx((scale, zero))
+    assert ("force_scale" in common.assumed) == is_assumed
+
+
+def test_the_force_at_the_hook_is_smaller_than_that_beyond_a_pulley():
+    document = simulate_campaign(default_arm(), configurations=8, seed=1, load="pull")
+    robot = prepare_robot(RobotDocument.model_validate(document["robot"])).robot
+
+    def forces(**grounds):
+        document["measurement_set"]["noise"]["grounds"] = grounds
+        measured = MeasurementSetDocument.model_validate(document["measurement_set"])
+        readings = ReadingArrays.from_observations(measured.observations)
+        return to_measurements(measured, readings, robot).force
+
+    assert forces(force="pulley") == pytest.approx(0.95 * forces(), rel=1e-12)
+    assert (forces(force="scales") == forces()).all()
+
+
 @pytest.mark.parametrize("between", ["payload_declared", "gravity_compensated"])
 def test_readings_of_a_load_that_the_controller_knew_of_are_refused(between):
     document = simulate_campaign(default_arm(), configurations=8, seed=1)
@@ -546,7 +594,9 @@ def test_a_ground_that_is_not_stated_changes_no_hash():
         return compute_content_hash(header.model_copy(update={"noise": noise}), readings)
 
     assert content() == HASH_BEFORE
-    assert content(between="still") != content()
+    for stated in ({"between": "still"}, {"force": "scales"}, {"force": "cell"}):
+        assert content(**stated) != content()
+    assert content(force="cell", tared=False) != content(force="cell")
     named = header.model_copy(update={"load_point_target": "hook"})
     assert compute_content_hash(named, readings) != compute_content_hash(header, readings)
 

@@ -11,11 +11,13 @@ from support.in_process import Client
 from support.jobs import set_of
 from support.terminal import terminal
 
+import jointstiff as js
 from jointstiff.schemas.fleet import MAX_SETS, FleetRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.fleet import work as fleet_work
+from jointstiff.service.kinds.run import one_of_many
 from jointstiff.service.kinds.work import pack_arrays
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.store import Store
@@ -126,15 +128,39 @@ def test_a_set_that_fails_is_a_row_with_its_problem(parts, claims, sets, two_a_s
     assert refused.value.reason in result.rows[1].error.detail
 
 
+@pytest.mark.parametrize(
+    "options",
+    [JOINTS, JOINTS | {"stiffness_bounds": {"joint_2": [1.0, None]}}, JOINTS | {"leave_out": ["c01", "no"]}],
+    ids=["all fit", "one refused", "all refused"],
+)
+def test_a_fleet_and_identify_many_give_the_same_runs_of_the_same_campaigns(options):
+    other = campaign(9)
+    other["robot"]["model"]["urdf"] = other["robot"]["model"]["urdf"].replace("joint_2", "other_2")
+    campaigns = [campaign(1), other, campaign(2)]
+    rows = js.fleet(*campaigns, run=options).result.rows
+    runs = list(js.identify_many(campaigns, js.RunOptions.model_validate(options)))
+    assert len(rows) == len(runs) == 3
+    for row, run in zip(rows, runs, strict=True):
+        assert (row.error is None) == (run.error is None)
+        if run.error is not None:
+            said = [(each.type, each.detail, each.remedy, each.errors) for each in (row.error, run.error)]
+            assert said[0] == said[1]
+            assert row.error.where in run.error.where, "with the name of the campaign before it"
+        else:
+            assert row.verdict == run.result.assessment.verdict
+            assert row.joint_kinds == run.result.joint_kinds
+            assert row.stiffness == {joint.name: joint.stiffness for joint in run.result.joints}
+
+
 def test_an_unexpected_fault_in_one_set_is_a_row(parts, claims, sets, two_a_step, monkeypatch):
-    identify = fleet_work.prepare_identification
+    identify = one_of_many.prepare_identification
 
     def fail(inputs, request):
         if request.measurement_set_id == sets[3]:
             raise ZeroDivisionError
         return identify(inputs, request)
 
-    monkeypatch.setattr(fleet_work, "prepare_identification", fail)
+    monkeypatch.setattr(one_of_many, "prepare_identification", fail)
     job = posted(parts, measurement_set_ids=sets)
     claims.work_all(parts.jobs_of)
     rows = current(parts, job).result.rows

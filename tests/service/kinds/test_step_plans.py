@@ -113,12 +113,42 @@ def test_without_stated_joints_a_plan_has_those_that_the_weight_twists():
         ({"goal": "2 %"}, "goal", "the plan has `goal`"),
         ({"readings": 3}, "readings", "3 postures do not determine"),
         ({"joints": ["joint_9"]}, "joints", "joint_9"),
+        ({"criterion": "worst_place"}, "criterion", "give relative_a, d or e"),
+        ({"joints": ["joint_1"]}, "joints", "the weight twists joint_1 in no candidate posture"),
+        ({"joints": ["joint_6"], "load_point": [0, 0, 0.1]}, "joints", "the weight twists joint_6 in no"),
     ],
 )
 def test_what_a_step_cannot_have_is_refused(options, where, reason):
     with pytest.raises(CampaignError, match=reason) as refused:
         js.plan(ROBOT, **({"weight_step": STEP} | SMALL | options))
     assert where in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("mistaken", "mended"),
+    [
+        ({"joints": ["joint_1", "joint_2"]}, {"joints": ["joint_2"]}),
+        ({"joints": ["joint_6"], "load_point": [0.0, 0.0, 0.1]}, {"load_point": [0.1, 0.0, 0.1]}),
+    ],
+)
+def test_a_joint_without_torque_is_refused_in_words_of_encoders_and_the_remedy_works(mistaken, mended):
+    options = SMALL | {"weight_step": STEP} | mistaken
+    with pytest.raises(CampaignError) as refused:
+        js.plan(ROBOT, **options)
+    assert "target" not in str(refused.value)
+    assert "both encoders" in str(refused.value)
+    planned = js.plan(ROBOT, **options | mended).result
+    assert [joint.name for joint in planned.joints] == (options | mended)["joints"]
+
+
+def test_a_weight_too_small_to_tell_is_said_in_words_of_encoders():
+    options = SMALL | {"joints": ["joint_2"], "stiffness": {"joint_2": 3e6}}
+    light, heavy = ({"mass": mass} for mass in (0.005, ARM_LOAD))
+    reason = js.plan(ROBOT, weight_step=light, **options).result.assessment.reasons[0]
+    assert reason.code == "joint_stays_uncertain"
+    assert "target" not in reason.remedy
+    assert "larger mass" in reason.remedy
+    assert js.plan(ROBOT, weight_step=heavy, **options).result.assessment.verdict == "use"
 
 
 def test_the_plan_of_a_step_is_no_campaign(small):

@@ -114,8 +114,8 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         ),
         (
             {"sigma": -1},
-            "1 fault; first: noise.sigma: must be positive, at least 1e-09: omit `noise` to estimate sigma "
-            "from the residuals; remedy: correct the field as the reason says",
+            "`sigma` is -1, but must be a positive number; remedy: give the standard uncertainty of one "
+            "coordinate, such as 0.02 in mm, or leave it out: it is then estimated from the residuals",
         ),
         (
             {"labels": ["a"]},
@@ -143,8 +143,7 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         (
             {"joints": "x"},
             "`joints` is not an array of numbers: could not convert string to float: 'x'; remedy: give an "
-            "array, lists of equal lengths, or columns of a data frame; write NaN where a target was not "
-            "read",
+            "array, lists of equal lengths, or columns of a data frame",
         ),
         (
             {"joints": np.zeros((0, 6))},

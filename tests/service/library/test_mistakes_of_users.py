@@ -77,7 +77,50 @@ def of_joints(change):
     return build(change), build(lambda joints: joints)
 
 
+def of_arrays(wrong, right):
+    """Return an argument of `Campaign.from_arrays` as a mistake, and its correction."""
+
+    def build(changes):
+        def call(_, document):
+            observations = document["measurement_set"]["observations"]
+            arrays = {
+                "joints": [observation["joints"] for observation in observations],
+                "forces": [observation["force"] for observation in observations],
+                "deflections": np.full((len(observations), 1, 3), 0.1),
+                "load_point": AT,
+                "targets": {"P": (0.0, 0.0, 100.0)},
+            }
+            return js.Campaign.from_arrays(document["robot"], **(arrays | changes))
+
+        return call
+
+    return build(wrong), build(right)
+
+
 MISTAKES = {
+    # Arguments of another type
+    "no quantity": (
+        *of_arrays({"units": {"lenght": "mm"}}, {"units": {"length": "mm"}}),
+        "no quantity 'lenght'; remedy: write `length`",
+    ),
+    "sigma with unit": (
+        *of_arrays({"sigma": "20 um"}, {"sigma": 0.02}),
+        "`sigma` is '20 um'.*such as 0.02 in mm",
+    ),
+    "negative sigma": (*of_arrays({"sigma": -0.02}, {}), "`sigma` is -0.02.* or leave it out"),
+    "number of targets": (
+        *of_arrays({"targets": 1}, {"targets": {"P1": (0, 0, 100)}}),
+        r"`targets` is 1.* such as {'P1': \(0, 0, 100\)}",
+    ),
+    "infinite force": (
+        *of_arrays({"forces": (0, 0, float("inf"))}, {"forces": FORCE}),
+        "`forces` has infinite values; remedy: give finite numbers$",
+    ),
+    "no arm of this name": (
+        lambda _, _document: js.robot("KUKA KR210"),
+        lambda _, _document: js.robot("KUKA KR 210 R2700 extra"),
+        "^robot: .*give the whole name",
+    ),
     # Arrays in another form
     "joints transposed": (*of_joints(np.transpose), r"`joints` has 6 rows, but 8 .* `joints.T`"),
     "joints None": (*of_joints(lambda _: None), r"joints.*shape"),
@@ -132,7 +175,10 @@ MISTAKES = {
     "text": (*first_observation({"force": ["a", 0, 0]}, {}), r"force\[0\]: must be a number"),
     "two components": (*first_observation({"force": [1, 2]}, {}), r"force\[2\]: required field is missing"),
     "None": (*first_observation({"joints": None}, {}), r"observations\[0\].joints: must be a list"),
-    "five angles": (*first_observation({"joints": [0] * 5}, {}), "one angle for each joint"),
+    "five angles": (
+        *first_observation({"joints": [0] * 5}, {}),
+        r"observations\[0\].joints: .*'c01' has 5 joint angles, but most .* have 6; .* one angle for each",
+    ),
     "one label twice": (*first_observation({"label": "c02"}, {}), "give every observation a unique label"),
     "no campaign": (
         lambda _, _document: js.identify(None),
@@ -191,6 +237,20 @@ MISTAKES = {
             lambda run: run.predict(ZERO, FORCE, at=(0, 0, 99.999)),
         ),
         "check the unit of the point",
+    ),
+    "point as a text": (
+        *of_run(
+            lambda run: run.predict(ZERO, FORCE, at="flange"),
+            lambda run: run.predict(ZERO, FORCE, at=(0, 0, 100)),
+        ),
+        r"^prediction.at: .* such as at=\(0, 0, 100\)",
+    ),
+    "point of two coordinates": (
+        *of_run(
+            lambda run: run.predict(ZERO, FORCE, at=(0, 100)),
+            lambda run: run.predict(ZERO, FORCE, at=(0, 0, 100)),
+        ),
+        r"`at` has the shape \(2,\)",
     ),
     "unit": (
         *of_run(
@@ -325,3 +385,32 @@ def test_an_import_states_the_payload_as_other_verbs_do(document, tmp_path):
     assert imported.robot.payload == 310
     with pytest.raises(js.CampaignError, match="payload: the robot is unknown; remedy: give `robot`, too"):
         js.import_files(file, **stated)
+
+
+TYPES = {
+    "number of processes": (
+        lambda run: js.identify(run, resampling={"size": 6, "repetitions": 10}, executor=4),
+        "give `concurrent.futures.ProcessPoolExecutor\\(\\)`, or leave it out",
+    ),
+    "number of processes for many": (lambda run: js.identify_many([run], executor=4), "or leave it out"),
+    "third run": (lambda run: js.compare(run, run, run), "no more sources than the function takes"),
+    "run as program": (lambda run: js.compensate(run, run), "a program is a file, not a TabledRun"),
+}
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_an_argument_of_another_type_is_answered_with_what_to_give(run, name):
+    mistake, answer = TYPES[name]
+    with pytest.raises(TypeError, match=answer):
+        mistake(run)
+
+
+def test_a_word_for_axes_is_answered_with_what_draws(run):
+    with pytest.raises(ValueError, match=r"`ax` is 'stiffness'.*leave it out"):
+        run.plot("stiffness")
+    assert run.plot().axes
+
+
+def test_a_missing_table_is_answered_with_its_folder(tmp_path):
+    with pytest.raises(js.CampaignError, match=r"there is no file .*; remedy: give the name of a file"):
+        js.read(tmp_path / "readings.csv")

@@ -153,7 +153,7 @@ def test_deflections_and_lengths_along_directions_are_read_at_their_places():
         ({"loaded": positions("loaded")[:, :2]}, "loaded"),
         ({"units": "mm, m, deg, N"}, "units"),
         ({"labels": ["a"]}, "labels"),
-        ({"robot": "KUKA KR 9999"}, "--robot"),
+        ({"robot": "KUKA KR 9999"}, "robot"),
         ({"operatr": "M. Keller"}, "operatr"),
     ],
 )

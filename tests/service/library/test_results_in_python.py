@@ -279,7 +279,7 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         ),
         (
             lambda _, __: js.plan("no arm", readings=3),
-            "--robot: there is no file 'no arm', and the catalogue has no arm 'no arm'; remedy: ",
+            "robot: there is no file 'no arm', and the catalogue has no arm 'no arm'; remedy: ",
         ),
         (
             lambda run, _: run.predict([[0.0] * 6], FORCE, at=(0, 0, 120e3)),

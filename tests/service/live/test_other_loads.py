@@ -29,7 +29,7 @@ class Bench:
     hook: tuple[float, float, float]
 
     @classmethod
-    def declare(cls, hook, goal=0.15, kind="dead_weight"):
+    def declare(cls, hook, goal=0.15, kind="dead_weight", fields=None):
         """Declare a campaign for each joint's stiffness within ± `goal`, under 750 N at `hook` [m]."""
         robot = prepare_robot(RobotDocument.model_validate(robot_document(ARM))).robot
         post = MeasurementSetPost.model_validate(
@@ -44,7 +44,8 @@ class Bench:
                     "goal": {"kind": "joints", "relative": goal},
                     "load": {"kind": kind, "force": 750.0},
                     "targets": {name: list(place) for name, place in TARGETS.items()},
-                },
+                }
+                | (fields or {}),
             }
         )
         return cls(LiveCampaign(Declaration(robot, complete_declaration(post, post.open))), hook)
@@ -72,8 +73,11 @@ class Bench:
         for _ in range(count):
             if self.campaign.progress.goal_is_met:
                 return
-            observation = self.read_next(random)
-            self.campaign = self.campaign.with_entry(self.campaign.compare_with_prediction(observation))
+            self.take(self.read_next(random))
+
+    def take(self, observation):
+        """Add an observation to the campaign."""
+        self.campaign = self.campaign.with_entry(self.campaign.compare_with_prediction(observation))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -109,11 +113,27 @@ def test_no_other_load_is_advised_where_few_readings_are_left():
 
 
 def test_the_next_readings_are_planned_for_the_hook_of_the_last_one():
+    """The next posture is that of a campaign that has the same readings, and declared this hook."""
     bench, random = Bench.declare(NEAR_THE_AXIS), np.random.default_rng(0)
-    bench.read(4, random)
-    bench.hook = FAR_FROM_THE_AXIS
-    bench.read(1, random)
-    moved = Bench.declare(FAR_FROM_THE_AXIS)
-    pool = bench.campaign.progress.next
-    candidates = moved.campaign.progress.candidates.pool.readings.joints
-    assert (candidates == pool.joints).all(axis=1).any()
+    declared = Bench.declare(FAR_FROM_THE_AXIS).campaign
+    for count in range(5):
+        bench.hook = FAR_FROM_THE_AXIS if count == 4 else NEAR_THE_AXIS
+        observation = bench.read_next(random)
+        bench.take(observation)
+        declared = declared.with_entry(declared.compare_with_prediction(observation))
+    found, wanted = (each.progress.next for each in (bench.campaign, declared))
+    assert (found.joints, found.missing) == (pytest.approx(wanted.joints), wanted.missing)
+
+
+def test_a_reading_with_a_hook_that_no_posture_allows_leaves_the_campaign_readable():
+    """The hook of the last reading was typed wrong, 3 m from the flange: no posture has it in the area."""
+    area = {
+        "goal": {"kind": "deflection", "uncertainty": 1e-4},
+        "work_area": [[0.8, -0.6, 0.4], [1.9, 0.6, 1.6]],
+    }
+    bench, random = Bench.declare(NEAR_THE_AXIS, fields=area), np.random.default_rng(0)
+    bench.read(3, random)
+    bench.hook = (3.0, 0.0, 0.0)
+    bench.take(bench.read_next(random))
+    assert len(bench.campaign.entries) == 4
+    assert bench.campaign.state().state == "measuring"

@@ -51,12 +51,13 @@ from jointstiff.solver.fit.reduced import (
     reduce_part,
 )
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.statements import Statements, list_stated_terms
+from jointstiff.solver.fit.statements import Statements
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderReadings
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.terms import list_stated_terms
 from jointstiff.solver.models import MODELS as ALL_MODELS
 from jointstiff.solver.models import Columns, find_model
 from jointstiff.solver.predict.answers import build_forward_model, build_stored_model

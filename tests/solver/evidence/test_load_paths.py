@@ -17,6 +17,11 @@ from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import fitted_errors
+from jointstiff.solver.mechanics.measurements import (
+    ROPE_ZERO_IF_TARED,
+    ROPE_ZERO_OF_CELL,
+    CommonUncertainty,
+)
 from jointstiff.solver.mechanics.terms import STIFFNESS, limit_to_later
 from jointstiff.solver.text import unknowns_text
 
@@ -71,10 +76,11 @@ def hook(campaign):
     return replace(measured, force=measured.force + np.array([0.0, 0.0, 30.0]))
 
 
-def along_rope(campaign):
+def along_rope(campaign, zero=70.0):
+    """Forces read from a cell with a zero along the rope [N]."""
     measured = read(campaign)
     along = measured.force / np.linalg.norm(measured.force, axis=1, keepdims=True)
-    return replace(measured, force=measured.force + 70.0 * along)
+    return replace(measured, force=measured.force + zero * along)
 
 
 THREE = (0.5, 0.75, 1.0)
@@ -150,3 +156,51 @@ def test_a_clean_campaign_of_three_sizes_names_nothing():
 def test_sizes_are_in_units_that_people_read():
     assert unknowns_text("m/N, rad/(N·m)", [5e-8, 1e-6]) == "(50) µm/kN and (1) µrad/(N·m)"
     assert unknowns_text("m/m", [6e-5]) == "(60) µm/m"
+
+
+CELL = CommonUncertainty(rope_zero=ROPE_ZERO_OF_CELL)
+
+
+def list_errors(measurements):
+    """Return for each joint its error in standard uncertainties."""
+    joints = estimate(ROBOT, measurements, complementary_stiffness="included").joints
+    uncertainties = np.array([joint.standard_uncertainty for joint in joints])
+    return (np.array([joint.compliance for joint in joints]) - ARM.compliances) / uncertainties
+
+
+@pytest.mark.parametrize("sizes", [(1.0,), THREE])
+@pytest.mark.parametrize("zero", [-50.0, 50.0])
+def test_the_zero_of_a_cell_is_within_the_intervals_if_the_ground_is_a_cell(sizes, zero):
+    measurements = along_rope(SpringCampaign.by(ARM, plan_of(sizes)), zero)
+    assert np.abs(list_errors(measurements)).max() > 3.5
+    stated = replace(measurements, common_uncertainty=CELL)
+    assert np.abs(list_errors(stated)).max() < 2.5
+
+
+def test_loads_of_three_sizes_show_the_zero_of_a_cell():
+    """The zero then costs little: with one size, it is a scale that the readings cannot distinguish."""
+    widths = []
+    for sizes in ((1.0,), THREE):
+        campaign = replace(read(SpringCampaign.by(ARM, plan_of(sizes))), common_uncertainty=CELL)
+        joints = estimate(ROBOT, campaign, complementary_stiffness="included").joints
+        widths.append(joints[1].standard_uncertainty / joints[1].compliance)
+    assert widths[0] == pytest.approx(ROPE_ZERO_OF_CELL / 1500.0, rel=0.1)
+    assert widths[1] < 0.7 * widths[0]
+
+
+def test_the_zero_of_a_cell_is_a_source_of_the_budget():
+    measurements = replace(read(SpringCampaign.by(ARM, plan_of())), common_uncertainty=CELL)
+    common = estimate(ROBOT, measurements).common
+    np.testing.assert_allclose(
+        np.abs(common.responses_to("rope_zero")[1]) / ARM.compliances[1],
+        ROPE_ZERO_OF_CELL / 1500.0,
+        rtol=0.05,
+    )
+
+
+def test_a_zero_is_tested_against_the_ground_of_the_force():
+    """A zero of 70 N is named without a ground; one of a cell that was not tared may be as large."""
+    measurements = along_rope(SpringCampaign.by(ARM, plan_of(THREE)))
+    tared = CommonUncertainty(rope_zero=ROPE_ZERO_IF_TARED)
+    assert named(replace(measurements, common_uncertainty=CELL)) == []
+    assert named(replace(measurements, common_uncertainty=tared)) == [("rope_zero", None)]

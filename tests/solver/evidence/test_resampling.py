@@ -314,7 +314,7 @@ def test_a_combination_that_the_prior_tells_apart():
     np.testing.assert_allclose(found.compliance[:2], [whole.compliance[0] - 1e-7, 1e-7], rtol=1e-6)
     assert found.joints[1].prior_to_data == np.inf
     verdicts = Assessment("use", (), ("use",) * len(found.joints))
-    message = list(build_joint_results(verdicts, found.joints))[1]
+    message = build_joint_results(verdicts, found.joints)[1]
     assert message.prior_to_data is None
     assert "only the prior separates twin from these joints" in message.reason
     assert found.identifiability[0].rank == 6  # of the readings, whatever the prior adds

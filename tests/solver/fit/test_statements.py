@@ -39,6 +39,7 @@ def hung(offset, *, seed=0, common=ASSUMED, sigma=SIGMA):
         CommonUncertainty(load_point=2e-3, direction=3e-3, target_places=1e-3),
         CommonUncertainty(axis_position=1e-3),
         CommonUncertainty(drift=3e-6),
+        CommonUncertainty(rope_zero=35.0, load_point=1e-3),
     ],
 )
 def test_a_fit_with_statements_is_generalised_least_squares(common):

@@ -137,7 +137,7 @@ def test_readings_of_the_hook_that_disagree_are_refused_with_their_distance(stat
     said = refused(measurements, document)
     assert said.startswith("observations[7].readings | ")
     assert "the 3 readings of target 'hook' disagree on the load point" in said
-    assert "mm from the others (3 mm is plausible)" in said
+    assert "mm from another one (3 mm is plausible)" in said
 
 
 def test_different_load_points_of_observations_contradict_one_reading(stated):
@@ -145,3 +145,65 @@ def test_different_load_points_of_observations_contradict_one_reading(stated):
     document[SET]["observations"][5]["load_point"] = [0.0, 0.0, 0.3]
     said = refused(measurements, document)
     assert said.startswith("load_point_target | the observations state different load points")
+
+
+def test_two_readings_of_the_hook_that_differ_are_as_uncertain_as_half_their_distance(stated):
+    """Two readings 2.6 mm apart; 5.8 mm apart they are refused, although each is 2.9 mm from their mean."""
+    near = without_point(shot(stated, [1, 4], [[0.0, 0.0, 1.3e-3], [0.0, 0.0, -1.3e-3]]))
+    assert measurements(near).hook.uncertainty == pytest.approx(1.3e-3, rel=0.1)
+    far = without_point(shot(stated, [1, 4], [[0.0, 0.0, 2.9e-3], [0.0, 0.0, -2.9e-3]]))
+    assert "the 2 readings of target 'hook' disagree on the load point" in refused(measurements, far)
+
+
+def test_a_wrong_target_beside_the_hook_is_refused_as_the_load_point_rests_on_it(stated):
+    document = without_point(shot(stated, [3], alone=True))
+    document[SET]["observations"][0]["readings"][0]["unloaded"][0] += 0.1
+    said = refused(measurements, document)
+    assert said.startswith(
+        "observations[0].readings | observation 'shot' reads target 'hook' on the hook, and "
+    )
+    assert "(3 mm is plausible), so the load point is wrong | correct or omit the wrong reading" in said
+
+
+def test_a_shot_with_all_targets_moved_alike_is_refused(stated):
+    """As with the joint angles of another posture, or the only target of a posture that was read wrong."""
+    document = without_point(shot(stated, [3], alone=True))
+    for reading in document[SET]["observations"][0]["readings"]:
+        reading["unloaded"][0] += 0.1
+    assert "100 mm from its place on the flange" in refused(measurements, document)
+
+
+def test_a_hook_without_another_target_in_its_posture_is_known_as_a_drawing_knows_it(stated):
+    """Nothing corrects the kinematics there, which are wrong by up to millimetres."""
+    document = without_point(shot(stated, [3], alone=True))
+    shot_alone = document[SET]["observations"][0]
+    shot_alone["readings"] = [each for each in shot_alone["readings"] if each["target"] == "hook"]
+    assert measurements(document).hook.uncertainty == 3e-3
+
+
+def test_a_set_without_another_target_than_the_hook_is_refused(stated):
+    document = without_point(copy.deepcopy(stated))
+    for observation in document[SET]["observations"]:
+        del observation["readings"][1:]
+    document[SET]["load_point_target"] = document[SET]["observations"][0]["readings"][0]["target"]
+    reason = "gives the load point, and no other target has a reading"
+    assert reason in refused(measurements, document)
+
+
+def test_a_fault_behind_the_shot_is_named_in_the_observation_that_was_posted(stated):
+    """The shot is the first observation, and no observation of the measurements."""
+    document = without_point(shot(stated, [3], alone=True))
+    document[SET]["observations"][6]["readings"][1] = {"target": "PX", "deflection": [0.0, 0.0, 1e-3]}
+    assert refused(measurements, document).startswith("observations[6].")
+
+
+def test_encoders_read_under_load_stay_where_only_the_hook_was_read_as_a_target(stated):
+    document = without_point(shot(stated, [3], alone=True))
+    document[SET]["noise"]["encoder_sigma"] = 1e-6
+    encoders = [{"joint": "joint_2", "unloaded": 0.0, "loaded": 1e-4}]
+    for observation in document[SET]["observations"]:
+        observation["encoder_readings"] = encoders
+    alone = document[SET]["observations"][0]
+    alone["force"] = document[SET]["observations"][1]["force"]
+    alone["readings"] = [each for each in alone["readings"] if each["target"] == "hook"]
+    assert measurements(document).encoders.present.any(axis=1).sum() == 15

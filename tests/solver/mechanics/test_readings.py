@@ -44,7 +44,7 @@ from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Instrument
 from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.mechanics.springs import BASE, NEGLECTED_STIFFNESS, complementary_stiffness
+from jointstiff.solver.mechanics.springs import BASE, NEGLECTED_STIFFNESS
 from jointstiff.solver.models import MODELS, Columns, find_model
 from jointstiff.solver.predict.models import ElasticPredictor
 
@@ -225,7 +225,7 @@ class TestMatrix:
         measurements = replace(measurements, moment=measurements.moment * [1.0, 1.0, 0.0])
         (block,) = regressor_blocks(robot, measurements)
         # Torques of 4 kN.m have third derivatives of as much, and 1e-12 of rounding.
-        np.testing.assert_allclose(complementary_stiffness(block), derivative(measurements), atol=1e-5)
+        np.testing.assert_allclose(block.complementary_stiffness, derivative(measurements), atol=1e-5)
 
     def test_its_greatest_ratio_is_that_over_all_postures(self, pulls):
         robot, measurements = pulls

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support.campaigns import prepare
 from support.catalogue_arms import build_nominal_robots
-from support.process_paths import FORCE, SHAPES, process_path, reach_centre, spindle_at
+from support.process_paths import FORCE, SHAPES, process_path, reach_centre, spindle_at, spiral
 from support.slides import arm_on_rail
 from support.springs import robot_of
 
@@ -24,6 +24,7 @@ from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures, flange_poses
 from jointstiff.solver.models import Columns, find_model
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
+from jointstiff.solver.process.blend import blend_loads
 from jointstiff.solver.process.candidates import find_branches, list_candidates
 from jointstiff.solver.process.deflection import PathDeflection
 from jointstiff.solver.process.inspection import Inspector
@@ -32,7 +33,7 @@ from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
 from jointstiff.solver.process.prior import build_prior_model
 from jointstiff.solver.process.sequence import LineLimits, Trellis
-from jointstiff.solver.process.turning import TurnTask, choose_turns
+from jointstiff.solver.process.turning import Lattice, TurnTask, choose_turns
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)
@@ -225,6 +226,66 @@ def test_the_choice_does_not_depend_on_how_densely_a_path_is_sampled():
         p = path(count=count)
         sizes.append(choose_turns(MODEL, INVERSE, p, task(count)).size)
     assert max(sizes) <= 1.01 * min(sizes)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_another_route_is_far_from_the_best_one_halfway_and_keeps_the_rate(shape):
+    p = path(shape)
+    asked = task(len(p))
+    knots = find_knots(p, find_spacing(p, asked.pace, asked.step), np.arange(len(p)))
+    lattice = Lattice.build(MODEL, INVERSE, p, asked, np.arange(len(p)), knots)
+    best = lattice.find_free()
+    other = lattice.find_other(best)
+    assert lattice.measure(other) >= lattice.measure(best)
+    lengths = p.lengths[knots]
+    halfway = np.argmin(np.abs(lengths - 0.5 * lengths[-1]))
+    difference = lattice.turns(other)[halfway] - lattice.turns(best)[halfway]
+    assert np.cos(difference) < np.cos(np.radians(44.9))
+    turned = np.abs(np.diff(lattice.turns(other)))
+    assert (turned <= asked.pace.rate * np.diff(lengths) * (1.0 + 1e-9)).all()
+
+
+def test_of_two_routes_that_are_nearly_as_good_at_the_knots_the_better_smooth_one_is_followed(monkeypatch):
+    """The programmed turn decides which route is better at the knots, and must not decide the choice."""
+    monkeypatch.setitem(SHAPES, "spiral", spiral)
+    robot = next(each.robot for each in build_nominal_robots() if each.name == "KUKA KR 210 R2700 extra")
+    factors = np.array([1.26176483, 1.41170377, 0.69027273, 1.8400706, 1.83034005, 1.52330591])
+    model = JointModel(robot, factors * build_prior_model(robot).compliance, None, POSITIVE)
+    centre = np.array([1.48, -0.03, 0.33])
+    p = process_path("spiral", centre, yaw=2.0, count=637, force=np.array([-150.0, 350.0, -120.0]))
+    sizes = []
+    for turn in np.radians([0.0, 5.0]):
+        turned = replace(p, poses=p.turn(np.arange(637), np.full(637, turn)))
+        stated = task(637, feed=0.05, speeds=robot.speeds)
+        sizes.append(choose_turns(model, InverseKinematics(robot), turned, stated).size)
+    assert max(sizes) <= 1.01 * min(sizes)
+
+
+def corrected_shares(model, p, joints, pace):
+    """Parts (m - 1, n) of the joints' speeds that the corrected targets need, by their means on each line."""
+    q, cases = model.robot.joint_map.model_angles(joints), p.cases(np.arange(len(p)), joints)
+    blend = blend_loads(model, cases, p.continuous, pace.limits())
+    loads = cases if blend is None else blend.cases
+    commanded = model.compute_commands(loads, Postures(model.robot, q), np.ones(len(p)))
+    centres = Postures(model.robot, commanded).to_base(p.place[:, None])[:, 0]
+    lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    speed = np.abs(np.diff(commanded, axis=0)) / lengths[:, None] * pace.feed[1:, None]
+    return speed / pace.speeds
+
+
+@pytest.mark.parametrize(("yaw", "low", "high"), [(1.4, -30.0, 0.0), (4.9, 0.0, 30.0)])
+def test_corrected_joints_keep_half_of_their_speeds_where_the_turn_is_at_its_limit(yaw, low, high):
+    """A soft arm, at a feed at which turn zero needs 0.4995 of a joint's speed, and 0.5036 as corrected."""
+    model = JointModel(ROBOT, 4.0 * ARM.compliances, None, POSITIVE)
+    p = path(count=60, yaw=yaw, force=np.array([-150.0, 350.0, -120.0]))
+    slow = Pace(np.full(60, 0.05), SPEEDS)
+    zero = choose_turns(model, INVERSE, p, TurnTask(np.zeros(1), 0.04, slow))
+    pace = Pace(slow.feed * 0.4995 / slow.shares(zero.motion).max(), SPEEDS)
+    assert corrected_shares(model, p, zero.joints, pace).max() > 0.503
+    choice = choose_turns(model, INVERSE, p, TurnTask.within(*np.radians([low, high]), 36, 0.04, pace))
+    assert pace.shares(choice.motion).max() <= 0.5 * (1.0 + 1e-6)
+    assert corrected_shares(model, p, choice.joints, pace).max() <= 0.5 * (1.0 + 1e-3)
+    assert choice.size < zero.size
 
 
 def test_a_faster_feed_turns_less_and_keeps_the_joints_below_half_of_their_speeds():

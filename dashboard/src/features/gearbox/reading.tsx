@@ -4,9 +4,21 @@ import { useState } from "preact/hooks";
 import { api } from "../../api/calls";
 import { queries } from "../../api/queries";
 import type { Plan, PlanResult, Robot } from "../../api/types";
-import { ActionButton, Button, Choice, Folded, Head, LinkButton, Name, NameLink, Show } from "../../components/basics";
+import {
+  ActionButton,
+  Button,
+  Choice,
+  Folded,
+  Head,
+  LinkButton,
+  Name,
+  NameLink,
+  Seen,
+  Show,
+} from "../../components/basics";
 import { SchemaFields, understood } from "../../components/schema_form";
 import { Scroll } from "../../components/table";
+import { significant } from "../../lib/format";
 import { contentKey, type Fields, unreadIn } from "../../lib/json";
 import { numberIn, OF_NUMBER } from "../../lib/schema";
 import { ArmView, roomOf } from "../../scene/view";
@@ -18,6 +30,7 @@ import { text } from "../../words";
 import { measureWords } from "../measure/words";
 import { shownJoint } from "../plan/view";
 import { planWords } from "../plan/words";
+import { checkedOf, type Doubt, doubtsOf } from "./doubts";
 import * as step from "./step";
 import { gearboxWords } from "./words";
 
@@ -132,6 +145,7 @@ function Reading({ plan, result, robot }: ReadingProps) {
         </section>
         <div>
           <Overview {...{ planned: planned.map(({ label }) => label), joints, typed, put }} shown={[at, state]} />
+          <Doubts {...{ result, robot, joints, typed }} />
           <Identify {...{ robot, load, observations, planned: planned.length }} change={(of) => put({ load: of })}>
             <Button look="quiet" disabled={Object.keys(typed).length === 0} onClick={() => void discard()}>
               {words.discard}
@@ -309,6 +323,34 @@ function Overview({ planned, joints, typed, shown: [at, state], put }: OverviewP
     </section>
   );
 }
+
+/** What is doubtful in the readings so far, and what to do. */
+function Doubts({ result, robot, joints, typed }: Pick<PostureProps, "result" | "robot" | "joints" | "typed">) {
+  const all = result.readings.map((each) => each.joints);
+  const { data: drawn } = useQuery(keptOnDevice(queries.kinematics({ robot_id: robot.id }, all)));
+  if (Object.keys(typed).length === 0) return null;
+  const point = result.load_point ?? [0, 0, 0];
+  const postures = result.readings.map((planned, i) => checkedOf(planned, drawn?.[i], point));
+  const names = robot.joints.map(({ name }) => name);
+  const doubts = doubtsOf(typed, postures, names, joints);
+  return (
+    <section class="card" aria-labelledby="doubts" aria-live="polite">
+      <h2 id="doubts">{words.doubts}</h2>
+      {doubts.length === 0 && <p class="soft">{words.noDoubts}</p>}
+      <ul class="warnings">
+        {doubts.map((doubt) => (
+          <li class="note warn">
+            <Seen warning={{ where: doubt.joint, message: messageOf(doubt) }} />
+            <p class="remedy">{words.remedyOf[doubt.kind]}</p>
+          </li>
+        ))}
+      </ul>
+    </section>
+  );
+}
+
+const messageOf = ({ kind, size, postures }: Doubt): string =>
+  words.doubt[kind](significant(size, 2), postures.join(", "));
 
 interface IdentifyProps {
   robot: Robot;

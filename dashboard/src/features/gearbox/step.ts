@@ -42,7 +42,7 @@ export const keyOf = ({ posture, joint, side, state }: Place, encoder: Encoder):
   JSON.stringify([posture, joint, side, state, encoder]);
 
 /** The angles of a place; null if one of them is missing or is no number. */
-function anglesAt(typed: Typed, place: Place): EncoderAngles | null {
+export function anglesOf(typed: Typed, place: Place): EncoderAngles | null {
   const [motor, link] = ENCODERS.map((encoder) => numberIn(typed[keyOf(place, encoder)] ?? ""));
   return Number.isFinite(motor) && Number.isFinite(link) ? ({ motor, link } as EncoderAngles) : null;
 }
@@ -53,14 +53,14 @@ export const placesOf = (posture: string, joints: readonly string[], state: Step
 
 /** Those of some places that lack an angle. */
 export const missingOf = (typed: Typed, places: readonly Place[]): Place[] =>
-  places.filter((place) => anglesAt(typed, place) === null);
+  places.filter((place) => anglesOf(typed, place) === null);
 
 /** The readings of a posture that have all four angles. */
 function readingsIn(typed: Typed, posture: string, joints: readonly string[]): TwistReading[] {
   return placesOf(posture, joints, "unloaded").flatMap((place) => {
     const { joint, side } = place;
-    const unloaded = anglesAt(typed, place);
-    const loaded = anglesAt(typed, { ...place, state: "loaded" });
+    const unloaded = anglesOf(typed, place);
+    const loaded = anglesOf(typed, { ...place, state: "loaded" });
     return unloaded && loaded ? [{ joint, approach: side, unloaded, loaded }] : [];
   });
 }

@@ -54,6 +54,29 @@ export const gearboxWords = {
     bothStates: (read: number, planned: number) => `${read} of ${planned} postures have readings in both states.`,
     tooFew: (least: number) => `A result needs ${least} postures of a joint in both states.`,
     noLoad: "State the mass and the centre of mass of the load.",
+    doubts: "Doubtful so far",
+    noDoubts:
+      "Nothing doubtful so far in units, postures, signs, sides and jumps. Stiffnesses and intervals come with the button below.",
+    doubt: {
+      unit: (factor: string) => `the motor’s angle changes by ${factor} times what the plan’s angle changes by`,
+      posture: (degrees: string, postures: string) =>
+        `the motor is ${degrees}° from where it is in the other postures, in ${postures}`,
+      twist: (micro: string, postures: string) =>
+        `motor less link is ${micro} µrad from its usual value, in ${postures}: no gearbox twists as much`,
+      against: () => "it twists against the load",
+      anew: (micro: string) => `the twist changed by ${micro} µrad between the states without a torque`,
+      sides: (micro: string) => `the link leads by ${micro} µrad, but in a gearbox with lost motion the motor leads`,
+      off: (micro: string, postures: string) => `the step in ${postures} is ${micro} µrad off the others`,
+    },
+    remedyOf: {
+      unit: "Type both angles in degrees, at the joint and not before the gear, each in its own posture.",
+      posture: "Correct the angle, or read this posture again.",
+      twist: "Correct the digits, the unit or the sign of the angle: both are those of the model’s joint.",
+      against: "Check whether the states or the signs of both encoders are exchanged.",
+      anew: "Read both states again, and do not reference or switch off the encoders between them.",
+      sides: "Check whether + and − are exchanged, and whether each posture was approached by some degrees.",
+      off: "Check whether the load hung there, and the posture; read it again or omit it.",
+    },
     discard: "Discard the readings",
     sureToDiscard: "Discard all readings of this weight step?",
   },

@@ -145,6 +145,8 @@ export const settingWords = {
     load_point: "Uncertainty of the load point",
     grounds: "What the statements rest on",
     "grounds.load_point": "How the load point is known",
+    "grounds.force": "What the force is known by",
+    "grounds.tared": "Load cell tared before each reading",
     "grounds.between": "What the controller did between the two readings of a posture",
     target_places: "Uncertainty of the targets’ positions",
     drift: "Drift from one observation to the next",

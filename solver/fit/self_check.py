@@ -1,0 +1,30 @@
+"""Self check of the numerical solver: a small program whose optimum is known."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.fit.problem import Bounds, IdentificationProblem, Scaled
+from jointstiff.solver.fit.solution import Witness, compare_answers
+
+_REGRESSOR: FloatArray = np.array([[2.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+_READINGS: FloatArray = np.array([2.0, -1.0, 1.0])
+_OPTIMUM: Final = (1.0, 0.0)
+"""Optimum of ``minimise ‖A x − b‖², x ≥ 0`` for these numbers, exactly. At x the residual is r = (0, 1, 0),
+so that ``Aᵀ r = (0, 1)``: no gradient along x_1, and x_2 is held at its bound."""
+
+
+def check_solver() -> Witness:
+    """Let Clarabel solve a program with a known optimum, and compare the two.
+
+    The program passes through the code that solves the programs of all fits.
+    """
+    from jointstiff.solver.fit import programs  # takes a second to import
+
+    problem = IdentificationProblem(_REGRESSOR, _READINGS, Bounds.positive(len(_OPTIMUM)))
+    scaled = Scaled.from_problem(problem)
+    own = programs.solve_least_squares(scaled)
+    return compare_answers(scaled.A, own, np.array(_OPTIMUM) / scaled.unit, scaled.b)
