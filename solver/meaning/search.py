@@ -46,6 +46,8 @@ MOST_INTERPRETATIONS: Final = 1_500_000
 """Interpretations that are compared at most, in some ten seconds."""
 _LEAST_SUBSET: Final = 7
 _LEAST_POSTURES: Final = 3
+_SAME_JOINTS: Final = 1e-4
+"""Difference of joints in two tables, as a part of their movement, up to which the joints are the same."""
 _INTERPRETATIONS_OF_PAIR: Final = 14
 """Interpretations of columns of joints and of positions: units and ways of counting."""
 
@@ -108,9 +110,15 @@ def _list_searches(tables: Sequence[Table], known: KnownRobot) -> Iterator[_Sear
     columns that can be the joints.
     """
     model, countings = FlangeModel.of(known.robot), list_countings(known.robot)
+    joints_of_earlier_tables: list[FloatArray] = []
     for table in tables:
         windows_of_grouping: dict[RowGroups, list[tuple[int, ...]]] = defaultdict(list)
-        for window in find_windows(table, known.robot.n):
+        windows = find_windows(table, known.robot.n)
+        numbers_of_windows = [table.numbers[:, list(window)] for window in windows]
+        for window, numbers in zip(windows, numbers_of_windows, strict=True):
+            # A file for each state often has the same joints again.
+            if any(_are_same_joints(numbers, earlier) for earlier in joints_of_earlier_tables):
+                continue
             for groups in find_repeats(table, window):
                 windows_of_grouping[groups].append(window)
         for groups, windows in windows_of_grouping.items():
@@ -122,6 +130,16 @@ def _list_searches(tables: Sequence[Table], known: KnownRobot) -> Iterator[_Sear
             points = list(build_points(tables, table, groups, rows))
             if joints and points and len(rows) >= _LEAST_POSTURES:
                 yield _Search({each.name: each for each in tables}, known, model, joints, points)
+        joints_of_earlier_tables += numbers_of_windows
+
+
+def _are_same_joints(first: FloatArray, second: FloatArray) -> bool:
+    """Return whether two tables have the same numbers (N, n) up to a small part of their movement."""
+    if first.shape != second.shape:
+        return False
+    largest = _SAME_JOINTS * np.ptp(first)
+    first_rows_differ = np.abs(first[0] - second[0]).max() > largest  # spares most comparisons of all rows
+    return not first_rows_differ and bool(np.abs(first - second).max() <= largest)
 
 
 def count_hypotheses(tables: Sequence[Table], robots: Sequence[KnownRobot]) -> int:
