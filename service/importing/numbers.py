@@ -13,7 +13,7 @@ import numpy as np
 
 from jointstiff.schemas.imports import DecimalMark, ImportOptions
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.grammar import Meaning, Vocabulary
+from jointstiff.service.importing.grammar import Meaning, Vocabulary, is_statistic
 from jointstiff.service.importing.grid import (
     Grid,
     Row,
@@ -106,8 +106,9 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
 
 
 def _is_data(row: Row) -> bool:
-    """Return whether a row has enough numbers to be a row of data."""
-    return count_numbers(row) >= _LEAST_NUMBERS
+    """Return whether a row has enough numbers to be a row of data, and no word such as `mean` before them."""
+    first_filled = next((cell for cell in row.cells if cell), "")
+    return count_numbers(row) >= _LEAST_NUMBERS and not is_statistic(first_filled)
 
 
 def _find_headers(grid: Grid, first: int, width: int) -> tuple[str, ...]:

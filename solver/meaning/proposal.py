@@ -17,13 +17,17 @@ from jointstiff.solver.meaning.decision import (
     decide,
     explains_by_rounding,
     find_doubt,
+    fits,
+    is_computed,
 )
 from jointstiff.solver.meaning.hypotheses import build_joints, build_points
 from jointstiff.solver.meaning.kinematics import FlangeModel
-from jointstiff.solver.meaning.refinement import FramePlacement, fit_targets
+from jointstiff.solver.meaning.refinement import FramePlacement, fit_frame, fit_targets
 from jointstiff.solver.meaning.search import (
     MOST_INTERPRETATIONS,
+    REFINED_ROWS,
     Interpretation,
+    choose_rows,
     count_hypotheses,
     find_interpretations,
 )
@@ -108,11 +112,38 @@ def propose(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> Proposals:
         decision = decide(interpretations)
         if decision.best is None:
             return Proposals(None, decision.reason, tuple(interpretations))
-        candidates = (decision.best, *decision.shifted)
+        neighbours = _list_neighbours(tables, decision.best)
+        candidates = (decision.best, *decision.shifted, *neighbours)
         proposals = [_build_proposal(tables, chosen, decision, interpretations) for chosen in candidates]
     # An interpretation that reads x, y and z from two states of a target explains fewer positions.
     best = max(proposals, key=lambda proposal: proposal.count)
     return Proposals(best, "", tuple(interpretations))
+
+
+def _list_neighbours(tables: Sequence[Table], interpretation: Interpretation) -> Iterator[Interpretation]:
+    """Yield interpretations whose x, y and z begin one column earlier or later, if they fit.
+
+    The loaded position is so near to the unloaded one that y and z of the first, and x of the second, fit as
+    well, in a frame with exchanged axes. Rows with damaged numbers may have hidden the right columns.
+    """
+    table = next(table for table in tables if table.name == interpretation.joints.table)
+    rotation, place = place_flange(table, interpretation)
+    rows = choose_rows(len(place), REFINED_ROWS)
+    chosen = interpretation.points
+    fit = interpretation.fit
+    hypotheses = list(build_points(tables, table, interpretation.joints.groups, rows))
+    for shift in (-1, 1):
+        first, second, third = (column + shift for column in chosen.columns)
+        wanted = replace(chosen, columns=(first, second, third))
+        points = next((each.points for each in hypotheses if each.columns == wanted), None)
+        if points is None or not _is_free(wanted, (), interpretation.joints):
+            continue
+        exchanged_axes = np.roll(np.eye(3), -shift, axis=1)  # coordinate i is coordinate i − shift
+        matrix = fit.frame.scale * fit.frame.rotation @ exchanged_axes
+        shifted_fit = fit_frame(rotation[rows], place[rows], points, matrix, fit.targets)
+        neighbour = replace(interpretation, points=wanted, fit=shifted_fit)
+        if fits(neighbour) and not is_computed(neighbour):
+            yield neighbour
 
 
 def _build_proposal(

@@ -68,8 +68,9 @@ class RigidFit:
 
     @property
     def typical(self) -> float:
-        """Median distance [m]."""
-        return float(np.nanmedian(self.distances))
+        """Median distance [m]; infinite if no distance is a number."""
+        known_distances = self.distances[np.isfinite(self.distances)]
+        return float(np.median(known_distances)) if known_distances.size else float("inf")
 
     @property
     def degrees_of_freedom(self) -> int:

@@ -26,6 +26,8 @@ _FACTOR_FROM_UNIT: Final = 1.35
 """Largest factor between a singular value of M and a unit of length."""
 _MOST_OF_TRIPLE: Final = 16
 """Readings of one triple that are looked at further."""
+_ORDINARY_MOVEMENT: Final = 0.3
+"""Movement [m] of the targets below which a small residual says less."""
 _SMALL: Final = 1e-9
 _MOVEMENT_SHARE: Final = 80.0
 """Percentile of the distances that counts as the movement of a target."""
@@ -66,6 +68,11 @@ class LinearFit:
     residual: float  #: root mean square with regard to the degrees of freedom [m]
     movement: float  #: second largest movement of the positions along axes of R0 [m]
 
+    @property
+    def rank(self) -> float:
+        """Residual [m], larger if the targets hardly move."""
+        return float(_rank(np.float64(self.residual), np.float64(self.movement)))
+
 
 def fit_all(columns: FloatArray, points: FloatArray) -> list[LinearFit]:
     """Fit ``M p + c = R t + d`` to positions p, for each of H hypotheses of the joints.
@@ -103,7 +110,7 @@ def fit_all(columns: FloatArray, points: FloatArray) -> list[LinearFit]:
     movement = _measure_movement(matrix, points[np.isfinite(points).all(axis=2)])
     makes_sense = (movement >= LEAST_MOVEMENT) & _has_one_scale(matrix)
     fits = []
-    for i in _choose_smallest(residual[kept], makes_sense):
+    for i in _choose_smallest(_rank(residual[kept], movement), makes_sense):
         hypothesis = int(kept[i])
         fit = LinearFit(
             hypothesis=hypothesis,
@@ -135,10 +142,18 @@ def _project_on_positions(columns: FloatArray, basis: _Basis) -> _ProjectedColum
     return _ProjectedColumns(normal, parts)
 
 
-def _choose_smallest(residual: FloatArray, makes_sense: BoolArray) -> list[int]:
-    """Return the indices of up to `_MOST_OF_TRIPLE` fits that make sense, the smallest residual first."""
-    by_residual = np.argsort(residual)
-    sensible = by_residual[makes_sense[by_residual]]
+def _rank(residual: FloatArray | np.float64, movement: FloatArray | np.float64) -> FloatArray:
+    """Return residuals [m] that are larger if the targets hardly move.
+
+    Metres that are read as degrees hardly move the arm, so that any positions fit such joints well.
+    """
+    return np.asarray(residual * np.maximum(1.0, _ORDINARY_MOVEMENT / np.maximum(movement, LEAST_MOVEMENT)))
+
+
+def _choose_smallest(rank: FloatArray, makes_sense: BoolArray) -> list[int]:
+    """Return the indices of up to `_MOST_OF_TRIPLE` fits that make sense, the smallest rank first."""
+    by_rank = np.argsort(rank)
+    sensible = by_rank[makes_sense[by_rank]]
     return [int(i) for i in sensible[:_MOST_OF_TRIPLE]]
 
 

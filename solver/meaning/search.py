@@ -30,7 +30,7 @@ from jointstiff.solver.meaning.table import JointColumns, PointColumns, RowGroup
 from jointstiff.solver.mechanics.robot import KnownRobot
 
 _SCREENED_ROWS: Final = 48
-_REFINED_ROWS: Final = 150
+REFINED_ROWS: Final = 150
 _SCREENED_TARGETS: Final = 3
 """Targets of a posture with which interpretations are screened."""
 _REFINED: Final = 20
@@ -46,10 +46,10 @@ MOST_INTERPRETATIONS: Final = 1_500_000
 """Interpretations that are compared at most, in some ten seconds."""
 _LEAST_SUBSET: Final = 7
 _LEAST_POSTURES: Final = 3
+_SAME_JOINTS: Final = 1e-4
+"""Difference of joints in two tables, as a part of their movement, up to which the joints are the same."""
 _INTERPRETATIONS_OF_PAIR: Final = 14
 """Interpretations of columns of joints and of positions: units and ways of counting."""
-_ORDINARY_MOVEMENT: Final = 0.3
-"""Movement [m] of the targets below which a small residual says less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +75,8 @@ class _Candidate:
 
     @property
     def rank(self) -> float:
-        """Residual [m], larger if the targets hardly move."""
-        return self.linear.residual * max(1.0, _ORDINARY_MOVEMENT / self.linear.movement)
+        """Residual [m] of the linear fit, larger if the targets hardly move."""
+        return self.linear.rank
 
 
 def find_interpretations(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> list[Interpretation]:
@@ -110,20 +110,36 @@ def _list_searches(tables: Sequence[Table], known: KnownRobot) -> Iterator[_Sear
     columns that can be the joints.
     """
     model, countings = FlangeModel.of(known.robot), list_countings(known.robot)
+    joints_of_earlier_tables: list[FloatArray] = []
     for table in tables:
         windows_of_grouping: dict[RowGroups, list[tuple[int, ...]]] = defaultdict(list)
-        for window in find_windows(table, known.robot.n):
+        windows = find_windows(table, known.robot.n)
+        numbers_of_windows = [table.numbers[:, list(window)] for window in windows]
+        for window, numbers in zip(windows, numbers_of_windows, strict=True):
+            # A file for each state often has the same joints again.
+            if any(_are_same_joints(numbers, earlier) for earlier in joints_of_earlier_tables):
+                continue
             for groups in find_repeats(table, window):
                 windows_of_grouping[groups].append(window)
         for groups, windows in windows_of_grouping.items():
             posture_count = table.size[0] // groups.count
-            rows = choose_rows(posture_count, _REFINED_ROWS)
+            rows = choose_rows(posture_count, REFINED_ROWS)
             joints: list[JointHypothesis] = []
             for window in windows:
                 joints += build_joints(table, window, groups, rows, known.robot, countings)
             points = list(build_points(tables, table, groups, rows))
             if joints and points and len(rows) >= _LEAST_POSTURES:
                 yield _Search({each.name: each for each in tables}, known, model, joints, points)
+        joints_of_earlier_tables += numbers_of_windows
+
+
+def _are_same_joints(first: FloatArray, second: FloatArray) -> bool:
+    """Return whether two tables have the same numbers (N, n) up to a small part of their movement."""
+    if first.shape != second.shape:
+        return False
+    largest = _SAME_JOINTS * np.ptp(first)
+    first_rows_differ = np.abs(first[0] - second[0]).max() > largest  # spares most comparisons of all rows
+    return not first_rows_differ and bool(np.abs(first - second).max() <= largest)
 
 
 def count_hypotheses(tables: Sequence[Table], robots: Sequence[KnownRobot]) -> int:
