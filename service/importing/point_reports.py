@@ -87,7 +87,7 @@ def _read_dmis(file: str, lines: Sequence[str]) -> PointReport:
         elif feature[1].upper() == "FA" and feature[3].upper() in _PLACES:
             points.append(_read_feature(file, number, feature))
     if not points:
-        reason = "the file has nominal features only, no measured point (`FA(…)=FEAT/POINT,CART,…`)"
+        reason = "the file has nominal features only (`F`), and no measured point (`FA`)"
         raise ImportFileError(Place(file), reason, "export the measured features")
     return PointReport(tuple(points), _choose_unit(file, units))
 

@@ -32,12 +32,13 @@ def folder(tmp_path, monkeypatch):
 
 def test_enter_takes_the_proposal_and_a_complete_campaign_is_written(monkeypatch):
     monkeypatch.setattr(imports, "is_terminal_input", lambda: True)
-    shown = typed(f"import j.txt u.txt l.txt --robot '{ARM}' {STATED} -o c.json", input="\n\n\n")
+    shown = typed(f"import j.txt u.txt l.txt --robot '{ARM}' {STATED} -o c.json", input="\n\n\n\n")
     assert_said(
         shown,
         PROPOSAL,
         "Take it? [Y/n]",
         "How the load point is known (tracker, drawing, hand, unknown) [unknown]:",
+        "What the force is known by (scales, cell, pulley, catalogue, unknown) [unknown]:",
         "What the controller did between the readings without and under load",
         "wrote c.json, a campaign; now: jointstiff identify c.json",
     )
