@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, Field, SecretStr, field_validator
+from pydantic import AwareDatetime, Field, SecretStr, StrictBool, field_validator
 
 from jointstiff.schemas.fields import Dimensionless, Message, Name, Timestamp, require_exactly_one
 from jointstiff.schemas.query import PageQuery
@@ -128,7 +128,7 @@ class SolverHealth(Message):
 
     name: Literal["clarabel"]
     version: str
-    agrees: bool
+    agrees: StrictBool
     distance: Dimensionless[float | None] = Field(
         description="Distance from the exact answer, relative to the readings; null: no answer."
     )

@@ -164,6 +164,7 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
             "sqlalchemy",
             "starlette",
             "uvicorn",
+            "yaml",
         ),
         "service",
     )

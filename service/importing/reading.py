@@ -416,7 +416,8 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
     if kind == grid.CERTIFICATE:
         return read_certificate(file.name, file.content)
     is_text = kind in (None, grid.JSON)  # a matrix without a name begins as a list of JSON does
-    if every_length and is_text and (matrices := _find_matrices(file)):
+    matrices = _find_matrices(file) if is_text else []
+    if every_length and matrices:
         return build_grids_of_matrices(file.name, matrices)
     if kind is not None:
         raise _build_type_error(file, kind)

@@ -775,7 +775,128 @@ ARRAYS = {
         "two arrays give the same column 'q1'", {"a.mat": arrays(**TWICE)}, {"a.mat": READINGS}
     ),
 }
-CASES: Mapping[str, Case] = {**COLUMNS, **ROWS, **NAMES, **VALUES, **FILES, **STEPS, **ARRAYS}
+
+
+def dcc(*lists: str, head: str = "") -> str:
+    """Return a made-up calibration certificate with lists of quantities in one result."""
+    names = 'xmlns:dcc="https://ptb.de/dcc" xmlns:si="https://ptb.de/si"'
+    root = f"dcc:digitalCalibrationCertificate {names}"
+    found = "".join(f"<dcc:list>{each}</dcc:list>" for each in lists)
+    return f"{head}<{root}><dcc:result><dcc:data>{found}</dcc:data></dcc:result></{root.split()[0]}>\n"
+
+
+def quantity(name: str, content: str) -> str:
+    """Return a quantity of a certificate."""
+    names = f"<dcc:name><dcc:content>{name}</dcc:content></dcc:name>"
+    return f"<dcc:quantity>{names}{content}</dcc:quantity>"
+
+
+def listed(header: str, *values: str, units: str | None = None) -> str:
+    """Return a quantity that is a list of values; its unit is that of the header."""
+    name, _, unit = header.partition(" [")
+    if not unit:
+        return quantity(name, f"<dcc:charsXMLList>{' '.join(values)}</dcc:charsXMLList>")
+    stated = units or {"deg": r"\degree", "mm": r"\milli\metre", "N": r"\newton"}[unit.strip("]")]
+    of_values = f"<si:valueXMLList>{' '.join(values)}</si:valueXMLList>"
+    of_units = f"<si:unitXMLList>{stated}</si:unitXMLList>"
+    return quantity(name, f"<si:realListXMLList>{of_values}{of_units}</si:realListXMLList>")
+
+
+def single(name: str, value: str, unit: str) -> str:
+    """Return a quantity that is one value."""
+    return quantity(name, f"<si:real><si:value>{value}</si:value><si:unit>{unit}</si:unit></si:real>")
+
+
+CELLS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
+LISTED = [listed(header, *column) for header, *column in zip(*CELLS, strict=True)]
+CERTIFICATE = dcc("".join(LISTED))
+ROWS_OF_SINGLES = [single("J1", str(i), r"\degree") for i in range(3)]
+LONG_NAME = listed("q" * 500, "a", "b", "c")
+
+
+def xml(fault: str, wrong: str) -> Case:
+    """Return a certificate with a mistake, and one without it."""
+    return Case(fault, {"a.xml": wrong}, {"a.xml": CERTIFICATE})
+
+
+CERTIFICATES = {
+    "another XML": xml("is no calibration certificate", '<a xmlns="https://ptb.de/dcc"/>'),
+    "certificate without a list": xml("has no list of 3 values", dcc("")),
+    "lists of other lengths": xml(
+        "quantities of one list have 3 and 4 values",
+        dcc("".join([*LISTED, listed("q [mm]", "1", "2", "3", "4")])),
+    ),
+    "single values in two units": xml(
+        "quantities have several units", dcc(*ROWS_OF_SINGLES, single("J1", "3", r"\radian"))
+    ),
+    "list in two units": xml(
+        "a quantity has several units",
+        dcc("".join([*LISTED, listed("q [mm]", "1", "2", "3", units=r"\metre \milli\metre \metre")])),
+    ),
+    "two quantities of one name": xml(
+        "two quantities have the name", dcc("".join([*LISTED, listed("J1 [deg]", "1", "2", "3")]))
+    ),
+    "long name of a quantity": xml("a cell has more than", dcc("".join([*LISTED, LONG_NAME]))),
+    "damaged XML": xml("the XML is not well-formed", CERTIFICATE[:-20]),
+    "document type": xml(
+        "declares a document type", dcc("".join(LISTED), head="<!DOCTYPE a [<!ENTITY b 'c'>]>\n")
+    ),
+}
+PLACES = [line.split(";") for line in POINTS.splitlines()]
+DMIS = "UNITS/MM\n" + "".join(f"FA({name})=FEAT/POINT,CART,{x},{y},{z},0,0,1\n" for name, x, y, z in PLACES)
+PC_DMIS = "".join(
+    f"DIM L{i}= LOCATION OF POINT {name}  UNITS=MM\nAX NOMINAL MEAS\nX 0 {x}\nY 0 {y}\nZ 0 {z}\n"
+    "END OF DIMENSION\n"
+    for i, (name, x, y, z) in enumerate(PLACES)
+)
+TRIPLES = "".join(f"{name} X {x} Y {y} Z {z}\n" for name, x, y, z in PLACES)
+
+
+def report(fault: str, wrong: str, right: str, **limits: int) -> Case:
+    """Return a report of a measuring machine with a mistake, and one without it."""
+    assert wrong != right
+    return Case(fault, {"a.txt": wrong}, {"a.txt": right}, limits=limits)
+
+
+REPORTS = {
+    "computed matrix": Case(
+        "the text computes with matrix 'Q'", {"a.m": "Q = [1 2 3; 4 5 6; 7 8 9] / 10;"}, {"a.csv": CAMPAIGN}
+    ),
+    "nominal features": report("nominal features only", DMIS.replace("FA(", "F("), DMIS),
+    "polar feature": report("has no Cartesian coordinates", DMIS.replace("CART", "POL", 1), DMIS),
+    "point without a measured value": report(
+        "has no measured value", PC_DMIS.replace("Z 0", "Q 0", 1), PC_DMIS
+    ),
+    "dimensions without points": report(
+        "no dimension has X, Y and Z", PC_DMIS.replace("POINT", "CIRCLE").replace("Z 0", "D 0"), PC_DMIS
+    ),
+    "report in two units": report("the points have several units", DMIS + "UNITS/INCH\n", DMIS),
+    "report in an unknown unit": report("unknown unit", DMIS.replace("MM", "FURLONG"), DMIS),
+    "line that is no point": report(
+        "is no point of the report", TRIPLES.replace("\n", "\nhand guided\n", 1), TRIPLES
+    ),
+    "report with too many points": Case(
+        "the file has more than 3 points",
+        {"a.txt": DMIS},
+        {
+            "a.txt": "".join(DMIS.splitlines(keepends=True)[:3]),
+            "b.txt": "UNITS/MM\n" + "".join(DMIS.splitlines(keepends=True)[3:]),
+        },
+        limits={"limits.MAX_ROWS": 3},
+    ),
+}
+
+CASES: Mapping[str, Case] = {
+    **COLUMNS,
+    **ROWS,
+    **NAMES,
+    **VALUES,
+    **FILES,
+    **STEPS,
+    **ARRAYS,
+    **CERTIFICATES,
+    **REPORTS,
+}
 
 
 def groups() -> dict[str, Case]:
