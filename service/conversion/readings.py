@@ -1207,7 +1207,7 @@ def _locate_load_point(
             remedy="omit `load_point_target` and give `load_point`, or add the readings of the other targets",
         )
     kept = readings.select(np.flatnonzero(is_kept), np.flatnonzero(~is_hook))
-    rests_on_targets = any(shot.targets for shot in shots)
+    rest_on_targets = all(shot.targets for shot in shots)
     x, y, z = (place / length).tolist()
     without_points = replace(kept, load_point_given=np.zeros_like(kept.load_point_given))
     return _LocatedLoadPoint(
@@ -1215,7 +1215,7 @@ def _locate_load_point(
         place=place,
         lever=float(np.linalg.norm(hook[first] - origin)),
         error=max(float(_find_distances(places).max()) / 2.0, max(shot.misfit for shot in shots)),
-        least=LEAST_OF_GROUND["tracker" if rests_on_targets else "drawing"],
+        least=LEAST_OF_GROUND["tracker" if rest_on_targets else "drawing"],
         stated=None if stated is None else length * stated,
         stated_uncertainty=_find_stated_uncertainty(header.noise, length),
         header=header.model_copy(update={"load_point": (x, y, z)}),

@@ -96,9 +96,8 @@ class SmoothTurn:
 
     turn: FloatArray  #: (m,) turn about the spindle axis [rad]
     angles: FloatArray  #: (m, 6) start of the search for the arm's joints [rad]
-    size: (
-        float  #: root mean square, or greatest, of the deflections at places, to first order in the load [m]
-    )
+    #: root mean square, or greatest, of the deflections at the places, to first order in the load [m]
+    size: float
 
 
 @dataclass(frozen=True, eq=False)
