@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
+from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.solver.errors import RequestError, RobotError
 
@@ -33,7 +34,7 @@ _MOST_CHARACTERS: Final = 65_536
 _LONGEST_LINK: Final = 3.0
 """Greatest coordinate of a joint in the frame before [m]: the longest arm reaches 1.75 m."""
 _FARTHEST_FLANGE: Final = 0.02
-"""Greatest distance [m] by which a calibration moves the flange: genuine ones move it by 1 to 5 mm."""
+"""Greatest distance [m] by which a calibration moves the flange: tolerances move it by millimetres."""
 _POSTURES: Final = ((0.0,) * 6, (0.5, -1.2, 1.4, -0.9, 1.3, 0.4), (-1.1, -0.6, -1.5, 0.8, -1.2, 2.0))
 """Joint angles [rad] at which the flange of a calibration is compared with the nominal one."""
 _NO_CALIBRATION: Final = (
@@ -70,9 +71,10 @@ def convert_calibration(stem: str, text: str) -> dict[str, Any]:
             remedy="rename the file, such as `ur10e_calibration.conf`",
         ) from None
     deltas = _read_deltas(text)
-    _refuse_other_arm(arm.name, arm.model.rows, deltas)
     origins, end = _place_frames_on_axes(arm.model.rows, deltas)
     fields = {"name": f"{arm.name} (calibrated)", "model": _make_model(origins, end)}
+    nominal = RobotDocument(name=arm.name, model=arm.model)
+    _refuse_other_arm(nominal, RobotDocument.model_validate(fields))
     return fields if arm.payload is None else fields | {"payload": arm.payload}
 
 
@@ -139,7 +141,7 @@ def _read_deltas(text: str) -> dict[str, list[float]]:
     return deltas
 
 
-def _refuse_other_arm(arm: str, rows: Sequence[Any], deltas: Mapping[str, Sequence[float]]) -> None:
+def _refuse_other_arm(nominal: RobotDocument, calibrated: RobotDocument) -> None:
     """Refuse a calibration that moves the flange farther than the tolerances of any arm do.
 
     Raises:
@@ -147,30 +149,19 @@ def _refuse_other_arm(arm: str, rows: Sequence[Any], deltas: Mapping[str, Sequen
     """
     import numpy as np
 
-    nothing = dict.fromkeys(_DELTAS, (0.0,) * len(_LINKS))
-    for angles in _POSTURES:
-        places = [_place_flange(rows, each, angles)[:3, 3] for each in (nothing, deltas)]
-        distance = float(np.linalg.norm(places[1] - places[0]))
-        if distance > _FARTHEST_FLANGE:
-            raise RobotError(
-                f"the calibration moves the flange of a {arm} by {1e3 * distance:.3g} mm, so it is of "
-                "another arm, or its numbers are wrong",
-                where="robot",
-                remedy="rename the file by its own arm, such as `ur10e_calibration.conf`, or export it again",
-            )
+    from jointstiff.service.conversion.prepared import prepare_robot
+    from jointstiff.solver.mechanics.postures import flange_poses
 
-
-def _place_flange(
-    rows: Sequence[Any], deltas: Mapping[str, Sequence[float]], angles: Sequence[float]
-) -> FloatArray:
-    """Return the pose (4, 4) of the flange in the base [m], for joint angles (6,) [rad]."""
-    import numpy as np
-
-    pose = np.eye(4)
-    for i, row in enumerate(rows):
-        theta, a, d, alpha = (getattr(row, name) + deltas[name][i] for name in _DELTAS)
-        pose = pose @ _make_step(theta + angles[i], a, d, alpha)
-    return pose
+    robots = [prepare_robot(document).robot for document in (nominal, calibrated)]
+    places = [flange_poses(robot, np.array(_POSTURES))[:, :3, 3] for robot in robots]
+    distance = float(np.linalg.norm(places[1] - places[0], axis=1).max())
+    if not distance <= _FARTHEST_FLANGE:  # also if the distance is no number
+        raise RobotError(
+            f"the calibration moves the flange of a {nominal.name} by {1e3 * distance:.3g} mm, so it is of "
+            "another arm, or its numbers are wrong",
+            where="robot",
+            remedy="rename the file by its own arm, such as `ur10e_calibration.conf`, or export it again",
+        )
 
 
 def _place_frames_on_axes(
