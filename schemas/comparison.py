@@ -116,7 +116,9 @@ class CampaignComparison(ComparisonOptions):
         if options is not None and (options.priors or options.resampling is not None):
             raise ValueError("must have neither `priors` nor `resampling`")
         if options is not None and options.leave_out:
-            raise ValueError("must not have `leave_out`: each campaign states its own")
+            raise ValueError(
+                "must not have `leave_out`, because each campaign states its own observations to omit"
+            )
         return options
 
     @field_validator("methods", "constraints", mode="after")

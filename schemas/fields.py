@@ -258,7 +258,7 @@ def parse_prior(text: str) -> tuple[str, dict[str, float]]:
         return name, {"stiffness": float(stiffness), "standard_uncertainty": float(uncertainty)}
     except ValueError:
         raise ValueError(
-            f"'{text}' must be like joint_5=4e5:4e4: joint, stiffness and standard uncertainty"
+            f"'{text}' must state joint, stiffness and standard uncertainty, such as joint_5=4e5:4e4"
         ) from None
 
 
@@ -268,7 +268,7 @@ def parse_stiffness(text: str) -> tuple[str, float]:
     try:
         return name, float(number)
     except ValueError:
-        raise ValueError(f"'{text}' must be like joint_2=3e6: joint, and stiffness in N·m/rad") from None
+        raise ValueError(f"'{text}' must state joint and stiffness in N·m/rad, such as joint_2=3e6") from None
 
 
 def parse_cause(text: str) -> dict[str, str | None]:
@@ -301,8 +301,8 @@ def parse_planned_load(text: str) -> dict[str, Any]:
         return {"kind": kind, "force": float(force)}
     except ValueError:
         raise ValueError(
-            f"'{text}' must be KIND:NEWTONS with the kind dead_weight or any_direction, such as "
-            "any_direction:1500"
+            f"'{text}' must state the kind of load (dead_weight or any_direction) and its force in newtons, "
+            "such as any_direction:1500"
         ) from None
 
 
@@ -321,7 +321,10 @@ def parse_target(text: str) -> tuple[str, list[float]]:
     name, _, numbers = text.rpartition("=")
     place = parse_numbers(numbers)
     if not name or len(place) != 3:
-        raise ValueError(f"'{text}' must be like P10=147,55,50: name and place on the flange in mm")
+        raise ValueError(
+            f"'{text}' must state the name of a target and its place on the flange in mm, such as "
+            "P10=147,55,50"
+        )
     return name.strip(), [1e-3 * part for part in place]
 
 
@@ -329,7 +332,9 @@ def parse_box(text: str) -> list[list[float]]:
     """Parse two corners of a box, `X,Y,Z,X,Y,Z` in mm; return [least corner, greatest corner] [m]."""
     numbers = [1e-3 * part for part in parse_numbers(text)]
     if len(numbers) != 6:
-        raise ValueError(f"'{text}' must be two corners in mm, such as 800,-600,400,1900,600,1600")
+        raise ValueError(
+            f"'{text}' must state two opposite corners of a box in mm, such as 800,-600,400,1900,600,1600"
+        )
     ranges = [sorted(pair) for pair in zip(numbers[:3], numbers[3:], strict=True)]  # along x, y and z
     return [[least for least, _ in ranges], [greatest for _, greatest in ranges]]
 

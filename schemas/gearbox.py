@@ -120,7 +120,9 @@ def parse_load(text: str) -> dict[str, Any]:
         load: dict[str, Any] = {"mass": float(mass), "point": parse_numbers(point_text)}
         return load | {"mass_uncertainty": float(uncertainty)} if sign else load
     except ValueError:
-        raise ValueError(f"'{text}' must be a mass and its place, such as 100.2±0.1,0,0,150") from None
+        raise ValueError(
+            f"'{text}' must state a mass in kg and the place of its centre, such as 100.2±0.1,0,0,150"
+        ) from None
 
 
 class GearboxRequest(Message):
@@ -172,7 +174,7 @@ class GearboxRequest(Message):
         has_step = self.load is not None and bool(self.observations)
         has_part = self.load is not None or bool(self.observations)
         if self.motion is None and not has_step:
-            raise ValueError("give `load` and `observations` of a weight step, or `motion` with logs")
+            raise ValueError("give `load` and `observations` of a weight step, or give `motion` with logs")
         if self.motion is not None and has_part:
             raise ValueError("give either `motion`, or `load` and `observations` of a weight step")
         return self
@@ -180,7 +182,7 @@ class GearboxRequest(Message):
     @model_validator(mode="after")
     def _require_plausible_gravity(self) -> GearboxRequest:
         if not 1.0 <= sum(part**2 for part in self.gravity) ** 0.5 <= 100.0:
-            raise ValueError("gravity must be 1 to 100 m/s²: 9.80665 on the ground")
+            raise ValueError("gravity must be 1 to 100 m/s²; on the earth it is 9.80665 m/s²")
         return self
 
     @model_validator(mode="after")
@@ -189,14 +191,14 @@ class GearboxRequest(Message):
         labels = [posture.label for posture in self.observations]
         if len(set(labels)) != len(labels):
             repeated = next(label for label in labels if labels.count(label) > 1)
-            raise ValueError(f"the label '{repeated}' is there twice: give each posture a label of its own")
+            raise ValueError(f"two postures have the label '{repeated}': give each posture a different label")
         for posture in self.observations:
             sides = [(reading.joint, reading.approach) for reading in posture.encoder_readings]
             if len(set(sides)) != len(sides):
                 joint = next(side[0] for side in sides if sides.count(side) > 1)
                 raise ValueError(
                     f"posture '{posture.label}' has two readings of {joint} with the same `approach`: state "
-                    "'+' for one and '-' for the other, or omit one"
+                    "'+' for one reading and '-' for the other, or omit one reading"
                 )
         return self
 

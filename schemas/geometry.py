@@ -390,7 +390,7 @@ class GeometryRequest(Message):
     def _require_base_targets_before(self) -> GeometryRequest:
         if self.base_targets_after is not None and self.base_targets_before is None:
             raise ValueError(
-                "give `base_targets_before`, too: `base_targets_after` are compared with "
+                "give also `base_targets_before`, because `base_targets_after` are compared with "
                 "`base_targets_before`"
             )
         return self
@@ -415,7 +415,7 @@ class GeometryRequest(Message):
         if readings > MAX_GEOMETRY_READINGS:
             raise ValueError(
                 f"give at most {MAX_GEOMETRY_READINGS} readings of targets in all, not {readings}: omit "
-                "every second position, or targets beyond three"
+                "every second position, or give only three targets"
             )
         return self
 
@@ -428,8 +428,8 @@ class GeometryRequest(Message):
             raise ValueError("omit `joint_map`: the robot has a joint map already")
         if not self.has_robot and "nominal" in (self.base, self.flange):
             raise ValueError(
-                "`nominal` frames need a robot: give `robot_id` or `robot`, or choose other values of `base` "
-                "and `flange`"
+                "the frames `nominal` need a robot model: give `robot_id` or `robot`, or choose other "
+                "values of `base` and `flange`"
             )
         return self
 

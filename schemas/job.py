@@ -131,7 +131,7 @@ class JobSummary(ResultSummary):
 def _require_true(value: bool) -> bool:
     """Return True unchanged; refuse False."""
     if not value:
-        raise ValueError("must be true: a job that was cancelled does not go on; post the job again")
+        raise ValueError("must be true, because a cancelled job does not go on: post the job again")
     return value
 
 

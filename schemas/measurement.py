@@ -179,7 +179,7 @@ class Grounds(Message):
     def _require_cell(self) -> Grounds:
         """Refuse a statement about the zero of a load cell without a load cell."""
         if self.tared is not None and self.force != "cell":
-            raise ValueError("omit `tared`, or state `force` as `cell`: only a load cell is tared")
+            raise ValueError("omit `tared`, or state `force` as `cell`, because only a load cell is tared")
         return self
 
 
@@ -252,7 +252,7 @@ class Noise(Message):
         if self.sigma is not None and self.instrument is not None:
             raise ValueError("give either `sigma` or `instrument`, not both")
         if not self.states_something:
-            raise ValueError("give `sigma`, `instrument` or `force`, or leave `noise` out")
+            raise ValueError("give `sigma`, `instrument` or `force` in `noise`, or omit `noise`")
         return self
 
     @property
@@ -311,7 +311,8 @@ class Frame(Message):
             raise ValueError("give either `geometry_id`, or both `rotation` and `translation`")
         if self.base_targets is not None and self.geometry_id is None:
             raise ValueError(
-                "give `geometry_id`, too: `base_targets` are compared with the base targets of the geometry"
+                "give also `geometry_id`, because `base_targets` are compared with the base targets of the "
+                "geometry"
             )
         return self
 
@@ -494,8 +495,8 @@ class Reading(Message):
         stated = {name for name in _KINDS_OF_READING if getattr(self, name) is not None}
         if stated not in ({"unloaded"}, {"unloaded", "loaded"}, {"deflection"}, {"displacement"}):
             raise ValueError(
-                "give `unloaded` and `loaded`, or `deflection`, or `displacement` with its direction, or "
-                "`unloaded` alone for runs with `weight`"
+                "a reading needs `unloaded` and `loaded`, or `deflection`, or `displacement` with its "
+                "direction, or (for runs with `weight`) `unloaded` alone"
             )
         if self.unloaded_after is not None and stated != {"unloaded", "loaded"}:
             raise ValueError("give `unloaded` and `loaded` with `unloaded_after`")
@@ -509,8 +510,8 @@ class Reading(Message):
             )
         if self.displacement is not None and self.unloaded_covariance is not None:
             raise ValueError(
-                "with a `displacement`, give `sigma`, not covariances: a `displacement` has a single "
-                "component"
+                "with a `displacement`, give `sigma` instead of covariances, because a `displacement` has a "
+                "single component"
             )
         return self
 

@@ -120,8 +120,8 @@ class MotionLog(Message):
         longest = max(map(len, encoders.values()))
         if len(encoders[shortest]) < longest:
             raise ValueError(
-                f"the {shortest} has {len(encoders[shortest])} samples, others {longest}: "
-                "give each encoder one sample at each time"
+                f"the {shortest} has {len(encoders[shortest])} samples, but other encoders have {longest}: "
+                "give one sample of each encoder at each time"
             )
         return self
 
@@ -130,7 +130,8 @@ class MotionLog(Message):
         duration = self.period * len(next(iter(self.motor.values())))
         if duration < LEAST_DURATION:
             raise ValueError(
-                f"the log takes {duration:.3g} s: log at least {LEAST_DURATION:g} s, better 10 s"
+                f"the log takes {duration:.3g} s, which is too short: log at least {LEAST_DURATION:g} s, "
+                "better 10 s"
             )
         return self
 
@@ -164,7 +165,7 @@ class Motion(Message):
         labels = [log.label for log in self.logs]
         repeated = [label for label in labels if labels.count(label) > 1]
         if repeated:
-            raise ValueError(f"the label '{repeated[0]}' is there twice: give each log a label of its own")
+            raise ValueError(f"two logs have the label '{repeated[0]}': give each log a different label")
         for number, log in enumerate(self.logs):
             for other in self.logs[:number]:
                 if (log.motor, log.link) == (other.motor, other.link):

@@ -100,7 +100,7 @@ class Balancer(Message):
     @model_validator(mode="after")
     def _require_ordered_ranges(self) -> Balancer:
         if self.rate[0] > self.rate[1] or self.pull[0] > self.pull[1]:
-            raise ValueError("give the least, then the greatest value of `rate` and of `pull`")
+            raise ValueError("give the least value of `rate` and of `pull` first, then the greatest value")
         return self
 
 
@@ -130,7 +130,7 @@ class OwnWeight(Message):
     @model_validator(mode="after")
     def _require_plausible_gravity(self) -> OwnWeight:
         if not 1.0 <= sum(part**2 for part in self.gravity) ** 0.5 <= 100.0:
-            raise ValueError("gravity must be 1 to 100 m/s²: 9.80665 on the ground")
+            raise ValueError("gravity must be 1 to 100 m/s²; on the earth it is 9.80665 m/s²")
         return self
 
 
@@ -164,7 +164,9 @@ class StiffnessPrior(Message):
     def _refuse_vague_prior(cls, uncertainty: float, info: ValidationInfo) -> float:
         stiffness = info.data.get("stiffness")
         if stiffness is not None and uncertainty > stiffness / 2:
-            raise ValueError("must be at most half of the stiffness; if less is known, omit the prior")
+            raise ValueError(
+                "must be at most half of the stiffness: omit the prior if the stiffness is less certain"
+            )
         return uncertainty
 
 

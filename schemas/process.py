@@ -128,10 +128,13 @@ class ProcessOptions(ProgramOptions):
         if isinstance(self.turn, tuple) and self.turn[0] > self.turn[1]:
             raise ValueError("`turn` needs the least turn first")
         if self.place is not None and any(a > b for a, b in zip(*self.place, strict=True)):
-            raise ValueError("`place` needs the corner with the least coordinates first")
+            raise ValueError("the first corner of `place` must have the least coordinates")
         count = self.grid[0] * self.grid[1] * self.grid[2] * self.place_turns
         if self.place is not None and count > MAX_PROCESS_PLACES:
-            raise ValueError(f"`grid` and `place_turns` give {count} places, more than {MAX_PROCESS_PLACES}")
+            raise ValueError(
+                f"`grid` and `place_turns` give {count} places of the workpiece, but at most "
+                f"{MAX_PROCESS_PLACES} are possible"
+            )
         return self
 
 

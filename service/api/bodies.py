@@ -174,7 +174,9 @@ def _refuse_no_text(content: bytes) -> None:
         is_utf_8 = False
     if not is_utf_8:
         raise RequestError(
-            "the body is not a text in UTF-8", remedy="send the JSON document in UTF-8", where="body"
+            "the body of the request is not a text in UTF-8",
+            remedy="send the JSON document in UTF-8",
+            where="body",
         )
 
 

@@ -478,7 +478,8 @@ def _is_accepted(proposed: ProposedImport, *, may_ask: bool, yes: bool) -> bool:
         return typer.confirm("Take it?", default=None if doubt else True, err=True)
     if yes and doubt:
         raise cli.print_failure(
-            f"--yes accepts no proposal with a doubt: {doubt}", "check the axes and the signs of the joints"
+            f"--yes does not accept a doubtful proposal: {doubt}",
+            "check the axes and the signs of the joints",
         )
     if not yes:
         typer.echo("--yes accepts this proposal.", err=True)

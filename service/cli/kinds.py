@@ -259,7 +259,8 @@ def _refuse_exchanged(source: Path, table: Path, order: str) -> None:
     is_exchanged = source.suffix.lower() in (".csv", ".parquet") and table.suffix.lower() == ".json"
     if is_exchanged:
         raise cli.print_failure(
-            f"{source} and {table} are exchanged: the order is {order}", f"write {table} {source}"
+            f"{source} and {table} are in the wrong order: the right order is {order}",
+            f"write {table} {source}",
         )
 
 
@@ -530,7 +531,9 @@ def _read_geometry(path: Path | None) -> Any:  # noqa: ANN401 - a Geometry or No
 def _check_paper(values: _Values, _sources: Sequence[Any]) -> Sequence[Path | None]:
     """Return the path of the file of --paper; refuse another ending, a PDF without Typst, or no such file."""
     if values["geometry"] is not None and values["paper"] is None:
-        raise typer.BadParameter("is for Table I of --paper: add --paper", param_hint="--geometry")
+        raise typer.BadParameter(
+            "applies only to Table I of the option --paper: add --paper", param_hint="--geometry"
+        )
     _read_geometry(values["geometry"])
     if values["paper"] is not None:
         cli.check_ending(values["paper"], [".pdf", ".html", ".svg", ".csv"])

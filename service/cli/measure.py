@@ -264,8 +264,8 @@ def _run_bridge(source_file: str | None, values: dict[str, Any]) -> None:
 
     if source_file is not None or values["goal"] is not None or values["source"] is not None:
         raise cli.print_failure(
-            "--bridge cannot be combined with a campaign, --goal or --source: the page has opened the "
-            "campaign",
+            "--bridge cannot be combined with a campaign, --goal or --source, because the page has opened "
+            "the campaign",
             "omit these arguments, or omit --bridge",
         )
     if values["server"] is None or values["code"] is None:

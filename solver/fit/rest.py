@@ -55,8 +55,8 @@ def find_rest(
     )
     if not answer.success:
         raise SolverError(
-            f"the fit does not come to rest: after {most_steps} fits the compliances still change by "
-            f"{_largest(answer.fun):.1e} times the change that counts as rest",
+            f"the fit did not converge: after {most_steps} repetitions the compliances still change by "
+            f"{_largest(answer.fun):.1e} times the tolerance",
             where="complementary_stiffness",
             remedy="neglect the complementary stiffness, or add postures and loads that twist every joint",
         )
