@@ -98,7 +98,8 @@ Confidence = Annotated[
 Vector3 = TypeAliasType(
     "Vector3",
     Annotated[
-        tuple[Quantity, Quantity, Quantity], Field(description="Three components along x, y and z, as given.")
+        tuple[Quantity, Quantity, Quantity],
+        Field(description="Three components along x, y and z, as stated by the user."),
     ],
 )
 """Three components along x, y and z, which a description of the API states once and refers to."""
@@ -106,7 +107,8 @@ Vector3 = TypeAliasType(
 Point = TypeAliasType(
     "Point",
     Annotated[
-        tuple[float, float, float], Field(description="Three components along x, y and z, as computed.")
+        tuple[float, float, float],
+        Field(description="Three components along x, y and z, as computed from the readings."),
     ],
 )
 """Three components of a result."""
@@ -206,7 +208,7 @@ class ResourceChange(Message):
     name: Name | None = Field(default=None, description="New name; null: unchanged.")
     deleted: StrictBool | None = Field(
         default=None,
-        description="True: delete; false: restore within 30 days.",
+        description="True to delete the resource; false to restore it within 30 days.",
     )
 
 
@@ -218,7 +220,7 @@ class Page(Message, Generic[Item]):
     """One page of a listing."""
 
     items: list[Item]
-    next: str | None = Field(description="`cursor` of the next page, if any.")
+    next: str | None = Field(description="Value of `cursor` for the next page; null on the last page.")
     total: int | None = Field(
         default=None,
         description=f"Number on all pages ({MOST_COUNTED + 1}: more); null from page 2 on.",

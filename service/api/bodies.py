@@ -106,8 +106,8 @@ KeyText = Annotated[
     Header(
         min_length=1,
         max_length=MAX_KEY_LENGTH,
-        description="Any text, for safe retries: the same body with the same key returns the resource that "
-        "the first post created.",
+        description="Any text that identifies the request, for safe retries: the same body with the same "
+        "key returns the resource that the first request created.",
     ),
 ]
 """Text of an idempotency key."""
