@@ -60,7 +60,7 @@ class ModelError(Message):
         "with the standard uncertainty of the prediction; null if they grow with the root of the load.",
     )
     load_point_leverage: Metres[float] = Field(
-        default=0.0, description="The ratio `leverage` for the load points, in the postures of the campaign."
+        default=0.0, description="Ratio `leverage` for the load points, in the postures of the campaign."
     )
 
 

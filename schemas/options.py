@@ -249,8 +249,8 @@ class RunOptions(MethodOptions):
     )
     complementary_stiffness: Literal["neglected", "included"] = Field(
         default="included",
-        description="True to include the change of the load's joint torques by the deflection (Chen & Kao, "
-        "K_c), false to neglect it; always neglected with links or coupling.",
+        description="Treatment of the change of the load's joint torques by the deflection (Chen & Kao, "
+        "K_c): `included` or `neglected`; always neglected with links or coupling.",
     )
     causes: Causes = Field(
         default_factory=list,
@@ -311,7 +311,7 @@ class RunOptions(MethodOptions):
     confidence: Confidence = 0.95
     weight: OwnWeight | None = Field(
         default=None,
-        description="True to use the robot's own weight as load, together with known loads of the set; the "
+        description="Run by the robot's own weight as load, together with known loads of the set; the "
         "geometry is also estimated. Needs `bodies` of the robot and the default method, weighting, loss "
         "and elasticity; excludes bounds, priors, order and resampling.",
     )

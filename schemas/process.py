@@ -230,7 +230,7 @@ class ProcessResult(ProgramResult):
     )
     sent_speed_shares: Dimensionless[list[float | None]] = Field(
         default_factory=list,
-        description="The ratios `speed_shares` for the program as sent; empty if unknown.",
+        description="Ratios `speed_shares` for the program as sent; empty if unknown.",
     )
     places: Annotated[list[ProcessPlace], Field(max_length=MAX_BEST_PLACES)] = Field(
         description="Best places of the workpiece; the very best is first."

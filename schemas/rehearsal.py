@@ -14,7 +14,9 @@ class RehearsedJoint(Message):
 
     name: Name
     kind: JointKind = Field(default="revolute", description="Kind; `prismatic`: stiffnesses in N/m.")
-    planted: Stiffness[float] = Field(description="True stiffness with which the readings were simulated.")
+    planted: Stiffness[float] = Field(
+        description="Planted stiffness, with which the readings were simulated."
+    )
     found: Stiffness[float | None] = Field(
         description="Stiffness that the simulated readings give; null without a number."
     )
@@ -22,7 +24,7 @@ class RehearsedJoint(Message):
         description="Interval of the identified stiffness; an upper end of null means no upper limit."
     )
     contained: StrictBool | None = Field(
-        description="True if the interval contains the true (simulated) stiffness."
+        description="True if the interval contains the stiffness with which the readings were simulated."
     )
     half_width: Dimensionless[float | None] = Field(
         description="Half-width of the interval of the compliance, divided by the compliance; null if "
