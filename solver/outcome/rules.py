@@ -45,6 +45,7 @@ from jointstiff.solver.fit.estimate import (
     JointCompliance,
     Prediction,
 )
+from jointstiff.solver.fit.identify import describe
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import solve_nonnegative
@@ -264,7 +265,7 @@ def _list_reasons(
     if causes:
         fitted_count = sum(bool(term.words) for term in fitted_errors(measurements).terms)
         # The causes were fitted with the scatter that tests count, so that the joints alone are, too.
-        yield report_causes(causes, joints.identified.tested, wrong, most=MAX_CAUSES - fitted_count)
+        yield report_causes(causes, describe(joints.identified.tested), wrong, most=MAX_CAUSES - fitted_count)
     yield from report_fitted_causes(measurements)
     is_explained = explanation.has_gross_error or mistake is not None
     if not is_explained:  # a gross error in the data changes the stiffnesses, too
