@@ -48,6 +48,7 @@ from jointstiff.solver.fit.estimate import (
     JointCompliance,
     Prediction,
 )
+from jointstiff.solver.fit.identify import describe
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import solve_nonnegative
@@ -331,7 +332,8 @@ def _report_explanation(joints: JointsAlone, explanation: _Explanation) -> Itera
         fitted_count = sum(bool(term.words) for term in fitted_errors(measurements).terms)
         most = MAX_CAUSES - fitted_count
         # The causes were fitted with the scatter that tests count, so that the joints alone are, too.
-        yield report_causes(explanation.causes, joints.identified.tested, explanation.wrong, most=most)
+        tested = describe(joints.identified.tested)
+        yield report_causes(explanation.causes, tested, explanation.wrong, most=most)
     yield from report_fitted_causes(measurements)
     if not explanation.spoils_stiffnesses:
         # The arms with which the stiffnesses are compared were fitted by joints alone.
