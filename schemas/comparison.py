@@ -192,11 +192,13 @@ class JointRatio(Message):
     name: Name
     ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Ratio of the unconstrained stiffnesses, second side to first; null if one is not positive.",
+        description="Ratio of the unconstrained stiffnesses, second side to first; null if one is "
+        "not positive.",
     )
     ratio_interval: Dimensionless[tuple[float | None, float | None] | None] = Field(
         default=None,
-        description="Fieller's interval of the ratio, cut at zero with the constraint. A null end means no limit; null means unknown.",
+        description="Fieller's interval of the ratio, cut at zero with the constraint. A null end "
+        "means no limit; null means unknown.",
     )
     ratio_excluded: Dimensionless[Interval | None] = Field(
         default=None,

@@ -153,10 +153,12 @@ class DirectionalStiffness(Message):
         description="Stiffness 1 / (u' C_tt u), if motion across the direction u is free; null if infinite."
     )
     lateral_blocked: LinearStiffness[float | None] = Field(
-        description="Stiffness u' inv(C_tt) u, if motion across u is blocked; null if infinite. C: compliance."
+        description="Stiffness u' inv(C_tt) u, if motion across u is blocked; null if infinite. "
+        "C: compliance."
     )
     rotation_blocked: LinearStiffness[float | None] = Field(
-        description="Stiffness u' K_tt u, K = inv(C), if all motion except along u is blocked; null if infinite."
+        description="Stiffness u' K_tt u, K = inv(C), if all motion except along u is blocked; "
+        "null if infinite."
     )
     compliance: TranslationalCompliance[float] = Field(description="u' C_tt u.")
     standard_uncertainty: TranslationalCompliance[float | None] = Field(
