@@ -117,17 +117,29 @@ class JointsAlone:
         found = find_scatter(self.given, first)
         if found.scatter == self.given.measurements.scatter:
             return without_scatter
+        with_scatter = self._fit_with_scatter(first, found)
+        # If the residuals are too large even with the scatter, the scatter is no explanation of them.
+        return with_scatter or without_scatter
+
+    def _fit_with_scatter(self, first: Estimate, found: FoundScatter) -> IdentifiedJoints | None:
+        """Fit the joints with the scatter that was found; None if the residuals contradict the stated noise.
+
+        Errors that are only assumed must make a stated sigma seem neither too large nor right: the tests and
+        the residuals are then those of a fit without them.
+
+        Args:
+            first: fit with the errors that were stated.
+            found: errors that the targets of a posture share.
+        """
         rows = self.given.with_scatter(found.scatter)
         settings, estimate = identify_with_fallback(rows, self.stated)
-        # If the residuals are too large even with the scatter, the scatter is no explanation of them.
         if not _are_within_stated_noise(estimate):
-            return without_scatter
-        if not found.scatter.is_assumed:
-            return IdentifiedJoints(settings, estimate, rows, found.is_shown, estimate, found.posterior)
-        tested = self._fit_without_assumed(first, found)
-        # Errors that are only assumed must make a stated sigma seem neither too large nor right.
-        if first.sigma_given:
-            estimate = estimate.with_residuals_of(tested)
+            return None
+        tested = estimate
+        if found.scatter.is_assumed:
+            tested = self._fit_without_assumed(first, found)
+            if first.sigma_given:
+                estimate = estimate.with_residuals_of(tested)
         return IdentifiedJoints(settings, estimate, rows, found.is_shown, tested, found.posterior)
 
     def _fit_without_assumed(self, first: Estimate, found: FoundScatter) -> Estimate:
