@@ -48,7 +48,7 @@ from jointstiff.solver.fit.estimate import (
 from jointstiff.solver.fit.problem import Bounds, Constraints, Order
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import greatest_violations
-from jointstiff.solver.fit.stages import Likelihood, StageFit, invert_to_root, student_quantile
+from jointstiff.solver.fit.stages import Likelihood, SolvedStage, invert_to_root, student_quantile
 from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -606,7 +606,7 @@ def fit_ordered(
     known = np.flatnonzero(np.isfinite(estimates))
     estimates = estimates[known]
     ordered_fit, separate_fit = (
-        StageFit.from_rows(R, R @ estimates, known, constraints.select(known)).solution
+        SolvedStage.solve(R, R @ estimates, known, constraints.select(known)).solution
         for constraints in (together, separate)
     )
     compliance = np.full(2 * n, np.nan)
