@@ -454,7 +454,7 @@ class _Simulation:
 
     def _list_places_as_read(self) -> dict[str, list[FloatArray]]:
         """Return target → its places in the flange frame [m], one for each reading of it without load."""
-        places = dict[str, list[FloatArray]]()
+        places: dict[str, list[FloatArray]] = {}
         flanges = zip(self._unloaded.flange_rotation, self._unloaded.flange_translation, strict=True)
         for observation, (rotation, translation) in zip(self._set.observations, flanges, strict=True):
             for reading in observation.readings:
