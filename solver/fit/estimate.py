@@ -1081,12 +1081,6 @@ class UncertaintyBudget:
         covariances = [each.covariance for each in self.components if each.included or all_components]
         return Spread(np.sum(covariances, axis=0))
 
-    @property
-    def spread(self) -> Spread:
-        """Stack of uncertainties: the components, the sum of the included components, and the sum of all."""
-        spreads = [*self.components, self.total(), self.total(all_components=True)]
-        return Spread(np.stack([spread.covariance for spread in spreads]))
-
     def widen_intervals(self, estimate: Estimate, bounds: Bounds) -> Estimate:
         """Return the estimate with intervals widened to contain compliance ± expanded uncertainty.
 
