@@ -141,7 +141,7 @@ def refuse_unsupported_elastic(settings: Settings) -> None:
     else:
         return
     raise UnsupportedMethodError(
-        f"the given {field.replace('_', ' ')} works only with elasticity joints",
+        f"the given {field.replace('_', ' ')} works only with the elasticity `joints`",
         where=field,
         remedy=f"{remedy}, or use elasticity joints",
     )

@@ -311,7 +311,9 @@ def _refuse_contradicted_statements(last: _SingleFit) -> None:
     errors = last.compressed.fit_statements(last.compliance).unknowns  # in standard uncertainties
     greatest = float(np.abs(errors).max(initial=0.0))
     if greatest > _MOST_UNCERTAINTIES:
-        raise SolverError(f"the fit moves an error by {greatest:.0f} times its standard uncertainty")
+        raise SolverError(
+            f"the fit changes a stated quantity by {greatest:.0f} times its standard uncertainty"
+        )
 
 
 def _list_stated_errors_to_fit(

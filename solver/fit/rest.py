@@ -66,8 +66,8 @@ def _largest(changes: FloatArray) -> float:
 def _build_no_rest_error(steps: int, change: float) -> SolverError:
     """Build the error for a search without an end; the last step changed the point by `change` units."""
     return SolverError(
-        f"the fit does not come to rest: after {steps} fits the compliances still change by "
-        f"{change:.1e} times the change that counts as rest",
+        f"the fit did not converge: after {steps} repetitions the compliances still change by "
+        f"{change:.1e} times the tolerance",
         where="complementary_stiffness",
         remedy="neglect the complementary stiffness, or add postures and loads that twist every joint",
     )

@@ -1476,29 +1476,35 @@ class _IdentifiedStiffness(NamedTuple):
 def _report_implausible_stiffness(joint: _IdentifiedStiffness, *, all_are_implausible: bool) -> Finding:
     """Return the finding that a stiffness is outside the range of industrial robots.
 
-    A wrong unit scales all joints, and a wrong column or joint map changes single joints: the remedy depends
-    on whether all identified joints are implausible.
+    `all_are_implausible` tells whether the stiffnesses of all identified joints are.
     """
-    name, kind, stiffness = joint
-    remedy = (
-        f"check the angles and the joint map of {name} and its neighbours; the stiffnesses of the "
-        "other joints are plausible"
-    )
-    if stiffness < 0.0:
-        remedy = (
-            "set `positive` to true; check the joint map, the order of the angles, and the signs of the "
-            "forces"
-        )
-    elif all_are_implausible:
-        remedy = "check the units of force, length and moment: all joints are out of range"
-    least, greatest = (stiffness_text(limit, kind) for limit in PLAUSIBLE_STIFFNESS)
+    remedy = _advise_on_stiffness(joint, all_are_implausible=all_are_implausible)
+    least, greatest = (stiffness_text(limit, joint.kind) for limit in PLAUSIBLE_STIFFNESS)
     return Finding(
         code="stiffness_implausible",
         weight="do_not_use",
-        message=f"the stiffness of {name} is {stiffness_text(stiffness, kind)}; for joints of "
-        f"industrial robots, {least} to {greatest} is plausible",
+        message=f"the stiffness of {joint.name} is {stiffness_text(joint.stiffness, joint.kind)}; for joints "
+        f"of industrial robots, {least} to {greatest} is plausible",
         remedy=f"{remedy}; {PAST_DO_NOT_USE}",
-        where=name,
+        where=joint.name,
+    )
+
+
+def _advise_on_stiffness(joint: _IdentifiedStiffness, *, all_are_implausible: bool) -> str:
+    """Return what to check for an implausible stiffness.
+
+    A wrong unit scales all joints, and a wrong column or joint map changes single joints.
+    """
+    if joint.stiffness < 0.0:
+        return (
+            "set `positive` to true; check the joint map, the order of the angles, and the signs of the "
+            "forces"
+        )
+    if all_are_implausible:
+        return "check the units of force, length and moment: all joints are out of range"
+    return (
+        f"check the angles and the joint map of {joint.name} and its neighbours; the stiffnesses of the "
+        "other joints are plausible"
     )
 
 

@@ -320,7 +320,7 @@ def reduce_problem(
     observed = np.flatnonzero(varies | deflection_rows[:, :-1].any(axis=0))
     if not len(observed):
         raise NotObservableError(
-            "no joint's weight torque varies over the postures",
+            "the torque of the weight about each joint is the same in all postures",
             where="observations",
             remedy="read postures in which the arm is stretched out and folded, wrist up and down",
         )

@@ -816,8 +816,8 @@ def _refuse_compensating_controller(request: ProgramRequest | ProcessRequest) ->
     """
     if request.accuracy_option == "compensates_load":
         raise RequestError(
-            "the controller already compensates the deflection under load; a second compensation "
-            "would be wrong",
+            "the controller already compensates the deflection under load, so a second compensation would "
+            "be wrong",
             where="accuracy_option",
             remedy="switch the controller's accuracy option off, repeat the measurement, and set "
             "`accuracy_option` to `off`",
@@ -1298,7 +1298,7 @@ def refuse_corrected_files(inputs: Inputs, request: ProgramRequest | ProcessRequ
             was_written_by_job = sent_digests.intersection(written_digests)
             if was_written_by_job:
                 raise RequestError(
-                    f"a file is the output of the compensated program '{job['id']}'",
+                    f"a file of the request is the output of the compensated program '{job['id']}'",
                     where="files",
                     remedy="send the original program",
                 )

@@ -100,7 +100,7 @@ def _refuse_repeated_joint(column_of_name: Mapping[str, str], given: Collection[
     for name, column in column_of_name.items():
         if column in given and column not in column_of_name:
             raise RequestError(
-                f"the columns {name!r} and {column!r} are the same joint",
+                f"the columns {name!r} and {column!r} state the same joint",
                 where="columns",
                 remedy="give each joint once",
             )
